@@ -1,0 +1,235 @@
+"""What each kind of instrument offers, whatever its maker: the seam between protocols and drivers.
+
+Conventions for every driver
+- Units are SI. Pressures are gauge (above ambient) except where a name says absolute.
+- `open()` connects, checks the identity, and returns it; it raises `Unreachable` or `WrongDevice`.
+- `close()` always lands safe (vented, stopped), may be called twice and from any state, and never raises.
+- Every public call returns within the driver's wire time-out: a long motion is started, then watched by `read()`.
+- `t` of a sample is the clock's time (s) when the reading arrived. Wire time-outs and the age of a reading are real
+  (host monotonic) time; everything physical uses the clock that is passed in.
+- A command returns what was really sent, after clipping to the limits.
+- Public commands are idempotent and confirmed by read-back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar, runtime_checkable
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""w, x, y, z"""
+
+
+class Clock(Protocol):
+    """The time of the rig (s); real instruments run at the pace of the host, a sped-up rig runs faster."""
+
+    def now(self) -> float:
+        """Time since the clock was made, s."""
+
+    def sleep(self, duration: float) -> None:
+        """Wait for `duration` seconds of this clock."""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who answered at `open()`; empty strings where the instrument does not tell."""
+
+    maker: str
+    model: str
+    serial: str = ""
+    firmware: str = ""
+
+
+@dataclass(frozen=True)
+class PressureSample:
+    """All channels of the regulators, in channel order, Pa gauge."""
+
+    t: float
+    setpoint: tuple[float, ...]
+    measured: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class SpineSample:
+    """The length unit: spine length (m), its speed (m/s), the length it was told to go to (m)."""
+
+    t: float
+    length: float
+    speed: float
+    goal: float
+    moving: bool
+    homed: bool
+
+
+@dataclass(frozen=True)
+class ValveSample:
+    """Read-back of the jamming valve: True when vacuum is applied to the spine."""
+
+    t: float
+    on: bool
+
+
+@dataclass(frozen=True)
+class GaugeSample:
+    """Absolute pressure in the spine, Pa."""
+
+    t: float
+    absolute: float
+
+
+@dataclass(frozen=True)
+class WrenchSample:
+    """Force (N) and moment (N m) in the sensor frame as the sensor sends them, and the software zero to subtract."""
+
+    t: float
+    raw: Vector6
+    zero: Vector6
+
+    @property
+    def wrench(self) -> Vector6:
+        """raw - zero: fx, fy, fz (N), mx, my, mz (N m)."""
+        a, b = self.raw, self.zero
+        return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5])
+
+
+@dataclass(frozen=True)
+class ArmSample:
+    """The arm: its own stamp (s), joint angles (rad), TCP pose (m, rotation vector rad) and TCP speed in its base frame."""
+
+    t: float
+    device_time: float
+    joints: Vector6
+    tcp_pose: Vector6
+    tcp_speed: Vector6
+    safety_bits: int
+    program_running: bool
+
+
+@dataclass(frozen=True)
+class BodySample:
+    """One rigid body seen by motion capture, in the robot's base frame; `valid` False means: do not use the pose."""
+
+    t: float
+    device_time: float
+    frame: int
+    position: Vector3
+    orientation: Quaternion
+    marker_error: float
+    valid: bool
+    markers: tuple[Vector3, ...] = ()
+
+
+S = TypeVar("S", contravariant=True)
+Sink = Callable[[S], None]
+"""Where a streaming driver delivers its samples; called from the driver's own thread."""
+
+
+@runtime_checkable
+class Instrument(Protocol):
+    """What all drivers share."""
+
+    name: str
+
+    def open(self) -> Identity:
+        """Connect, check who answers, start the stream if there is one."""
+
+    def close(self) -> None:
+        """Land safe and disconnect."""
+
+
+class PressureRegulators(Instrument, Protocol):
+    """N pressure channels."""
+
+    channels: int
+
+    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """Set all channels (Pa gauge); returns the set-points the instrument confirmed.
+
+        Values are clipped to the configured limits and to the rate limit (Pa/s, since the previous set).
+        """
+
+    def read(self) -> PressureSample:
+        """Poll all channels."""
+
+    def vent(self) -> None:
+        """All set-points to zero at once, not rate-limited; a channel that fails does not keep the others from venting."""
+
+
+class LengthUnit(Instrument, Protocol):
+    """The unit that grows and retracts the spine."""
+
+    def home(self) -> None:
+        """Start the reference run to length 0; `read().homed` tells when it is done."""
+
+    def move_to(self, length: float, speed: float) -> float:
+        """Start moving to a length (m) at a speed (m/s); returns the goal after clipping. `NotReady` when not homed."""
+
+    def stop(self) -> None:
+        """Stop now and hold."""
+
+    def read(self) -> SpineSample:
+        """Poll; raises `DeviceFault` when the unit reports one."""
+
+
+class JammingValve(Instrument, Protocol):
+    """The valve between the spine and the vacuum."""
+
+    def set(self, on: bool) -> bool:
+        """Switch, read back, and return the state read back; `DeviceFault` when it differs from the request."""
+
+    def read(self) -> ValveSample:
+        """Poll the relay's state."""
+
+
+class VacuumGauge(Instrument, Protocol):
+    """The gauge at the spine."""
+
+    def read(self) -> GaugeSample:
+        """Poll the absolute pressure."""
+
+
+class Arm(Instrument, Protocol):
+    """Motion of the robot arm. Never blocking: start a move, then watch `moving()`."""
+
+    def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
+        """Start a straight TCP motion to pose (m, rotation vector rad, base frame) at speed (m/s), acceleration (m/s^2)."""
+
+    def moving(self) -> bool:
+        """True until the last started motion has ended; raises `DeviceFault` after a protective or emergency stop."""
+
+    def stop(self) -> None:
+        """Decelerate now."""
+
+
+class Stream(Instrument, Protocol[S]):
+    """An instrument that sends by itself; each sample also goes to the sink given to its constructor."""
+
+    lost: int
+    """Samples known to be lost (gaps in stamps or counters, damaged frames)."""
+
+
+class ForceSensor(Stream[WrenchSample], Protocol):
+    """Force-torque sensor."""
+
+    def latest(self) -> WrenchSample:
+        """The newest sample; raises `StaleReading` when it is older than the maximum age."""
+
+    def zero(self, samples: int) -> Vector6:
+        """Average the next `samples` raw readings and subtract them from now on; returns the new zero."""
+
+
+class ArmState(Stream[ArmSample], Protocol):
+    """State of the robot arm as it streams it."""
+
+    def latest(self) -> ArmSample:
+        """The newest sample; raises `StaleReading` when it is older than the maximum age."""
+
+
+class MotionCapture(Stream[BodySample], Protocol):
+    """The tip as motion capture sees it."""
+
+    def latest(self) -> BodySample:
+        """The newest sample; raises `StaleReading` when it is older than the maximum age."""

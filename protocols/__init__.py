@@ -1,0 +1,1 @@
+"""The experiments: short scripts a scientist can read and change."""

@@ -1,0 +1,1 @@
+"""MCAP in and out: messages, writer, reader, replay, and the table of trials."""
