@@ -1,0 +1,133 @@
+"""A fake instrument on a serial line: a pty whose slave end the real client library opens.
+
+A fake is a device (state and physics, `process(dt)`) plus a wire interface (`answer`). Line time is simulated at the configured baud
+rate. Faults are set through `faults`, from a test or through the back door.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import random
+import select
+import threading
+import time
+import tty
+from dataclasses import dataclass, field
+
+from .clock import SimClock
+
+
+@dataclass
+class Faults:
+    """What may go wrong on the line; all off by default."""
+
+    silent: bool = False
+    """Requests are read and not answered."""
+    delay: float = 0.0
+    """Every answer comes this much later, s of host time."""
+    corrupt: bool = False
+    """One bit of every answer is flipped."""
+    truncate: bool = False
+    """Only the first half of every answer is sent."""
+    split: bool = False
+    """Answers arrive in two pieces 5 ms apart."""
+    garbage: bytes = b""
+    """Sent in front of every answer."""
+    freeze: bool = False
+    """The device's physics stands still; it still answers."""
+    extra: dict[str, object] = field(default_factory=dict)
+    """Faults of one instrument, by name (its module lists them)."""
+
+
+class Device:
+    """State and physics of one instrument, without any wire."""
+
+    def process(self, dt: float) -> None:
+        """Advance by dt seconds of rig time."""
+
+
+class PtyFake(threading.Thread):
+    """Serves one pty: collects bytes, hands complete requests to `answer`, sends what it returns."""
+
+    def __init__(self, name: str, clock: SimClock, baud: int, seed: int = 0) -> None:
+        super().__init__(name=f"fake-{name}", daemon=True)
+        self.clock = clock
+        self.byte_time = 10 / baud / clock.speed
+        self.faults = Faults()
+        self.random = random.Random(seed)
+        self.buffer = b""
+        self.lock = threading.RLock()
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._master)
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+        self._running = True
+        self._last_process = clock.now()
+
+    # -- to be written by each fake
+    def feed(self) -> bool:
+        """Take one complete request from `self.buffer` and answer it with `send`; False when none is complete."""
+        raise NotImplementedError
+
+    def process(self, dt: float) -> None:
+        """Advance the device by dt seconds of rig time."""
+
+    def idle(self) -> float | None:
+        """Called when nothing arrived; may send by itself. Returns host seconds until the next call (None: 20 ms)."""
+        return None
+
+    # -- the line
+    def send(self, answer: bytes) -> None:
+        """Put an answer on the line, at line speed, through the faults."""
+        f = self.faults
+        if f.silent:
+            return
+        if f.delay:
+            time.sleep(f.delay)
+        if f.corrupt and answer:
+            i = self.random.randrange(len(answer))
+            answer = answer[:i] + bytes([answer[i] ^ (1 << self.random.randrange(7))]) + answer[i + 1 :]
+        if f.truncate:
+            answer = answer[: len(answer) // 2]
+        answer = f.garbage + answer
+        time.sleep(len(answer) * self.byte_time)
+        pieces = [answer[: len(answer) // 2], answer[len(answer) // 2 :]] if f.split else [answer]
+        for i, piece in enumerate(pieces):
+            if i:
+                time.sleep(0.005)
+            with contextlib.suppress(OSError):
+                os.write(self._master, piece)
+
+    def run(self) -> None:
+        wait: float | None = None
+        while self._running:
+            ready, _, _ = select.select([self._master], [], [], 0.02 if wait is None else max(0.0, wait))
+            with self.lock:
+                self._advance()
+                if ready:
+                    try:
+                        data = os.read(self._master, 4096)
+                    except OSError:
+                        return
+                    time.sleep(len(data) * self.byte_time)
+                    self.buffer += data
+                    while self.feed():
+                        pass
+                wait = self.idle()
+
+    def _advance(self) -> None:
+        now = self.clock.now()
+        dt, self._last_process = now - self._last_process, now
+        if not self.faults.freeze:
+            self.process(dt)
+
+    def stop(self) -> None:
+        """End the thread and close the line."""
+        self._running = False
+        if self.is_alive():
+            self.join(1.0)
+        for fd in (self._master, self._slave):
+            with contextlib.suppress(OSError):
+                os.close(fd)
