@@ -1,0 +1,170 @@
+"""One serial port that is asked and answers: the line under every driver that speaks a short request/reply protocol.
+
+Usage: `line.ask(b"A\\r", until=b"\\r")`. Stale input is thrown away before each request, the answer is read up to its
+terminator or to a deadline in host time, and every failure is one of the drivers' errors with the bytes that were seen.
+Hold `line.lock` to keep several requests together; `ask` takes it by itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import termios
+import threading
+import time
+from collections.abc import Iterator
+
+import serial
+
+from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+
+SLICE = 0.02
+"""Longest single wait inside a read, s: how late a deadline may be noticed."""
+LONGEST_ANSWER = 4096
+"""Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
+
+
+def show(data: bytes, longest: int = 48) -> str:
+    """The bytes as they go into an error message, cut where they get long."""
+    return repr(data) if len(data) <= longest else f"{data[:longest]!r}... ({len(data)} bytes)"
+
+
+class SerialLine:
+    """A serial port, 8 data bits, with deadlines instead of blocking reads."""
+
+    def __init__(self, name: str, port: str, baud: int, timeout: float, parity: str = "N", stopbits: int = 1) -> None:
+        """`name` is the instrument's name for messages; `timeout` (s, host time) bounds each answer and each write."""
+        self.name = name
+        self.port = port
+        self.baud = baud
+        self.timeout = timeout
+        self.lock = threading.RLock()
+        self._parity = parity
+        self._stopbits = stopbits
+        self._serial: serial.Serial | None = None
+        self._buffer = bytearray()
+
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`."""
+        return self._serial is not None
+
+    def open(self) -> None:
+        """Open the port for this process alone; does nothing when already open. Raises `Unreachable`."""
+        with self.lock:
+            if self._serial is not None:
+                return
+            try:
+                self._serial = serial.Serial(
+                    self.port,
+                    self.baud,
+                    parity=self._parity,
+                    stopbits=self._stopbits,
+                    timeout=min(SLICE, self.timeout),
+                    write_timeout=self.timeout,
+                    exclusive=True,
+                )
+            except (OSError, ValueError) as e:
+                raise Unreachable(
+                    self.name,
+                    f"cannot open {self.port} at {self.baud} Bd ({e}); check that it is plugged in, that rig.yaml "
+                    "names this port, that you may use it (group dialout), and that no other program has it open",
+                ) from e
+            self._buffer.clear()
+
+    def close(self) -> None:
+        """Close the port; may be called twice and never raises."""
+        with self.lock:
+            port, self._serial = self._serial, None
+            if port is not None:
+                with contextlib.suppress(OSError):
+                    port.close()
+
+    def flush(self) -> None:
+        """Throw away what has arrived and was not read."""
+        with self._guarded() as port:
+            port.reset_input_buffer()
+            self._buffer.clear()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes as they are. Raises `NoReply` when the line does not take them in time."""
+        with self._guarded() as port:
+            port.write(data)
+
+    def read_some(self) -> bytes:
+        """What has arrived, waiting at most one `SLICE` for the first byte; empty on silence."""
+        with self._guarded() as port:
+            self._buffer += port.read(max(1, port.in_waiting))
+            return self._take(len(self._buffer))
+
+    def listen(self, duration: float) -> bytes:
+        """Everything that arrives within `duration` seconds (host time); silence is not an error."""
+        deadline = time.monotonic() + duration
+        heard = b""
+        while time.monotonic() < deadline:
+            heard += self.read_some()
+        return heard
+
+    def read_until(self, until: bytes, timeout: float | None = None) -> bytes:
+        """Bytes up to the terminator `until`, which is cut off; what follows it stays for the next read.
+
+        Raises `NoReply` on silence, `BadReply` on bytes without their terminator.
+        """
+        with self._guarded() as port:
+            deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+            while (end := self._buffer.find(until)) < 0:
+                self._wait_for_more(port, deadline, f"up to {until!r}")
+            return self._take(end + len(until))[:end]
+
+    def read_exactly(self, count: int, timeout: float | None = None) -> bytes:
+        """`count` bytes. Raises `NoReply` on silence, `BadReply` when fewer arrive."""
+        with self._guarded() as port:
+            deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+            while len(self._buffer) < count:
+                self._wait_for_more(port, deadline, f"of {count} bytes")
+            return self._take(count)
+
+    def ask(self, request: bytes, until: bytes, timeout: float | None = None) -> bytes:
+        """Flush, send `request`, return the answer without its terminator `until`.
+
+        Raises `NoReply`, `BadReply`, `Unreachable` (the port went away) or `NotReady` (not open).
+        """
+        with self.lock:
+            self.flush()
+            self.write(request)
+            try:
+                return self.read_until(until, timeout)
+            except (NoReply, BadReply) as e:
+                raise type(e)(self.name, f"{e.message}; the request was {show(request)}") from e
+
+    def _take(self, count: int) -> bytes:
+        taken = bytes(self._buffer[:count])
+        del self._buffer[:count]
+        return taken
+
+    def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
+        """Read once more; past the deadline, or when the answer has no end, drop what came and raise."""
+        if time.monotonic() >= deadline or len(self._buffer) > LONGEST_ANSWER:
+            got = self._take(len(self._buffer))
+            if got:
+                raise BadReply(self.name, f"no answer {wanted} on {self.port}, only {show(got)}")
+            raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
+        self._buffer += port.read(max(1, port.in_waiting))
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[serial.Serial]:
+        """The open port under the lock, with pyserial's failures turned into the drivers' errors."""
+        with self.lock:
+            if self._serial is None:
+                raise NotReady(self.name, f"{self.port} is not open; call open() first")
+            try:
+                yield self._serial
+            except serial.SerialTimeoutException as e:
+                raise NoReply(
+                    self.name, f"{self.port} does not take bytes within {self.timeout} s; check the cable"
+                ) from e
+            except (OSError, termios.error) as e:
+                if isinstance(e, InstrumentError):
+                    raise
+                raise Unreachable(
+                    self.name, f"lost {self.port} ({e}); check its plug and power, then open it again"
+                ) from e
