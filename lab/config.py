@@ -1,0 +1,247 @@
+"""Files that people write: YAML in, checked frozen objects out, and one message with everything that is wrong.
+
+A file is described by a pydantic model with `extra="forbid"`; a field's unit stands in `json_schema_extra={"unit": ...}`.
+Each problem names the file and line, the key, the value with its unit, the limit, and what to write instead.
+"""
+
+from __future__ import annotations
+
+import difflib
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from .units import UnitError, to_si
+
+M = TypeVar("M", bound=BaseModel)
+Loc = tuple[str | int, ...]
+MAX_BYTES = 1_000_000
+
+
+class ConfigError(Exception):
+    """A file or an argument that cannot be used; its text lists every problem. Exit code 2."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A parsed file: its values, and the line on which each key stands."""
+
+    name: str
+    data: object
+    lines: Mapping[Loc, int]
+
+    def at(self, loc: Loc) -> str:
+        """`file:line` of the key nearest to loc."""
+        while loc and loc not in self.lines:
+            loc = loc[:-1]
+        return f"{self.name}:{self.lines[loc]}" if loc in self.lines else self.name
+
+
+def read_yaml(path: Path) -> Source:
+    """Parse one YAML file (safe loader, at most 1 MB); raises ConfigError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as e:
+        raise ConfigError(f"{path}: cannot be read ({e.strerror}); check the path") from e
+    except UnicodeDecodeError as e:
+        raise ConfigError(f"{path}: is not a text file; a YAML file is needed here") from e
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, name: str) -> Source:
+    """Parse YAML text; `name` stands for it in messages."""
+    if len(text) > MAX_BYTES:
+        raise ConfigError(f"{name}: has {len(text)} characters, more than the {MAX_BYTES} of any sensible file")
+    if text.count("*") and any(isinstance(t, yaml.AliasToken) for t in _scan(text, name)):
+        raise ConfigError(f"{name}: uses YAML aliases (*name); write the values out")
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as e:
+        mark = getattr(e, "problem_mark", None)
+        where = f"{name}:{mark.line + 1}" if mark else name
+        raise ConfigError(f"{where}: is not valid YAML: {getattr(e, 'problem', None) or e}") from e
+    lines: dict[Loc, int] = {}
+    if node is not None:
+        _collect_lines(node, (), lines)
+    return Source(name, data, lines)
+
+
+def load(path: Path, model: type[M]) -> M:
+    """Read `path` as `model`; raises ConfigError with all problems of the file."""
+    return check(read_yaml(path), model)
+
+
+def check(source: Source, model: type[M]) -> M:
+    """Turn parsed values into `model`; raises ConfigError with all problems."""
+    if not isinstance(source.data, dict):
+        raise ConfigError(f"{source.name}: holds {_short(source.data)}, not a table of keys and values")
+    problems: dict[Loc, str] = {}
+    data = _convert_model(source.data, model, (), problems)
+    try:
+        result = model.model_validate(data)
+    except ValidationError as e:
+        for error in e.errors(include_url=False):
+            loc = _own_loc(error["loc"], data)
+            problems.setdefault(loc, _describe(error, loc, data, model))
+    else:
+        if not problems:
+            return result
+    order = sorted(problems, key=lambda loc: (source.lines.get(loc, 10**9), str(loc)))
+    raise ConfigError("\n".join(f"{source.at(loc)}: {problems[loc]}" for loc in order))
+
+
+# ------------------------------------------------------------------ where a key stands
+def _scan(text: str, name: str) -> list[Any]:
+    try:
+        return list(yaml.scan(text, Loader=yaml.SafeLoader))
+    except (yaml.YAMLError, ValueError) as e:
+        mark = getattr(e, "problem_mark", None)
+        raise ConfigError(f"{name}{f':{mark.line + 1}' if mark else ''}: is not valid YAML: {e}") from e
+
+
+def _collect_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int]) -> None:
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            here = (*loc, key.value)
+            lines[here] = key.start_mark.line + 1
+            _collect_lines(value, here, lines)
+    elif isinstance(node, yaml.SequenceNode):
+        for i, value in enumerate(node.value):
+            lines[(*loc, i)] = value.start_mark.line + 1
+            _collect_lines(value, (*loc, i), lines)
+
+
+# ------------------------------------------------------------------ "250 kPa" -> 250000.0
+def _unit(field: FieldInfo) -> str | None:
+    extra = field.json_schema_extra
+    return str(extra["unit"]) if isinstance(extra, dict) and "unit" in extra else None
+
+
+def _models(annotation: object, value: object) -> type[BaseModel] | None:
+    """The model that `value` is meant to be, through unions told apart by their `driver` (or other literal) key."""
+    options = [a for a in _leaves(annotation) if isinstance(a, type) and issubclass(a, BaseModel)]
+    if len(options) > 1 and isinstance(value, dict):
+        for option in options:
+            for key, field in option.model_fields.items():
+                if get_origin(field.annotation) is Literal and value.get(key) in get_args(field.annotation):
+                    return option
+    return options[0] if len(options) == 1 else None
+
+
+def _leaves(annotation: object) -> list[object]:
+    origin = get_origin(annotation)
+    if origin in (Union, types.UnionType, list, tuple, dict) or str(origin) == "typing.Annotated":
+        return [leaf for a in get_args(annotation) for leaf in _leaves(a)]
+    return [annotation]
+
+
+def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, str]) -> dict[Any, Any]:
+    out = dict(raw)
+    for key, value in raw.items():
+        field = model.model_fields.get(key) if isinstance(key, str) else None
+        if field is not None:
+            out[key] = _convert(value, field, (*loc, key), problems)
+    return out
+
+
+def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, str]) -> Any:
+    unit = _unit(field)
+    if isinstance(value, dict):
+        inner = _models(field.annotation, value)
+        if inner is not None:
+            return _convert_model(value, inner, loc, problems)
+        return {k: _convert(v, field, (*loc, k), problems) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_convert(v, field, (*loc, i), problems) for i, v in enumerate(value)]
+    if isinstance(value, str) and unit is not None:
+        try:
+            return to_si(value, unit)
+        except UnitError as e:
+            problems[loc] = f"{_dotted(loc)}: {e}"
+    return value
+
+
+# ------------------------------------------------------------------ one problem, one sentence
+def _own_loc(loc: Loc, data: object) -> Loc:
+    """Drop what pydantic adds to a location for unions (tags, type names): keep the steps that lead through the data."""
+    own: list[str | int] = []
+    for i, step in enumerate(loc):
+        last = i == len(loc) - 1
+        if isinstance(data, dict) and step in data:
+            data = data[step]
+            own.append(step)
+        elif isinstance(data, list) and isinstance(step, int) and step < len(data):
+            data = data[step]
+            own.append(step)
+        elif isinstance(data, dict) and last:
+            own.append(step)
+    return tuple(own)
+
+
+def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel]) -> str:
+    kind, context = error["type"], error.get("ctx", {})
+    key = _dotted(loc)
+    field, siblings = _find(loc, data, model)
+    unit = (_unit(field) or "") if field is not None else ""
+    number = f"{_short(error['input'])} {unit}".strip()
+    if kind == "extra_forbidden":
+        near = difflib.get_close_matches(str(loc[-1]), siblings, n=1, cutoff=0.5)
+        hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(siblings)}"
+        return f"{key}: unknown key; {hint}"
+    if kind == "missing":
+        return f"{key}: is missing{f'; give it in {unit}' if unit else ''}"
+    limits = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
+              "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}  # fmt: skip
+    if kind in limits:
+        name, word = limits[kind]
+        return f"{key} = {number}: must be {word} {context[name]:g} {unit}".rstrip()
+    if kind in ("union_tag_invalid", "literal_error"):
+        allowed = str(context.get("expected_tags") or context.get("expected", ""))
+        tag = context.get("tag", error["input"])
+        near = difflib.get_close_matches(str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")], n=1)
+        return f"{key} = {_short(tag)}: must be one of {allowed}" + (f"; did you mean '{near[0]}'?" if near else "")
+    if kind == "union_tag_not_found":
+        return f"{key}: needs a key {context.get('discriminator', '')} that says which kind it is"
+    if kind in ("float_parsing", "float_type", "int_parsing", "int_type"):
+        return f"{key} = {_short(error['input'])}: must be a number{f' in {unit}' if unit else ''}"
+    if kind == "finite_number":
+        return f"{key} = {number}: must be a finite number"
+    message = error["msg"].removeprefix("Value error, ")
+    return f"{key} = {number}: {message}" if key and not isinstance(error["input"], dict) else f"{key or 'the file'}: {message}"
+
+
+def _find(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
+    """The field at loc, and the keys that its table may have."""
+    current: type[BaseModel] | None = model
+    field: FieldInfo | None = None
+    siblings = list(model.model_fields)
+    for step in loc:
+        if current is not None and isinstance(step, str):
+            siblings = list(current.model_fields)
+            field = current.model_fields.get(step)
+            current = None
+        data = data[step] if isinstance(data, dict) and step in data else (
+            data[step] if isinstance(data, list) and isinstance(step, int) and step < len(data) else None)  # fmt: skip
+        if field is not None and isinstance(data, dict):
+            current = _models(field.annotation, data)
+    return field, siblings
+
+
+def _dotted(loc: Loc) -> str:
+    text = ""
+    for step in loc:
+        text += f"[{step}]" if isinstance(step, int) else (f".{step}" if text else str(step))
+    return text
+
+
+def _short(value: object) -> str:
+    text = f"{value:g}" if isinstance(value, float) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,51 @@
+"""Units a person may write in a file, turned into the SI unit of the field: "250 kPa" -> 250000.0."""
+
+from __future__ import annotations
+
+import math
+import re
+
+KINDS: dict[str, dict[str, float]] = {
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "Pa": {"Pa": 1.0, "hPa": 1e2, "mbar": 1e2, "kPa": 1e3, "bar": 1e5, "MPa": 1e6, "psi": 6894.757293168},
+    "Pa/s": {"Pa/s": 1.0, "kPa/s": 1e3, "bar/s": 1e5},
+    "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "N m": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3},
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "kg/m^3": {"kg/m^3": 1.0, "g/cm^3": 1e3},
+    "rad": {"rad": 1.0, "deg": math.pi / 180},
+    "deg": {"deg": 1.0, "rad": 180 / math.pi},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
+    "m/s^2": {"m/s^2": 1.0, "mm/s^2": 1e-3},
+    "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "A": {"A": 1.0, "mA": 1e-3},
+}
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
+
+
+class UnitError(ValueError):
+    """A quantity that cannot be turned into the unit asked for."""
+
+
+def to_si(text: str, unit: str) -> float:
+    """The number in `text` ("250 kPa", "3e5") in `unit`; a bare number is taken to be in `unit` already.
+
+    Raises UnitError naming the units that would do.
+    """
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise UnitError(f"{text!r} is not a number with a unit; write for example {example(unit)}")
+    value, name = float(match[1]), match[2]
+    if name is None:
+        return value
+    factors = KINDS.get(unit, {unit: 1.0})
+    if name not in factors:
+        raise UnitError(f"{text!r} has the unit {name!r}, but this is in {unit}; use one of {', '.join(factors)}")
+    return value * factors[name]
+
+
+def example(unit: str) -> str:
+    """A quantity as one would write it."""
+    return {"Pa": "'50 kPa'", "m": "'5 cm'", "Pa/s": "'20 kPa/s'"}.get(unit, f"'1 {unit}'")

@@ -1,0 +1,107 @@
+"""The few things every experiment does: vent, un-jam, grow, jam, ramp. Each is confirmed by a reading before it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .bench import Bench
+from .parameters import Jam, SpineMotion
+
+VENTED_BELOW = 5e3
+"""Pa; all chambers measured below this count as vented."""
+RAMP_STEP = 0.1
+"""Rig seconds between two set-points of a ramp."""
+
+
+def vent(bench: Bench, within: float = 20.0) -> None:
+    """Let all chambers off, confirmed by the regulators' own sensors."""
+    regulators = bench.need(bench.pressure, "pressure")
+    regulators.vent()
+    bench.wait(
+        f"all chambers below {VENTED_BELOW / 1e3:g} kPa",
+        lambda: True if max(regulators.read().measured) < VENTED_BELOW else None,
+        within,
+    )
+
+
+def home(bench: Bench, within: float = 120.0) -> None:
+    """Find the spine's zero when it is not known."""
+    unit = bench.need(bench.spine, "spine")
+    if unit.read().homed:
+        return
+    release(bench, Jam())
+    bench.say("Homing the spine")
+    unit.home()
+    bench.wait("spine homed", lambda: True if unit.read().homed else None, within)
+
+
+def release(bench: Bench, jam: Jam) -> float:
+    """Un-jam the spine; returns ambient pressure, Pa absolute, as the gauge shows it at rest."""
+    valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
+    valve.set(False)
+    last: list[float] = []
+
+    def at_rest() -> float | None:
+        last.append(gauge.read().absolute)
+        recent = last[-5:]
+        return last[-1] if len(recent) == 5 and max(recent) - min(recent) < jam.released_below / 2 and recent[-1] > 80e3 else None
+
+    return bench.wait("vacuum released", at_rest, jam.within)
+
+
+def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
+    """Jam the spine and judge it from the gauge; returns the vacuum reached, Pa below ambient."""
+    valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
+    if vacuum <= 0:
+        return 0.0
+    valve.set(True)
+
+    def jammed() -> float | None:
+        reached = ambient - gauge.read().absolute
+        return reached if reached >= rules.share * vacuum else None
+
+    return bench.wait(f"spine jammed at {rules.share * vacuum / 1e3:.0f} kPa below ambient", jammed, rules.within)
+
+
+def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
+    """Bring the spine to a length, m; it must not be jammed."""
+    unit = bench.need(bench.spine, "spine")
+    start = unit.read().length
+    goal = unit.move_to(length, motion.speed)
+    if abs(goal - length) > motion.tolerance:
+        bench.say(f"Spine goal {length * 1e3:.0f} mm was clipped to {goal * 1e3:.0f} mm by the unit's limit")
+    bench.wait(
+        f"spine at {goal * 1e3:.0f} mm",
+        lambda: True if (s := unit.read()) and not s.moving and abs(s.length - goal) <= motion.tolerance else None,
+        5.0 + 3.0 * abs(goal - start) / motion.speed,
+    )
+    bench.clock.sleep(motion.settle)
+
+
+def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, rules: Jam) -> float:
+    """Vent, un-jam, grow to `length` and jam at `vacuum`; returns ambient pressure, Pa absolute."""
+    if bench.pressure is not None:
+        vent(bench)
+    ambient = release(bench, rules)
+    grow(bench, length, motion)
+    jam(bench, ambient, vacuum, rules)
+    return ambient
+
+
+def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
+    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time at which the set-point got there."""
+    regulators = bench.need(bench.pressure, "pressure")
+    start = regulators.read().setpoint
+    begin = bench.clock.now()
+    duration = max((abs(b - a) for a, b in zip(start, target, strict=True)), default=0.0) / rate
+    deadline = begin + duration + 30.0
+    while True:
+        share = min(1.0, (bench.clock.now() - begin) / duration) if duration > 0 else 1.0
+        wanted = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
+        confirmed = regulators.set(wanted)
+        now = bench.clock.now()
+        if share == 1.0 and max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < 1e3:
+            return now
+        if now > deadline:
+            bench.wait("pressure set-points confirmed", lambda: None, 0.0)
+        bench.clock.sleep(RAMP_STEP)

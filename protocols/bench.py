@@ -1,0 +1,120 @@
+"""What a protocol works with: the rig's instruments, its clock, the recording, and the person at the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeVar
+
+from drivers.chambers import ChamberMap
+from drivers.interfaces import (
+    Arm,
+    ArmState,
+    Clock,
+    ForceSensor,
+    JammingValve,
+    LengthUnit,
+    MotionCapture,
+    PressureRegulators,
+    VacuumGauge,
+    Vector3,
+)
+from recordings.writer import Recorder
+
+from .errors import MissingInstrument, NotReached, Stopped
+
+T = TypeVar("T")
+Mount = Literal["robot", "body", "spine"]
+POLL = 0.01
+"""Host seconds between two looks at a condition, at most."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a person prepares before a run."""
+
+    mount: Mount
+    """"robot": body hanging with the spine inside; "body": the same at the stiffness stand; "spine": the bare spine."""
+    tip_mass: float
+    """Mass hung at the tip, kg."""
+    roll_deg: float
+    """The chamber pattern turned about the robot's axis, deg."""
+    vacuum: float
+    """Level set at the vacuum supply, Pa below ambient."""
+
+
+class Operator(Protocol):
+    """The person (or program) who mounts and prepares."""
+
+    def prepare(self, setup: Setup) -> None:
+        """Returns when the rig is set up so; raises Stopped when it will not be."""
+
+
+@dataclass(frozen=True)
+class StandFrame:
+    """Where the specimen of a stiffness trial is clamped, in the arm's base frame (m, unit vectors, rotation vector rad)."""
+
+    origin: Vector3
+    axis: Vector3
+    push: Vector3
+    tool_rotation: Vector3
+    standoff: float
+
+
+class Narrator(Protocol):
+    """Tells the person what happens."""
+
+    def say(self, text: str) -> None:
+        """One line of what is being done."""
+
+    def progress(self, done: float, total: float) -> None:
+        """Seconds of rig time done, of the total planned."""
+
+
+@dataclass
+class Bench:
+    """Everything a protocol may touch. An instrument that the rig has not is None; ask with `need` first."""
+
+    clock: Clock
+    recorder: Recorder
+    operator: Operator
+    narrator: Narrator
+    stopping: Callable[[], bool]
+    """True once a person asked to finish the present step and end."""
+    chambers: ChamberMap
+    stand: StandFrame | None = None
+    pressure: PressureRegulators | None = None
+    spine: LengthUnit | None = None
+    valve: JammingValve | None = None
+    gauge: VacuumGauge | None = None
+    arm: Arm | None = None
+    arm_state: ArmState | None = None
+    force: ForceSensor | None = None
+    mocap: MotionCapture | None = None
+
+    def need(self, instrument: T | None, name: str) -> T:
+        """The instrument, or MissingInstrument naming what rig.yaml lacks."""
+        if instrument is None:
+            raise MissingInstrument(f"this protocol needs {name}, and rig.yaml has none; add instruments.{name}")
+        return instrument
+
+    def check_stop(self) -> None:
+        """Raise Stopped between two steps when a person asked for it."""
+        if self.stopping():
+            raise Stopped("stopped by the person at the rig; the steps finished until now are in the recording")
+
+    def say(self, text: str) -> None:
+        """Tell the person, and write it to the recording's log."""
+        self.narrator.say(text)
+        self.recorder.log(self.clock.now(), "info", text)
+
+    def wait(self, what: str, done: Callable[[], T | None], within: float) -> T:
+        """Look until `done` returns something else than None; NotReached after `within` seconds of rig time."""
+        deadline = self.clock.now() + within
+        while True:
+            result = done()
+            if result is not None:
+                return result
+            if self.clock.now() > deadline:
+                raise NotReached(f"{what}: not reached within {within:g} s")
+            self.clock.sleep(min(0.05, within / 20))

@@ -1,0 +1,25 @@
+"""What can end a protocol early.
+
+    ProtocolError
+    |-- MissingInstrument   the rig has not all the instruments this protocol needs; nothing moved
+    |-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
+    `-- Stopped             a person asked to stop
+"""
+
+from __future__ import annotations
+
+
+class ProtocolError(Exception):
+    """A protocol ended early; the message says at which step, what was measured, and what to do."""
+
+
+class MissingInstrument(ProtocolError):
+    """The rig has not all the instruments this protocol needs; nothing moved."""
+
+
+class NotReached(ProtocolError):
+    """A physical state was not reached in the time allowed."""
+
+
+class Stopped(ProtocolError):
+    """A person asked to stop; what was measured until then is kept."""

@@ -1,0 +1,54 @@
+"""Parameters that the protocols share. Every number is SI and has a limit; the defaults are the paper's."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Parameters(BaseModel):
+    """A table of protocol parameters: no unknown keys, no NaN, unchangeable."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+SpineLength = Annotated[float, Field(ge=0, le=0.35)]
+Pressure = Annotated[float, Field(ge=1e3, le=300e3)]
+Vacuum = Annotated[float, Field(ge=0, le=95e3)]
+Chamber = Annotated[int, Field(ge=1, le=9)]
+
+
+class Jam(Parameters):
+    """When the spine counts as jammed and as released, judged from the gauge."""
+
+    share: float = Field(0.9, gt=0.1, le=1.0, json_schema_extra={"unit": ""})
+    """Jammed at this share of the vacuum level set at the supply."""
+    released_below: float = Field(5e3, gt=0, le=50e3, json_schema_extra={"unit": "Pa"})
+    """Released when less than this below ambient."""
+    within: float = Field(30.0, gt=0, le=600, json_schema_extra={"unit": "s"})
+
+
+class Settle(Parameters):
+    """When a state counts as settled, and how long it is averaged."""
+
+    band: float = Field(1.5e3, gt=0, le=20e3, json_schema_extra={"unit": "Pa"})
+    """Every chamber within this of its set-point."""
+    still: float = Field(1.5, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """For this long."""
+    still_distance: float = Field(0.6e-3, gt=0, le=0.05, json_schema_extra={"unit": "m"})
+    """While the smoothed tip moves by less than this."""
+    average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """Then averaged over at least this long."""
+    min_samples: int = Field(20, ge=1, le=10_000)
+    """And at least so many samples of each stream."""
+    within: float = Field(60.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
+
+
+class SpineMotion(Parameters):
+    """How the spine is grown."""
+
+    speed: float = Field(0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
+    tolerance: float = Field(0.5e-3, gt=0, le=0.01, json_schema_extra={"unit": "m"})
+    """Arrived when the encoder is this close."""
+    settle: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
