@@ -1,0 +1,61 @@
+"""Who prepares the rig: a person at the console, or a program that answers JSON lines at a TCP address."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+from dataclasses import asdict
+
+from protocols.bench import Operator, Setup
+from protocols.errors import ProtocolError, Stopped
+
+MOUNTS = {
+    "robot": "hang the robot in its frame, spine inside",
+    "body": "mount the robot at the stiffness stand",
+    "spine": "mount the bare spine at the stiffness stand",
+}
+
+
+class Console:
+    """Asks the person to prepare and waits for Enter; where nobody can type, says what it takes for granted."""
+
+    def prepare(self, setup: Setup) -> None:
+        """See Operator.prepare."""
+        print(
+            f"Prepare: {MOUNTS[setup.mount]}; tip mass {setup.tip_mass * 1e3:g} g; "
+            f"chamber pattern turned by {setup.roll_deg:g} deg; vacuum supply at {setup.vacuum / 1e3:g} kPa below ambient."
+        )
+        if not sys.stdin.isatty():
+            print("(not a terminal: taken as prepared)")
+            return
+        if input("Enter when ready, q to stop: ").strip().lower() == "q":
+            raise Stopped("not prepared; nothing moved")
+
+
+class Program:
+    """Sends each set-up as one JSON line and waits for {"ok": true}."""
+
+    def __init__(self, host: str, port: int, within: float = 60.0) -> None:
+        self.address, self.within = (host, port), within
+
+    def prepare(self, setup: Setup) -> None:
+        """See Operator.prepare; ProtocolError when the program refuses or does not answer."""
+        where = f"operator at {self.address[0]}:{self.address[1]}"
+        try:
+            with socket.create_connection(self.address, timeout=self.within) as connection:
+                connection.sendall(json.dumps({"prepare": asdict(setup)}).encode() + b"\n")
+                line = connection.makefile().readline()
+            answer = json.loads(line)
+        except (OSError, ValueError) as e:
+            raise ProtocolError(f"{where}: no usable answer ({e}); start it, or set operator: console in rig.yaml") from e
+        if not isinstance(answer, dict) or answer.get("ok") is not True:
+            raise ProtocolError(f"{where}: refused to prepare {setup}: {answer}")
+
+
+def operator(spec: str) -> Operator:
+    """The operator that rig.yaml names: "console" or "tcp://host:port"."""
+    if spec == "console":
+        return Console()
+    host, port = spec.removeprefix("tcp://").rsplit(":", 1)
+    return Program(host, int(port))
