@@ -1,0 +1,52 @@
+"""The error tree of the recordings.
+
+    RecordingError                      anything that went wrong with a recording or a table of trials
+    |-- NotARecording    (ValueError)      the file is not an MCAP file, or not one of this house
+    |-- Truncated        (EOFError)        the file ends before its end mark
+    |-- MissingStream    (LookupError)     a topic that the file does not hold
+    |-- OtherVersion     (ValueError)      messages of a schema version this software does not read
+    |-- BadMessage       (ValueError)      a message or state that does not fit its definition; it was not recorded
+    |-- WriteFailed      (OSError)         the file can no longer be written
+    |-- NotSettled       (TimeoutError)    a state that never met the rule by which it was to be read
+    `-- BadTable         (ValueError)      a table of trials that cannot be right
+
+Each message names the file or topic, the value with its unit, the limit and what to do next.
+"""
+
+from __future__ import annotations
+
+
+class RecordingError(Exception):
+    """Something went wrong with a recording or a table of trials."""
+
+
+class NotARecording(RecordingError, ValueError):
+    """The file is not an MCAP file, or not one of this house."""
+
+
+class Truncated(RecordingError, EOFError):
+    """The file ends before its end mark."""
+
+
+class MissingStream(RecordingError, LookupError):
+    """A topic that the file does not hold."""
+
+
+class OtherVersion(RecordingError, ValueError):
+    """Messages of a schema version this software does not read."""
+
+
+class BadMessage(RecordingError, ValueError):
+    """A message or state that does not fit its definition; it was not recorded."""
+
+
+class WriteFailed(RecordingError, OSError):
+    """The file can no longer be written; what reached the disk before stays readable."""
+
+
+class NotSettled(RecordingError, TimeoutError):
+    """A state that never met the rule by which it was to be read."""
+
+
+class BadTable(RecordingError, ValueError):
+    """A table of trials that cannot be right."""

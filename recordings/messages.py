@@ -1,0 +1,289 @@
+"""The definition of every message in a recording: one place from which schema, encoder and decoder are made.
+
+A stream's message has a fixed layout: protobuf (proto2) whose fields are always present, numbers of fixed width, arrays packed with
+a fixed count. Its bytes are therefore a struct: tags and lengths are constant, values sit at constant offsets. Any protobuf decoder
+reads it by the schema in the file; this module also writes it with `struct` and reads thousands at once with numpy.
+Two sizes belong to a recording rather than to the schema: the number of chambers and of body markers.
+
+Every message begins with `t`: rig time in seconds, a whole number of nanoseconds.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from numpy.typing import NDArray
+
+from .errors import BadMessage
+
+SCHEMA_VERSION = "1"
+"""Changes when a field changes its meaning or leaves; a new field at the end of a message keeps it."""
+
+PACKAGE = "lab"
+
+_KINDS: dict[str, tuple[FieldDescriptorProto.Type.ValueType, str, str, int, int]] = {
+    # kind: (protobuf type, struct code, numpy type, wire type, bytes)
+    "double": (FieldDescriptorProto.TYPE_DOUBLE, "d", "<f8", 1, 8),
+    "sfixed64": (FieldDescriptorProto.TYPE_SFIXED64, "q", "<i8", 1, 8),
+    "fixed32": (FieldDescriptorProto.TYPE_FIXED32, "I", "<u4", 5, 4),
+    "bool": (FieldDescriptorProto.TYPE_BOOL, "?", "?", 0, 1),
+}
+_PACKED = 2
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field: `shape` () is a number, (n,) or (n, m) an array of fixed size. `kind` is a protobuf type of fixed width."""
+
+    name: str
+    kind: str
+    shape: tuple[int, ...] = ()
+    unit: str = ""
+    doc: str = ""
+
+    @property
+    def count(self) -> int:
+        """Numbers in the field."""
+        return int(np.prod(self.shape, dtype=int))
+
+    def head(self, number: int) -> bytes:
+        """The constant bytes in front of the value: tag, and length where the field is an array."""
+        wire_type, size = _KINDS[self.kind][3:]
+        if not self.shape:
+            return _varint(number << 3 | wire_type)
+        return _varint(number << 3 | _PACKED) + _varint(size * self.count)
+
+
+@dataclass(frozen=True)
+class MessageType:
+    """A message of fixed layout. Encodes from values in field order, decodes to a structured numpy array."""
+
+    name: str
+    topic: str
+    fields: tuple[Field, ...]
+    doc: str = ""
+
+    def sized(self, **shapes: tuple[int, ...]) -> MessageType:
+        """The same message with other array shapes, by field name."""
+        unknown = set(shapes) - {field.name for field in self.fields}
+        if unknown:
+            raise BadMessage(f"{self.topic} has no field {', '.join(sorted(unknown))}")
+        return replace(self, fields=tuple(replace(f, shape=shapes.get(f.name, f.shape)) for f in self.fields))
+
+    # -- schema
+    @property
+    def full_name(self) -> str:
+        """Protobuf name with package."""
+        return f"{PACKAGE}.{self.name}"
+
+    @cached_property
+    def file_descriptor(self) -> FileDescriptorProto:
+        """The .proto file of this message."""
+        file = FileDescriptorProto(name=f"{PACKAGE}/{self.name}.proto", package=PACKAGE, syntax="proto2")
+        message = file.message_type.add(name=self.name)
+        for number, field in enumerate(self.fields, 1):
+            label = FieldDescriptorProto.LABEL_REPEATED if field.shape else FieldDescriptorProto.LABEL_OPTIONAL
+            entry = message.field.add(name=field.name, number=number, label=label, type=_KINDS[field.kind][0])
+            if field.shape:
+                entry.options.packed = True
+        return file
+
+    @cached_property
+    def schema(self) -> bytes:
+        """Serialized FileDescriptorSet, as MCAP stores it."""
+        return FileDescriptorSet(file=[self.file_descriptor]).SerializeToString(deterministic=True)
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """Channel metadata: schema version, units, and the shapes of the arrays."""
+        units = {f"unit.{f.name}": f.unit for f in self.fields if f.unit}
+        shapes = {f"shape.{f.name}": "x".join(map(str, f.shape)) for f in self.fields if f.shape}
+        return {"schema_version": SCHEMA_VERSION, **units, **shapes}
+
+    # -- layout
+    @cached_property
+    def _parts(self) -> tuple[tuple[bytes, Field], ...]:
+        """(constant bytes, field) in wire order; an empty packed array has no bytes at all."""
+        return tuple((head, field) for head, field in zip(self._heads, self.fields, strict=True) if field.count)
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of every message of this type."""
+        return sum(len(head) + _KINDS[f.kind][4] * f.count for head, f in self._parts)
+
+    @cached_property
+    def constants(self) -> tuple[tuple[int, bytes], ...]:
+        """(offset, bytes) of everything in the message that never changes."""
+        out, offset = [], 0
+        for head, field in self._parts:
+            out.append((offset, head))
+            offset += len(head) + _KINDS[field.kind][4] * field.count
+        return tuple(out)
+
+    @cached_property
+    def wire_dtype(self) -> np.dtype[np.void]:
+        """The message's own bytes as a structured type: values at their offsets, tags as gaps."""
+        names, formats, offsets, offset = [], [], [], 0
+        for head, field in self._parts:
+            offset += len(head)
+            names.append(field.name)
+            formats.append((_KINDS[field.kind][2], field.shape))
+            offsets.append(offset)
+            offset += _KINDS[field.kind][4] * field.count
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size})
+
+    @cached_property
+    def dtype(self) -> np.dtype[np.void]:
+        """What decoding gives: all fields, aligned."""
+        return np.dtype([(f.name, _KINDS[f.kind][2], f.shape) for f in self.fields], align=True)
+
+    # -- values
+    @cached_property
+    def _struct(self) -> struct.Struct:
+        return struct.Struct("<" + "".join(f"{len(h)}s{f.count}{_KINDS[f.kind][1]}" for h, f in self._parts))
+
+    def encode(self, t: float, values: Sequence[object]) -> bytes:
+        """The message's bytes; `values` are the fields after `t`, in order, arrays as (nested) sequences.
+
+        Raises `BadMessage` when a value does not fit its field.
+        """
+        if len(values) != len(self.fields) - 1:
+            raise BadMessage(f"{self.topic}: {len(values)} values given for the fields {', '.join(self.value_names)}")
+        arguments: list[object] = [self._heads[0], t]
+        for head, field, value in zip(self._heads[1:], self.fields[1:], values, strict=True):
+            if not field.shape:
+                arguments += (head, value)
+            else:
+                numbers = self._flat(field, value)
+                if field.count:
+                    arguments.append(head)
+                    arguments.extend(numbers)
+        try:
+            return self._struct.pack(*arguments)
+        except (struct.error, TypeError) as error:
+            raise BadMessage(f"{self.topic}: {error} in {dict(zip(self.value_names, values, strict=True))}") from error
+
+    @cached_property
+    def _heads(self) -> tuple[bytes, ...]:
+        return tuple(field.head(number) for number, field in enumerate(self.fields, 1))
+
+    def _flat(self, field: Field, value: object) -> Sequence[object]:
+        """The numbers of an array field, checked against its shape."""
+        if not isinstance(value, Sequence | np.ndarray) or len(value) != field.shape[0]:
+            raise BadMessage(f"{self.topic} {field.name}: {value!r} is not an array of shape {field.shape}")
+        if len(field.shape) == 1:
+            return value  # type: ignore[return-value]
+        if any(len(row) != field.shape[1] for row in value):
+            raise BadMessage(f"{self.topic} {field.name}: {value!r} is not an array of shape {field.shape}")
+        return [number for row in value for number in row]
+
+    @cached_property
+    def value_names(self) -> tuple[str, ...]:
+        """Names of the fields after `t`."""
+        return tuple(field.name for field in self.fields[1:])
+
+    def fits(self, raw: NDArray[np.uint8]) -> bool:
+        """Whether rows of bytes, shape (n, size), all have this layout (tags and lengths where they must be)."""
+        if raw.shape[1] != self.size:
+            return False
+        return all(bool((raw[:, at : at + len(c)] == np.frombuffer(c, np.uint8)).all()) for at, c in self.constants)
+
+    def decode(self, raw: bytes | memoryview | NDArray[np.uint8]) -> NDArray[np.void]:
+        """Messages laid end to end -> structured array of `dtype` (a copy). Call `fits` first on foreign bytes."""
+        wire = np.frombuffer(raw, self.wire_dtype)
+        out = np.zeros(len(wire), self.dtype)
+        for _, field in self._parts:
+            out[field.name] = wire[field.name]
+        return out
+
+
+_T = Field("t", "double", (), "s", "rig time, a whole number of nanoseconds")
+
+PRESSURE = MessageType(
+    "Pressure",
+    "/pressure",
+    (
+        _T,
+        Field("setpoint", "double", (9,), "Pa", "set-point the regulator confirmed, gauge, by chamber"),
+        Field("measured", "double", (9,), "Pa", "pressure at the regulator, gauge, by chamber"),
+    ),
+    "all chambers of the robot",
+)
+SPINE = MessageType(
+    "Spine",
+    "/spine",
+    (
+        _T,
+        Field("length", "double", (), "m"),
+        Field("speed", "double", (), "m/s"),
+        Field("goal", "double", (), "m", "length it was told to go to"),
+        Field("moving", "bool"),
+        Field("homed", "bool"),
+    ),
+    "the length unit",
+)
+VALVE = MessageType("Valve", "/valve", (_T, Field("on", "bool", doc="vacuum applied to the spine, read back")))
+VACUUM = MessageType("Vacuum", "/vacuum", (_T, Field("absolute", "double", (), "Pa", "pressure in the spine")))
+FORCE = MessageType(
+    "Force",
+    "/force",
+    (
+        _T,
+        Field("raw", "double", (6,), "N, N m", "as the sensor sends it: fx fy fz mx my mz, sensor frame"),
+        Field("zero", "double", (6,), "N, N m", "software zero to subtract"),
+    ),
+    "force-torque sensor",
+)
+ARM = MessageType(
+    "Arm",
+    "/arm",
+    (
+        _T,
+        Field("device_time", "double", (), "s", "the controller's own stamp"),
+        Field("joints", "double", (6,), "rad"),
+        Field("tcp_pose", "double", (6,), "m, rad", "position and rotation vector, arm base frame"),
+        Field("tcp_speed", "double", (6,), "m/s, rad/s", "arm base frame"),
+        Field("safety_bits", "fixed32"),
+        Field("program_running", "bool"),
+    ),
+    "state of the robot arm",
+)
+TIP = MessageType(
+    "Tip",
+    "/tip",
+    (
+        _T,
+        Field("device_time", "double", (), "s", "the camera system's own stamp"),
+        Field("frame", "sfixed64", doc="the camera system's frame number"),
+        Field("position", "double", (3,), "m", "base frame"),
+        Field("orientation", "double", (4,), "1", "w x y z, body in base frame"),
+        Field("marker_error", "double", (), "m"),
+        Field("valid", "bool", doc="False: not tracked, do not use the pose"),
+        Field("markers", "double", (0, 3), "m", "body markers, base frame; NaN where one was not seen"),
+    ),
+    "the tip as motion capture sees it",
+)
+
+STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, VACUUM, FORCE, ARM, TIP)}
+"""The streams of a recording with nine chambers and no body markers, by topic."""
+
+
+def streams(chambers: int = 9, markers: int = 0) -> dict[str, MessageType]:
+    """The streams of a recording, by topic, for a robot with so many chambers and tracked body markers."""
+    return STREAMS | {
+        "/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)),
+        "/tip": TIP.sized(markers=(markers, 3)),
+    }
