@@ -1,0 +1,32 @@
+"""The error tree of the model.
+
+    ModelError                      anything the model refuses or cannot do
+    |-- BadRobot       (ValueError)     the robot description is out of limits or contradicts itself
+    |-- BadCondition   (ValueError)     conditions or measurements of the wrong shape, not finite, or out of the robot's limits
+    |-- SolveFailed    (RuntimeError)   no trustworthy equilibrium was found for some states
+    `-- NotIdentified  (ValueError)     the data do not determine what is to be fitted
+
+Each message names the field, the value with its unit, the limit and what to do next.
+"""
+
+from __future__ import annotations
+
+
+class ModelError(Exception):
+    """Anything the model refuses or cannot do."""
+
+
+class BadRobot(ModelError, ValueError):
+    """The robot description is out of limits or contradicts itself."""
+
+
+class BadCondition(ModelError, ValueError):
+    """Conditions or measurements of the wrong shape, not finite, or out of the robot's limits."""
+
+
+class SolveFailed(ModelError, RuntimeError):
+    """No trustworthy equilibrium was found for some states."""
+
+
+class NotIdentified(ModelError, ValueError):
+    """The data do not determine what is to be fitted."""

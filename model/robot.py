@@ -1,0 +1,225 @@
+"""The robot as robot.yaml describes it: geometry, material, chambers, spine.
+
+Frame: the rod's z axis points from the base to the tip; chamber i sits at path_radius * (cos az, sin az, 0). SI units throughout;
+every field carries its unit in `json_schema_extra`, tables carry the unit of their keys as `key_unit`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
+
+from model.errors import BadRobot
+
+Array = NDArray[np.float64]
+Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": "m"})]
+Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e11, json_schema_extra={"unit": "Pa"})]
+Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
+
+
+def _form(value: object) -> str:
+    return "table" if isinstance(value, dict) else "number"
+
+
+NumberOrTable = Annotated[
+    Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")], Discriminator(_form)
+]
+
+
+class Chambers(BaseModel):
+    """The pressure chambers: equal round channels that run along the body."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
+        min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
+    )
+
+    @property
+    def area(self) -> float:
+        """Geometric cross-section of one chamber (A_norm of the paper), m^2."""
+        return math.pi * self.radius**2
+
+
+class Spine(BaseModel):
+    """The jammed growing spine; `modulus` is its apparent Young's modulus by spine length."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    modulus: dict[LengthKey, Modulus] = Field(min_length=1, json_schema_extra={"unit": "Pa", "key_unit": "m"})
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        return _sorted(self.modulus)
+
+    def modulus_at(self, spine_length: ArrayLike) -> Array:
+        """Young's modulus (Pa) at spine length (m): linear between table entries, the end entries beyond them.
+
+        It is held, not extrapolated, below the shortest length: the straight line through the paper's Table II turns
+        negative under 3 cm.
+        """
+        return np.interp(np.asarray(spine_length, float), *self._table)
+
+
+class Pose(BaseModel):
+    """Where the base sits in the world: position (m) and orientation (unit quaternion w, x, y, z)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    position: Vector3 = Field(json_schema_extra={"unit": "m"})
+    orientation: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = Field(
+        default=(1.0, 0.0, 0.0, 0.0), json_schema_extra={"unit": "1"}
+    )
+
+    @model_validator(mode="after")
+    def _unit_quaternion(self) -> Pose:
+        norm = math.sqrt(sum(q * q for q in self.orientation))
+        if abs(norm - 1) > 1e-3:
+            raise ValueError(f"orientation is a quaternion of norm {norm:.6g}, must be 1 within 0.001: normalise it")
+        return self
+
+
+class Robot(BaseModel):
+    """The soft robot of one case; see docs/model.md for how each value enters the equations."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(min_length=1, max_length=200)
+    length: FiniteFloat = Field(gt=0, le=5, json_schema_extra={"unit": "m"})
+    outer_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    inner_radius: FiniteFloat = Field(ge=0, le=1, json_schema_extra={"unit": "m"})
+    density: FiniteFloat = Field(ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3"})
+    youngs_modulus: FiniteFloat = Field(ge=1e3, le=1e11, json_schema_extra={"unit": "Pa"})
+    shear_modulus: FiniteFloat = Field(ge=1e2, le=1e11, json_schema_extra={"unit": "Pa"})
+    tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
+    gravity: tuple[
+        Annotated[FiniteFloat, Field(ge=-30, le=30)],
+        Annotated[FiniteFloat, Field(ge=-30, le=30)],
+        Annotated[FiniteFloat, Field(ge=-30, le=30)],
+    ] = Field(json_schema_extra={"unit": "m/s^2"})
+    chambers: Chambers
+    area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
+    spine: Spine | None = None
+    markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
+    base_to_world: Pose | None = None
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Robot:
+        problems = [*self._section_problems(), *self._length_problems()]
+        if problems:
+            raise ValueError("; ".join(problems))
+        return self
+
+    def _section_problems(self) -> list[str]:
+        inner, outer, chambers = self.inner_radius, self.outer_radius, self.chambers
+        if inner >= outer:
+            return [f"inner_radius {inner:g} m must be less than outer_radius {outer:g} m"]
+        found = []
+        # A chamber may touch the wall's surfaces (rounded drawings do), not cross them.
+        low, high = chambers.path_radius - chambers.radius, chambers.path_radius + chambers.radius
+        if low < inner * (1 - 1e-9) or high > outer * (1 + 1e-9):
+            found.append(
+                f"chambers reach from {low:g} to {high:g} m off the axis, the wall from inner_radius {inner:g} to "
+                f"outer_radius {outer:g} m: change chambers.path_radius or chambers.radius"
+            )
+        if self.spine is not None and self.spine.radius > inner * (1 + 1e-9):
+            found.append(f"spine.radius {self.spine.radius:g} m must not exceed inner_radius {inner:g} m")
+        return found
+
+    def _length_problems(self) -> list[str]:
+        found = [
+            f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length
+        ]
+        tables: dict[str, Mapping[float, float]] = {"spine.modulus": self.spine.modulus if self.spine else {}}
+        if isinstance(self.area_factor, dict):
+            tables["area_factor"] = self.area_factor
+            if not self.area_factor:
+                found.append("area_factor: the table is empty, give a number or at least one spine length")
+        for field, table in tables.items():
+            found += [
+                f"{field}: spine length {s:g} m is beyond length {self.length:g} m" for s in table if s > self.length
+            ]
+        return found
+
+    @cached_property
+    def _area_table(self) -> tuple[Array, Array]:
+        table = self.area_factor
+        return _sorted(table) if isinstance(table, dict) else (np.zeros(1), np.array([table]))
+
+    def area_factor_at(self, spine_length: ArrayLike) -> Array:
+        """A_effect / A_norm at spine length (m): linear between table entries, the end entries beyond them."""
+        return np.interp(np.asarray(spine_length, float), *self._area_table)
+
+    def with_area_factor(self, factor: float | Mapping[float, float]) -> Robot:
+        """The same robot with another area factor (number, or table spine length in m -> factor), checked again."""
+        value = dict(factor) if isinstance(factor, Mapping) else factor
+        return robot_from_dict({**self.model_dump(), "area_factor": value})
+
+
+def robot_from_dict(data: Mapping[str, Any]) -> Robot:
+    """A robot from plain numbers in SI units; raises `BadRobot` naming every field that is wrong."""
+    try:
+        return Robot.model_validate(dict(data))
+    except ValidationError as error:
+        raise BadRobot("\n".join(_line(e) for e in error.errors())) from error
+
+
+def load_robot(path: Path) -> Robot:
+    """Read a robot.yaml written in SI numbers; raises `BadRobot` naming the file and every field that is wrong."""
+    try:
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadRobot(f"{path}: cannot be read ({error.strerror}): check the path") from error
+    except yaml.YAMLError as error:
+        raise BadRobot(f"{path}: not valid YAML: {error}") from error
+    if not isinstance(data, dict):
+        raise BadRobot(f"{path}: holds no table of fields: start with `name:` and `length:`")
+    try:
+        return robot_from_dict(data)
+    except BadRobot as error:
+        raise BadRobot(f"{path}:\n{error}") from error
+
+
+def _sorted(table: Mapping[float, float]) -> tuple[Array, Array]:
+    keys = sorted(table)
+    return np.array(keys, float), np.array([table[k] for k in keys], float)
+
+
+def _line(error: Any) -> str:
+    field = ".".join(str(part) for part in error["loc"] if part not in ("number", "table", "[key]")) or "robot"
+    message = str(error["msg"]).removeprefix("Value error, ")
+    if error["type"] in ("missing", "value_error"):
+        return f"{field}: {message}"
+    unit = _unit_of(error["loc"])
+    return f"{field} = {error['input']!r}{' ' + unit if unit else ''}: {message}"
+
+
+def _unit_of(loc: tuple[int | str, ...]) -> str:
+    """The unit of the field an error points at, followed through the nested models."""
+    nested: dict[str, type[BaseModel]] = {"chambers": Chambers, "spine": Spine, "base_to_world": Pose}
+    owner: type[BaseModel] = Robot
+    if "[key]" in loc:
+        return "m"
+    unit = ""
+    for part in loc:
+        if not isinstance(part, str):
+            continue
+        info = owner.model_fields.get(part)
+        extra = info.json_schema_extra if info is not None else None
+        if isinstance(extra, dict):
+            unit = str(extra.get("unit", ""))
+        owner = nested.get(part, owner)
+    return "" if unit == "1" else unit

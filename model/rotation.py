@@ -1,0 +1,54 @@
+"""Unit quaternions (w, x, y, z) in batches: just what the solvers need."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """a b for (..., 4): first b, then a."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def from_vector(vector: Array) -> Array:
+    """The quaternion (..., 4) of a rotation vector (..., 3) in rad."""
+    half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
+    # sin(h) / (2 h), finite at h = 0
+    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vector], axis=-1)
+
+
+def unit(q: Array) -> Array:
+    """q (..., 4) scaled to norm 1."""
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def angle_between(a: Array, b: Array) -> Array:
+    """Angle (...) in rad, 0..pi, of the rotation that takes a to b."""
+    return 2 * np.arccos(np.clip(np.abs(np.sum(a * b, axis=-1)), 0, 1))
+
+
+def to_local(q: Array, vector: Array) -> Array:
+    """R(q)^T v: base-frame vectors (..., 3) in the frame of q (..., 4)."""
+    w, r = q[..., :1], -q[..., 1:]
+    t = 2 * np.cross(r, vector)
+    return vector + w * t + np.cross(r, t)
+
+
+def to_base(q: Array, vector: Array) -> Array:
+    """R(q) v: vectors (..., 3) in the frame of q (..., 4) in the base frame."""
+    w, r = q[..., :1], q[..., 1:]
+    t = 2 * np.cross(r, vector)
+    return vector + w * t + np.cross(r, t)
