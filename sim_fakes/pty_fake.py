@@ -1,7 +1,7 @@
 """A fake instrument on a serial line: a pty whose slave end the real client library opens.
 
-A fake is a device (state and physics, `process(dt)`) plus a wire interface (`answer`). Line time is simulated at the configured baud
-rate. Faults are set through `faults`, from a test or through the back door.
+A fake is a device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the
+configured baud rate. Faults are set through `faults`, from a test or through the back door.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import select
 import threading
 import time
 import tty
+from collections import deque
 from dataclasses import dataclass, field
 
 from .clock import SimClock
@@ -49,7 +50,7 @@ class Device:
 
 
 class PtyFake(threading.Thread):
-    """Serves one pty: collects bytes, hands complete requests to `answer`, sends what it returns."""
+    """Serves one pty: collects bytes, hands complete requests to `feed`, which answers with `send`."""
 
     def __init__(self, name: str, clock: SimClock, baud: int, seed: int = 0) -> None:
         super().__init__(name=f"fake-{name}", daemon=True)
@@ -58,10 +59,14 @@ class PtyFake(threading.Thread):
         self.faults = Faults()
         self.random = random.Random(seed)
         self.buffer = b""
+        self.requests: deque[bytes] = deque(maxlen=10_000)
+        """Complete requests in the order they came, for tests; each fake's `feed` appends its own."""
         self.lock = threading.RLock()
         self._master, self._slave = pty.openpty()
         tty.setraw(self._master)
         tty.setraw(self._slave)
+        # what nobody reads is lost, as on a real line; a blocking write would stop the fake for ever
+        os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
         self._running = True
         self._last_process = clock.now()
@@ -79,8 +84,11 @@ class PtyFake(threading.Thread):
         return None
 
     # -- the line
-    def send(self, answer: bytes) -> None:
-        """Put an answer on the line, at line speed, through the faults."""
+    def send(self, answer: bytes, line_time: bool = True) -> None:
+        """Put an answer on the line, at line speed, through the faults.
+
+        `line_time` False does not wait for the bytes to pass: for a stream whose pace is kept by `idle`.
+        """
         f = self.faults
         if f.silent:
             return
@@ -92,7 +100,8 @@ class PtyFake(threading.Thread):
         if f.truncate:
             answer = answer[: len(answer) // 2]
         answer = f.garbage + answer
-        time.sleep(len(answer) * self.byte_time)
+        if line_time:
+            time.sleep(len(answer) * self.byte_time)
         pieces = [answer[: len(answer) // 2], answer[len(answer) // 2 :]] if f.split else [answer]
         for i, piece in enumerate(pieces):
             if i:

@@ -1,0 +1,58 @@
+"""What a pressure regulator may be told: a range, and how fast a set-point may move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from .errors import LimitExceeded
+from .interfaces import Clock
+
+LONGEST_CREDIT = 1.0
+"""Rig seconds of pause that count for the rate limit: after a longer pause a set-point moves by one second's worth."""
+
+
+class PressureLimits:
+    """Clips set-points (Pa gauge) to 0..max_pressure and to max_rate (Pa/s of the rig's clock) since the previous set.
+
+    The rate is judged on the values allowed before, not on what the instrument made of them: rounding to its steps
+    would otherwise hold a slow ramp at its start for ever.
+    """
+
+    def __init__(self, name: str, channels: int, max_pressure: float, max_rate: float, clock: Clock) -> None:
+        self.name = name
+        self.max_pressure = max_pressure
+        self.max_rate = max_rate
+        self._clock = clock
+        self._allowed = [0.0] * channels
+        self._at = clock.now()
+
+    def start_from(self, setpoints: Sequence[float]) -> None:
+        """Take set-points (Pa) that the instrument holds as the ones from which the rate is judged."""
+        self._allowed = list(setpoints)
+        self._at = self._clock.now()
+
+    def allow(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """The pressures (Pa) after clipping; starts the time of the next step.
+
+        Raises `LimitExceeded` for a wrong number of values or one that is not finite.
+        """
+        if len(pressures) != len(self._allowed):
+            raise LimitExceeded(
+                self.name, f"{len(pressures)} pressures for {len(self._allowed)} channels; give one a channel, in Pa"
+            )
+        for channel, pressure in enumerate(pressures):
+            if not math.isfinite(pressure):
+                raise LimitExceeded(
+                    self.name,
+                    f"channel {channel + 1}: {pressure} Pa is no pressure; give 0 to {self.max_pressure:g} Pa",
+                )
+        now = self._clock.now()
+        step = self.max_rate * min(LONGEST_CREDIT, max(0.0, now - self._at))
+        self._at = now
+        slow = (min(old + step, max(old - step, float(p))) for p, old in zip(pressures, self._allowed, strict=True))
+        return tuple(min(self.max_pressure, max(0.0, p)) for p in slow)
+
+    def sent(self, channel: int, pressure: float) -> None:
+        """The instrument took this value (Pa, as `allow` gave it or 0 at a vent)."""
+        self._allowed[channel] = pressure
