@@ -15,7 +15,8 @@ Writing (one Recorder a run; `push` from any thread):
 
 Reading:
 
-    recording = Recording.open(path)                    .topics .stream("/tip")["position"] .attachments .metadata .log .states .trials
+    recording = Recording.open(path)                    .topics .attachments .metadata .log .states .trials
+    recording.stream("/tip")["position"]                numpy structured arrays, fields as in messages.py
     table_of(recording) -> Table                        rows as they were concluded live
     replay(path) -> Table                               rows concluded again from the samples; equal to the last bit
     read_csv(path) -> Table; table.write_csv(path)      trials.csv

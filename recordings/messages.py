@@ -1,8 +1,9 @@
 """The definition of every message in a recording: one place from which schema, encoder and decoder are made.
 
-A stream's message has a fixed layout: protobuf (proto2) whose fields are always present, numbers of fixed width, arrays packed with
-a fixed count. Its bytes are therefore a struct: tags and lengths are constant, values sit at constant offsets. Any protobuf decoder
-reads it by the schema in the file; this module also writes it with `struct` and reads thousands at once with numpy.
+A stream's message has a fixed layout: protobuf (proto2) whose fields are always present, numbers of fixed width, arrays
+packed with a fixed count. Its bytes are therefore a struct: tags and lengths are constant, values sit at constant
+offsets. Any protobuf decoder reads it by the schema in the file; this module also writes it with `struct` and reads
+thousands at once with numpy.
 Two sizes belong to a recording rather than to the schema: the number of chambers and of body markers.
 
 Every message begins with `t`: rig time in seconds, a whole number of nanoseconds.
@@ -10,6 +11,7 @@ Every message begins with `t`: rig time in seconds, a whole number of nanosecond
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +48,7 @@ def _varint(value: int) -> bytes:
 
 @dataclass(frozen=True)
 class Field:
-    """One field: `shape` () is a number, (n,) or (n, m) an array of fixed size. `kind` is a protobuf type of fixed width."""
+    """One field, of a protobuf type of fixed width: `shape` () is a number, (n,) or (n, m) an array of fixed size."""
 
     name: str
     kind: str
@@ -54,10 +56,10 @@ class Field:
     unit: str = ""
     doc: str = ""
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Numbers in the field."""
-        return int(np.prod(self.shape, dtype=int))
+        return math.prod(self.shape)
 
     def head(self, number: int) -> bytes:
         """The constant bytes in front of the value: tag, and length where the field is an array."""
@@ -182,13 +184,14 @@ class MessageType:
 
     def _flat(self, field: Field, value: object) -> Sequence[object]:
         """The numbers of an array field, checked against its shape."""
-        if not isinstance(value, Sequence | np.ndarray) or len(value) != field.shape[0]:
+        try:
+            rows = list(value)  # type: ignore[call-overload]
+            numbers = rows if len(field.shape) == 1 else [number for row in rows for number in row]
+        except TypeError:
+            rows, numbers = [], None
+        if numbers is None or len(rows) != field.shape[0] or len(numbers) != field.count:
             raise BadMessage(f"{self.topic} {field.name}: {value!r} is not an array of shape {field.shape}")
-        if len(field.shape) == 1:
-            return value  # type: ignore[return-value]
-        if any(len(row) != field.shape[1] for row in value):
-            raise BadMessage(f"{self.topic} {field.name}: {value!r} is not an array of shape {field.shape}")
-        return [number for row in value for number in row]
+        return numbers
 
     @cached_property
     def value_names(self) -> tuple[str, ...]:
