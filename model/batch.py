@@ -1,7 +1,7 @@
 """What a rod solver takes and gives: n rods at once, plain arrays, no knowledge of chambers or spines.
 
-Every rod has two parts of constant stiffness: the inner part from the base to `joint` (where the spine ends) and the outer part
-from there to the tip. Any solver of this shape can stand in for another.
+Every rod has two parts of constant stiffness: the inner part from the base to `joint` (where the spine ends) and
+the outer part from there to the tip. Any solver of this shape can stand in for another.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ class Status(IntEnum):
     """How the solution of a rod came about."""
 
     SOLVED = 0
-    """Converged, and on the branch that grows from the unloaded rod as far as the shooting determinant can tell."""
+    """Converged, on the near side of every buckling point."""
     SOLVED_IN_STEPS = 1
     """Same, after following the load from zero in steps."""
     OTHER_BRANCH = 2
-    """An equilibrium was found, but not on that branch (the rod snaps on the way): no tip is given."""
+    """An equilibrium was found, but the rod buckles or snaps before it gets there: no tip is given."""
     FAILED = 3
     """No equilibrium was found: no tip is given."""
 
 
 @dataclass(frozen=True)
 class RodBatch:
-    """n rods and their loads. Base frame unless said otherwise; axes of the tip frame are the rows' own body axes there."""
+    """n rods and their loads, in the base frame unless said otherwise."""
 
     length: Array
     """(n,) m."""

@@ -81,8 +81,10 @@ def conditions(
     tip_mass: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
 ) -> Condition:
-    """States of `robot` from numbers or arrays that broadcast over n: spine_length (m), pressure (..., chambers) (Pa gauge),
-    tip_mass (kg, the robot's own when None), roll (rad). Raises `BadCondition`."""
+    """States of `robot` from numbers or arrays that broadcast over n; raises `BadCondition`.
+
+    spine_length in m, pressure (..., chambers) in Pa gauge, tip_mass in kg (the robot's own when None), roll in rad.
+    """
     p = np.atleast_2d(_floats("pressure", pressure))
     rows = {
         "spine_length": _floats("spine_length", spine_length),

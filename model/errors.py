@@ -2,7 +2,7 @@
 
     ModelError                      anything the model refuses or cannot do
     |-- BadRobot       (ValueError)     the robot description is out of limits or contradicts itself
-    |-- BadCondition   (ValueError)     conditions or measurements of the wrong shape, not finite, or out of the robot's limits
+    |-- BadCondition   (ValueError)     conditions or measurements of the wrong shape, not finite, or off limits
     |-- SolveFailed    (RuntimeError)   no trustworthy equilibrium was found for some states
     `-- NotIdentified  (ValueError)     the data do not determine what is to be fitted
 

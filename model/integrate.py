@@ -1,7 +1,8 @@
 """Rod equations integrated from the tip to the base, many rods at once, by SciPy's DOP853.
 
-With the tip's orientation guessed, the loads there are known, so this is an initial value problem. Everything is bounded on the
-way (forces only turn and collect weight), which makes it far better behaved than shooting from the base.
+With the tip's orientation guessed, the loads there are known, so this is an initial value problem. Everything is
+bounded on the way (forces only turn and collect weight), which makes it far better behaved than shooting from the
+base.
 
 Body frame, arc length s (equations 1 and 2 of the paper, n and m written in the turning frame):
     p' = R v,  q' = q (0, u) / 2,  n' = -u x n - R^T f,  m' = -u x m - v x n,  v = n / K_se + e3,  u = m / K_bt + u*
@@ -44,7 +45,7 @@ class Swept:
 def sweep(rods: RodBatch, tip_orientation: Array, tolerance: float, arc_lengths: Array | None = None) -> Swept:
     """Integrate all rods from the tip, where the orientation (n, 4) is given, to the base.
 
-    `tolerance` is the relative one of the integrator (RMS over the batch). `arc_lengths` (k,) in m get positions in `shape`.
+    `tolerance` is the relative one of the integrator (RMS over the batch); `arc_lengths` (k,) in m fill `shape`.
     """
     n = len(rods)
     wanted = np.zeros(0) if arc_lengths is None else np.asarray(arc_lengths, float)

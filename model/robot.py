@@ -1,7 +1,7 @@
 """The robot as robot.yaml describes it: geometry, material, chambers, spine.
 
-Frame: the rod's z axis points from the base to the tip; chamber i sits at path_radius * (cos az, sin az, 0). SI units throughout;
-every field carries its unit in `json_schema_extra`, tables carry the unit of their keys as `key_unit`.
+Frame: the rod's z axis points from the base to the tip; chamber i sits at path_radius * (cos az, sin az, 0).
+SI units throughout; every field carries its unit in `json_schema_extra`, a table also that of its keys as `key_unit`.
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@
     result = solve(robot, conditions(robot, spine_length=0.1, pressure=[...]))
     result.tip, result.orientation, result.ok
 
-Method: shooting from the tip on its orientation (three unknowns). The first guess is the rod bent by its chambers alone, which is
-exact without dead loads. Newton at a loose tolerance brings each rod close, then steps with the Jacobian kept polish it at 1e-11.
-A rod that does not converge, or lands on an equilibrium whose shooting determinant has the wrong sign, is followed from zero load
-in steps; what still fails is flagged and holds NaN.
+Method: shooting from the tip on its orientation (three unknowns). The first guess is the rod bent by its chambers
+alone, which is exact without dead loads. Newton at a loose tolerance brings each rod close, then steps with the
+Jacobian kept polish it at 1e-11. A rod that does not converge, or lands on an equilibrium beyond a buckling point,
+is followed from zero load in steps; what still fails is flagged and holds NaN.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ SNAP = 0.8
 def solve(robot: Robot, condition: Condition, arc_lengths: ArrayLike = ()) -> RodResult:
     """Equilibrium of every state; `arc_lengths` (k,) in m get positions in `shape`.
 
-    Raises `BadCondition` when the states do not fit the robot; a state without trusted equilibrium is flagged in `status`.
+    A state without trusted equilibrium is flagged in `status`. Raises `BadCondition` when the states do not fit the
+    robot.
     """
     arcs = np.asarray(arc_lengths, float).reshape(-1)
     if arcs.size and not (np.isfinite(arcs).all() and arcs.min() >= 0 and arcs.max() <= robot.length * (1 + 1e-9)):
@@ -74,8 +75,7 @@ def _solve_chunk(batch: RodBatch, arcs: Array) -> RodResult:
     tip = _bent_by_chambers(batch)
     tip, jacobian, near = _approach(batch, tip)
     tip, converged = _polish(batch, tip, jacobian, near)
-    right_side = np.linalg.det(jacobian) > 0
-    status = np.where(converged & right_side, Status.SOLVED, Status.FAILED).astype(np.int8)
+    status = np.where(converged & _unbuckled(jacobian, tip), Status.SOLVED, Status.FAILED).astype(np.int8)
     retry = np.flatnonzero(status != Status.SOLVED)
     if retry.size:
         tip[retry], followed = _follow_load(batch.take(retry))
@@ -146,6 +146,17 @@ def _newton_step(tip: Array, jacobian: Array, missed: Array) -> Array:
     return unit(multiply(tip, from_vector(turn * np.minimum(1.0, LONGEST_STEP / np.maximum(size, LONGEST_STEP)))))
 
 
+def _unbuckled(jacobian: Array, tip: Array) -> Mask:
+    """Which rods lie on the near side of every buckling or snapping point.
+
+    A small turn of the tip, seen in the base frame, turns the base by the same amount when the rod carries no dead
+    load: the Jacobian is then the identity. An eigenvalue through zero is a point where equilibria meet.
+    Eigenvalues and not the determinant are looked at, because a straight rod buckles in two planes at once.
+    """
+    seen_from_base = to_base(tip[:, None, :], jacobian)
+    return np.linalg.eigvals(seen_from_base).real.min(axis=1) > 0
+
+
 def _follow_load(batch: RodBatch) -> tuple[Array, Mask]:
     """Grow all loads from zero in steps; returns tip orientation and which rods stayed on their branch to the end."""
     alive = np.ones(len(batch), bool)
@@ -156,7 +167,7 @@ def _follow_load(batch: RodBatch) -> tuple[Array, Mask]:
         if not rows.size:
             break
         reached, jacobian[rows], near = _approach(batch.take(rows).loaded(step / LOAD_STEPS), tip[rows])
-        stayed = near & (np.linalg.det(jacobian[rows]) > 0) & (angle_between(reached, tip[rows]) < SNAP)
+        stayed = near & _unbuckled(jacobian[rows], reached) & (angle_between(reached, tip[rows]) < SNAP)
         tip[rows] = reached
         alive[rows] = stayed
     return _polish(batch, tip, jacobian, alive)

@@ -1,8 +1,8 @@
 """From the robot and its conditions to the rod: areas, stiffness, actuation.
 
-Equation numbers are those of the paper. Choices where it leaves room (see docs/model.md): area and second moments are those of the
-annulus, chambers not subtracted, with and without spine; the weight is the body's alone; the shear modulus of the part with spine
-keeps the ratio to Young's modulus that the body has.
+Equation numbers are those of the paper. Choices where it leaves room (see docs/model.md): area and second moments
+are those of the annulus, chambers not subtracted, with and without spine; the weight is the body's alone; the shear
+modulus of the part with spine keeps the ratio to Young's modulus that the body has.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def annulus_second_moment(outer_radius: float, inner_radius: float = 0.0) -> flo
 def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:
     """E_eq (Pa) of the part that holds the spine, eq. 10, at spine length (m).
 
-    Volumes are taken over that part: V_c the annulus, V_s the spine, V_total their sum. Without a spine (length 0) it is the
-    body's own modulus.
+    Volumes are taken over that part: V_c the annulus, V_s the spine, V_total their sum. At length 0 it is the
+    body's own.
     """
     length = np.asarray(spine_length, float)
     if robot.spine is None:
