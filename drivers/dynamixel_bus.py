@@ -1,0 +1,180 @@
+"""One Dynamixel servo (Protocol 2.0) as registers that are read and written, by dynamixel-sdk.
+
+Every exchange is repeated a few times when the line was silent or noisy (register writes are absolute, so repeating one
+is harmless); what remains is one of the drivers' errors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeVar
+
+import serial
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
+
+from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+
+ATTEMPTS = 3
+CRC_REFUSED = 3
+"""Error number of a servo that received a damaged instruction: worth repeating, unlike the other refusals."""
+ALERT = 0x80
+REFUSALS = {
+    1: "it could not process the instruction",
+    2: "undefined instruction",
+    3: "the instruction arrived damaged (CRC)",
+    4: "value out of range",
+    5: "wrong data length",
+    6: "value beyond the limit set in the servo",
+    7: "register not accessible (read-only, undefined, or locked while torque is on)",
+}
+T = TypeVar("T")
+Exchange = tuple[T, int, int]
+"""Value, communication result, error byte: how the SDK answers."""
+
+
+class Register(NamedTuple):
+    """An entry of the control table."""
+
+    address: int
+    size: int
+    signed: bool = False
+
+
+class _Port(PortHandler):  # type: ignore[misc]
+    """The SDK's port with a time-out of our own (s), monotonic time, waits instead of spinning, and one owner."""
+
+    def __init__(self, port: str, timeout: float) -> None:
+        super().__init__(port)
+        self.timeout = timeout
+
+    def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802 (the SDK's name)
+        self.ser = serial.Serial(
+            self.port_name, cflag_baud, timeout=0.005, write_timeout=max(0.1, self.timeout), exclusive=True
+        )
+        self.is_open = True
+        self.tx_time_per_byte = 10_000.0 / cflag_baud
+        return True
+
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
+        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1000.0 * self.timeout)
+
+    def getCurrentTime(self) -> float:  # noqa: N802
+        return 1000.0 * time.monotonic()
+
+
+class Servo:
+    """The registers of one servo. `alert` is the hardware-error bit of the last answer."""
+
+    def __init__(self, name: str, port: str, baud: int, servo_id: int, timeout: float) -> None:
+        """`timeout` (s, host time) bounds each answer beyond its time on the line; an exchange is tried three times."""
+        self.name = name
+        self.id = servo_id
+        self.baud = baud
+        self.alert = False
+        self._path = port
+        self._timeout = timeout
+        self._port: _Port | None = None
+        self._packets = Protocol2PacketHandler()
+        self._lock = threading.RLock()
+
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`."""
+        return self._port is not None
+
+    def open(self) -> None:
+        """Open the serial port. Raises `Unreachable`."""
+        port = _Port(self._path, self._timeout)
+        try:
+            port.setBaudRate(self.baud)
+        except (OSError, ValueError, termios.error) as e:
+            raise Unreachable(
+                self.name,
+                f"cannot open {self._path} at {self.baud} Bd ({e}); check the USB adapter, the port in rig.yaml, and "
+                "that no other program has it open",
+            ) from e
+        self._port = port
+
+    def close(self) -> None:
+        """Close the serial port; never raises, may be called twice."""
+        port, self._port = self._port, None
+        if port is not None:
+            with contextlib.suppress(OSError, termios.error):
+                port.closePort()
+
+    def ping(self) -> int:
+        """The model number. Raises `NoReply` when nobody with this id answers."""
+        return self._exchange("ping", lambda port: self._packets.ping(port, self.id))
+
+    def read(self, register: Register) -> int:
+        """Value of a register, signed where it is defined so."""
+        data = self.read_block(register.address, register.size)
+        return int.from_bytes(data, "little", signed=register.signed)
+
+    def read_block(self, address: int, size: int) -> bytes:
+        """`size` bytes of neighbouring registers."""
+        what = f"read of {size} bytes at {address}"
+        data = bytes(self._exchange(what, lambda port: self._packets.readTxRx(port, self.id, address, size)))
+        if len(data) != size:
+            raise BadReply(self.name, f"{what} returned {len(data)} bytes; check the cable and the ids on the bus")
+        return data
+
+    def write(self, register: Register, value: int) -> None:
+        """Write one register; a refusal raises `BadReply` with the servo's reason."""
+        self.write_block(register.address, value.to_bytes(register.size, "little", signed=register.signed))
+
+    def write_block(self, address: int, data: bytes) -> None:
+        """Write neighbouring registers with one instruction."""
+        self._exchange(
+            f"write of {data.hex(' ')} at {address}",
+            lambda port: (None, *self._packets.writeTxRx(port, self.id, address, len(data), list(data))),
+        )
+
+    def reboot(self) -> None:
+        """Restart the servo: clears a latched hardware error; torque goes off and the turn count is lost."""
+        self._exchange("reboot", lambda port: (None, *self._packets.reboot(port, self.id)), attempts=1)
+
+    def _exchange(self, what: str, call: Callable[[_Port], Exchange[T]], attempts: int = ATTEMPTS) -> T:
+        """Do one request and its answer, again after silence or noise."""
+        with self._guarded() as port:
+            for _ in range(attempts):
+                port.is_using = False  # the SDK leaves it set after an exception
+                try:
+                    value, result, error = call(port)
+                except IndexError:  # the SDK trips over an answer that is shorter than it should be
+                    value, result, error = None, COMM_RX_CORRUPT, 0
+                if result == COMM_SUCCESS and error & ~ALERT != CRC_REFUSED:
+                    break
+        where = f"id {self.id} on {self._path} at {self.baud} Bd"
+        if result == COMM_RX_CORRUPT:
+            raise BadReply(
+                self.name, f"damaged answer from {where} to a {what}, {attempts} times; check cable and baud rate"
+            )
+        if result != COMM_SUCCESS:
+            reason = self._packets.getTxRxResult(result)
+            raise NoReply(
+                self.name, f"no answer from {where} to a {what} ({reason}); check the servo's power, id and baud rate"
+            )
+        self.alert = bool(error & ALERT)
+        if refusal := error & ~ALERT:
+            raise BadReply(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
+        return value  # type: ignore[return-value]
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[_Port]:
+        """The open port under the lock, with failures of the line as the drivers' errors."""
+        with self._lock:
+            if self._port is None:
+                raise NotReady(self.name, f"{self._path} is not open; call open() first")
+            try:
+                yield self._port
+            except (OSError, termios.error) as e:
+                if isinstance(e, InstrumentError):
+                    raise
+                raise Unreachable(
+                    self.name, f"lost {self._path} ({e}); check its plug and power, then open it again"
+                ) from e

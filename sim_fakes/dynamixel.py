@@ -1,0 +1,348 @@
+"""Fake Dynamixel X servo (Protocol 2.0) that winds the spine's cord on a drum.
+
+Stricter than the device: registers are read and written whole, undefined addresses are refused, EEPROM is locked while
+torque is on, values are checked against their ranges.
+
+Faults by name in `faults.extra`:
+- "stuck" (bool): the shaft does not turn and draws no current, as with a broken gear.
+- "nak" (int): every write is refused with this error number.
+- "wrong_id" (bool): answers carry the next id.
+- "hardware_error" (int): these bits are set in register 70 at the next step, and torque drops.
+- "restart" (bool): the supply fails for an instant: torque off, watchdog off, turns forgotten.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from dataclasses import dataclass
+
+from .clock import SimClock
+from .plant import Plant
+from .pty_fake import Device, PtyFake
+
+HEADER = b"\xff\xff\xfd\x00"
+PING, READ, WRITE, REBOOT, STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
+INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = 2, 3, 4, 5, 6, 7
+ALERT = 0x80
+OVERLOAD = 1 << 5
+COUNTS = 4096
+RPM = 0.229
+AMPERE = 2.69e-3
+OVERLOAD_CURRENT = 0.9 / AMPERE
+OVERLOAD_TIME = 1.0
+"""s of rig time at more than the overload current."""
+NO_LOAD_SPEED = 46.0
+"""rpm"""
+FRICTION = 25.0
+"""Raw current that turning alone takes."""
+STIFFNESS = 0.9
+"""Raw current per count of position error."""
+LAG = 0.02
+"""Time by which the shaft follows its trajectory, s."""
+STEP = 0.005
+"""Longest step of the physics, s."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """One entry of the control table with what may be written into it; `low > high` marks a read-only one."""
+
+    size: int
+    low: int = 1
+    high: int = 0
+
+
+REGISTERS = {
+    0: Register(2), 2: Register(4), 6: Register(1), 7: Register(1, 0, 252), 8: Register(1, 0, 7),
+    9: Register(1, 0, 254), 10: Register(1, 0, 13), 11: Register(1, 0, 16),
+    20: Register(4, -1044479, 1044479), 24: Register(4, 0, 1023),
+    31: Register(1, 0, 100), 32: Register(2, 95, 160), 34: Register(2, 95, 160), 36: Register(2, 0, 885),
+    38: Register(2, 0, 1193), 44: Register(4, 0, 1023), 48: Register(4, 0, 4095), 52: Register(4, 0, 4095),
+    63: Register(1, 0, 255), 64: Register(1, 0, 1), 65: Register(1, 0, 1), 68: Register(1, 0, 2), 69: Register(1),
+    70: Register(1), 98: Register(1, 0, 127), 100: Register(2, -885, 885), 102: Register(2, -1193, 1193),
+    104: Register(4, -1023, 1023), 108: Register(4, 0, 32767), 112: Register(4, 0, 32767),
+    116: Register(4, -1048575, 1048575), 120: Register(2), 122: Register(1), 123: Register(1), 124: Register(2),
+    126: Register(2), 128: Register(4), 132: Register(4), 136: Register(4), 140: Register(4), 144: Register(2),
+    146: Register(1),
+}  # fmt: skip
+EEPROM_END = 64
+GOALS = (100, 102, 104, 116)
+"""Read-only while the bus watchdog is tripped."""
+MODES = (0, 1, 3, 4, 5, 16)
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16 of Protocol 2.0: polynomial 0x8005, start 0, most significant bit first."""
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x8005 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+def stuffed(body: bytes) -> bytes:
+    """Break up what looks like a header inside a packet."""
+    return body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+
+
+def unstuffed(body: bytes) -> bytes:
+    """Undo `stuffed`."""
+    return body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+
+
+class DrumMotor(Device):
+    """Servo, drum and end stops: what happens behind the control table."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        metres_per_turn: float,
+        direction: int,
+        start_length: float,
+        mechanical_length: float,
+        model: int,
+    ) -> None:
+        self.plant = plant
+        self.length = start_length
+        """Cord paid out, m; 0 at the retracted end stop."""
+        self.mechanical_length = mechanical_length
+        self.stuck = False
+        self._counts_per_metre = direction * COUNTS / metres_per_turn
+        self._offset = 1234 - round(start_length * self._counts_per_metre)
+        self._trajectory = float(self.counts)
+        self._overloaded_for = 0.0
+        self._tick = 0.0
+        self.last_instruction = time.monotonic()
+        self.table = bytearray(147)
+        self._defaults(model)
+        plant.spine_drive = start_length
+
+    @property
+    def counts(self) -> int:
+        """Present position as the encoder counts it."""
+        return self._offset + round(self.length * self._counts_per_metre)
+
+    def place(self, counts: int) -> None:
+        """Back door: let the encoder count from somewhere else (standing still)."""
+        self._offset += counts - self.counts
+        self._hold()
+
+    def get(self, address: int) -> int:
+        """Signed value of a register."""
+        size = REGISTERS[address].size
+        return int.from_bytes(self.table[address : address + size], "little", signed=size > 1)
+
+    def put(self, address: int, value: int) -> None:
+        """Set a register, read-only or not."""
+        size = REGISTERS[address].size
+        self.table[address : address + size] = (value & (1 << 8 * size) - 1).to_bytes(size, "little")
+
+    def wrote(self, address: int) -> None:
+        """Consequences of a write into a register."""
+        if address == 64 and self.get(64):
+            self._trajectory = float(self.counts)
+        if address == 11:
+            self.put(102, self.get(38))
+
+    def fail(self, bits: int) -> None:
+        """Set hardware error bits; the shutdown drops the torque."""
+        self.put(70, self.get(70) | bits)
+        self.put(64, 0)
+
+    def restart(self) -> None:
+        """Volatile registers back to their start values; the encoder knows the angle within a turn only."""
+        self._offset -= self.counts // COUNTS * COUNTS
+        for address in (64, 70, 98, 104, 108, 112):
+            self.put(address, 0)
+        self.put(100, 885)
+        self.put(102, self.get(38))
+        self._overloaded_for = 0.0
+        self._hold()
+
+    def process(self, dt: float) -> None:
+        """Advance by dt seconds of rig time; the bus watchdog looks at host time."""
+        self._check_watchdog()
+        start = self.length
+        remaining = dt
+        while remaining > 0:
+            self._step(min(STEP, remaining))
+            remaining -= STEP
+        self._tick += 1000 * dt
+        velocity = (self.length - start) * self._counts_per_metre / dt if dt > 0 else 0.0
+        self.put(120, int(self._tick) % 32768)
+        self.put(122, abs(velocity) > 10)
+        self.put(123, (abs(self.get(116) - self.counts) < 20) | (abs(self.get(116) - self._trajectory) > 1) << 1)
+        self.put(128, round(velocity / COUNTS * 60 / RPM))
+        self.put(132, self.counts)
+        self.put(140, round(self._trajectory))
+        self.plant.spine_drive = self.length
+
+    def _step(self, dt: float) -> None:
+        if not self.get(64):
+            self._trajectory = float(self.counts)
+            self.put(126, 0)
+            return
+        profile = self.get(112) or round(NO_LOAD_SPEED / RPM)
+        reach = min(profile * RPM, NO_LOAD_SPEED) / 60 * COUNTS * dt
+        self._trajectory += min(max(self.get(116) - self._trajectory, -reach), reach)
+        position = self._offset + self.length * self._counts_per_metre
+        error = self._trajectory - position
+        fastest = NO_LOAD_SPEED / 60 * COUNTS
+        velocity = min(max(error / LAG, -fastest), fastest)
+        if not (self.stuck or self.plant.spine_blocked):
+            moved = self.length + velocity * dt / self._counts_per_metre
+            self.length = min(max(moved, 0.0), self.mechanical_length)
+        allowed = min(abs(self.get(102)), self.get(38))
+        push = 0.0 if self.stuck or abs(error) < 2 else STIFFNESS * error + (FRICTION if error > 0 else -FRICTION)
+        current = min(max(push, -allowed), allowed)
+        self.put(126, round(current))
+        self._overloaded_for = self._overloaded_for + dt if abs(current) >= OVERLOAD_CURRENT else 0.0
+        if self._overloaded_for > OVERLOAD_TIME:
+            self.fail(OVERLOAD)
+
+    def _check_watchdog(self) -> None:
+        limit = self.table[98]
+        if self.get(64) and 1 <= limit <= 127 and time.monotonic() - self.last_instruction > 0.02 * limit:
+            self.table[98] = 0xFF
+            self._hold()
+
+    def _hold(self) -> None:
+        self.put(132, self.counts)
+        self.put(116, self.counts)
+        self._trajectory = float(self.counts)
+
+    def _defaults(self, model: int) -> None:
+        factory = {0: model, 6: 45, 7: 1, 8: 1, 9: 250, 11: 3, 24: 10, 31: 80, 32: 160, 34: 95, 36: 885, 38: 1193,
+                   44: 200, 48: 4095, 63: 52, 68: 2, 100: 885, 102: 1193, 144: 120, 146: 31}  # fmt: skip
+        for address, value in factory.items():
+            self.put(address, value)
+        self._hold()
+
+
+class DynamixelFake(PtyFake):
+    """The servo's wire: Protocol 2.0 packets for one id; other ids meet silence."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        clock: SimClock,
+        metres_per_turn: float = 0.1,
+        direction: int = 1,
+        start_length: float = 0.03,
+        mechanical_length: float = 0.4,
+        model: int = 1020,
+        servo_id: int = 1,
+        baud: int = 57600,
+        seed: int = 0,
+    ) -> None:
+        """Lengths in m; `direction` 1 when counts grow with the spine; model 1020 is an XM430-W350."""
+        super().__init__("dynamixel", clock, baud, seed)
+        self.motor = DrumMotor(plant, metres_per_turn, direction, start_length, mechanical_length, model)
+        self.motor.table[7] = servo_id
+        self.log: list[tuple[int, bytes]] = []
+        """Instruction and parameters of every packet understood."""
+        self.bytes_received = 0
+
+    def process(self, dt: float) -> None:
+        extra = self.faults.extra
+        self.motor.stuck = bool(extra.get("stuck"))
+        if bits := self._number("hardware_error"):
+            del extra["hardware_error"]
+            self.motor.fail(bits)
+        if extra.pop("restart", False):
+            self.motor.restart()
+        self.motor.process(dt)
+
+    def feed(self) -> bool:
+        start = self.buffer.find(HEADER)
+        if start < 0:
+            return False
+        packet = self.buffer[start:]
+        if len(packet) < 7:
+            return False
+        end = 7 + int.from_bytes(packet[5:7], "little")
+        if len(packet) < end:
+            return False
+        packet, self.buffer = packet[:end], packet[end:]
+        self.bytes_received += start + end
+        if packet[4] != self.motor.table[7]:
+            return True
+        if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
+            self._status(CRC_ERROR)
+            return True
+        self.motor.last_instruction = time.monotonic()
+        body = unstuffed(packet[7:-2])
+        self._answer(body[0], body[1:])
+        return True
+
+    def _number(self, fault: str) -> int:
+        value = self.faults.extra.get(fault)
+        return value if isinstance(value, int) else 0
+
+    def _answer(self, instruction: int, params: bytes) -> None:
+        self.log.append((instruction, params))
+        if instruction == PING and not params:
+            self._status(0, bytes(self.motor.table[0:2]) + bytes(self.motor.table[6:7]))
+        elif instruction == READ and len(params) == 4:
+            address, size = struct.unpack("<HH", params)
+            error = 0 if self._registers(address, size) else ACCESS_ERROR
+            self._status(error, bytes(self.motor.table[address : address + size]) if not error else b"")
+        elif instruction == WRITE and len(params) > 2:
+            self._status(self._write(int.from_bytes(params[:2], "little"), params[2:]))
+        elif instruction == REBOOT and not params:
+            self._status(0)
+            self.motor.restart()
+        else:
+            self._status(INSTRUCTION_ERROR)
+
+    def _registers(self, address: int, size: int) -> list[int]:
+        """Addresses of the whole registers that fill this range exactly; empty when something in it is undefined."""
+        found, at = [], address
+        while at < address + size:
+            if at not in REGISTERS:
+                return []
+            found.append(at)
+            at += REGISTERS[at].size
+        return found if at == address + size else []
+
+    def _write(self, address: int, data: bytes) -> int:
+        """Check everything, then write; returns the error number."""
+        if nak := self._number("nak"):
+            return nak
+        registers = self._registers(address, len(data))
+        if not registers:
+            return LENGTH_ERROR if address in REGISTERS else ACCESS_ERROR
+        for register in registers:
+            kind = REGISTERS[register]
+            raw = data[register - address : register - address + kind.size]
+            if error := self._refusal(register, kind, int.from_bytes(raw, "little", signed=kind.low < 0)):
+                return error
+        self.motor.table[address : address + len(data)] = data
+        for register in registers:
+            self.motor.wrote(register)
+        return 0
+
+    def _refusal(self, address: int, kind: Register, value: int) -> int:
+        motor = self.motor
+        if kind.low > kind.high or (address < EEPROM_END and motor.get(64)):
+            return ACCESS_ERROR
+        if not kind.low <= value <= kind.high or (address == 11 and value not in MODES):
+            return RANGE_ERROR
+        if address in GOALS and motor.table[98] == 0xFF:
+            return RANGE_ERROR
+        if address == 102 and abs(value) > motor.get(38):
+            return LIMIT_ERROR
+        if address == 116 and motor.get(11) == 3 and not motor.get(52) <= value <= motor.get(48):
+            return LIMIT_ERROR
+        if address == 64 and value and motor.get(70):
+            return ACCESS_ERROR
+        return 0
+
+    def _status(self, error: int, params: bytes = b"") -> None:
+        motor = self.motor
+        body = stuffed(bytes([STATUS, error | (ALERT if motor.get(70) else 0)]) + params)
+        sender = motor.table[7] + bool(self.faults.extra.get("wrong_id"))
+        packet = HEADER + bytes([sender]) + struct.pack("<H", len(body) + 2) + body
+        self.send(packet + struct.pack("<H", crc16(packet)))
