@@ -2,6 +2,7 @@
 
     ProtocolError
     |-- MissingInstrument   the rig has not all the instruments this protocol needs; nothing moved
+    |-- WrongWiring         the regulators' wiring cannot make the pattern asked for; nothing moved
     |-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
     `-- Stopped             a person asked to stop
 """
@@ -15,6 +16,10 @@ class ProtocolError(Exception):
 
 class MissingInstrument(ProtocolError):
     """The rig has not all the instruments this protocol needs; nothing moved."""
+
+
+class WrongWiring(ProtocolError):
+    """The regulators' wiring cannot make the chamber pattern asked for; nothing moved."""
 
 
 class NotReached(ProtocolError):

@@ -42,6 +42,8 @@ class Settle(Parameters):
     """Then averaged over at least this long."""
     min_samples: int = Field(20, ge=1, le=10_000)
     """And at least so many samples of each stream."""
+    max_gap: float = Field(2.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """No stream may pause longer than this meanwhile."""
     within: float = Field(60.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
 
 

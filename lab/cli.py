@@ -1,0 +1,175 @@
+"""The `lab` command: one verb, one thing. Exit code 0 ok, 1 failed, 2 wrong usage or configuration, 3 done but data was lost."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+OK, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
+EXPERIMENTS = ("stiffness", "bending", "elongation")
+
+Handler = Callable[[argparse.Namespace], int]
+
+
+def _check(a: argparse.Namespace) -> int:
+    from .check import check
+
+    return check(a.rig, a.seconds, a.json)
+
+
+def _plan(a: argparse.Namespace) -> int:
+    from .run import plan
+
+    return plan(a.protocol, a.rig, a.set, a.json)
+
+
+def _run(a: argparse.Namespace) -> int:
+    from .run import run
+
+    return run(a.protocol, a.rig, a.set, a.out, a.json)
+
+
+def _safe(a: argparse.Namespace) -> int:
+    from .check import safe
+
+    return safe(a.rig, a.json)
+
+
+def _fakes(a: argparse.Namespace) -> int:
+    from .fakes import serve
+
+    return serve(a)
+
+
+def _info(a: argparse.Namespace) -> int:
+    from .recorded import info
+
+    return info(a.file, a.json)
+
+
+def _export(a: argparse.Namespace) -> int:
+    from .recorded import export
+
+    return export(a.file, a.out, a.case)
+
+
+def _replay(a: argparse.Namespace) -> int:
+    from .recorded import replay
+
+    return replay(a.file, a.json)
+
+
+def _fit(a: argparse.Namespace) -> int:
+    from .fit import fit
+
+    return fit(a.inputs, a.robot, a.out, a.json)
+
+
+def _compare(a: argparse.Namespace) -> int:
+    from .compare import compare
+
+    return compare(a.inputs, a.robot, a.out, a.json)
+
+
+def _paper(a: argparse.Namespace) -> int:
+    from .paper import main
+
+    return main(a.out, a.json)
+
+
+def _demo(a: argparse.Namespace) -> int:
+    from .demo import demo
+
+    return demo(a.out, a.seed, a.speed)
+
+
+def parser() -> argparse.ArgumentParser:
+    """All verbs and their options."""
+    top = argparse.ArgumentParser(prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model.")
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    def verb(name: str, handler: Handler, text: str, reads: bool = False) -> argparse.ArgumentParser:
+        p = verbs.add_parser(name, help=text, description=text)
+        p.set_defaults(handler=handler)
+        if reads:
+            p.add_argument("--json", action="store_true", help="print the result as JSON")
+        return p
+
+    p = verb("demo", _demo, "the whole story on fake instruments, ending in an HTML report")
+    p.add_argument("--out", type=Path, default=Path("demo"), help="folder for recordings and report")
+    p.add_argument("--seed", type=int, help="repeat a demo: the seed chooses the withheld effect and the noise")
+    p.add_argument("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)")
+
+    p = verb("check", _check, "connect to each instrument: identity, rate, age, limits", reads=True)
+    p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+    p.add_argument("--seconds", type=float, default=2.0, help="host seconds over which stream rates and losses are counted")
+
+    for name, handler, text in (("plan", _plan, "steps, duration and limits of a protocol; nothing moves"),
+                                ("run", _run, "run a protocol and record it")):  # fmt: skip
+        p = verb(name, handler, text, reads=True)
+        p.add_argument("protocol", help=f"{', '.join(EXPERIMENTS)}, or a protocol file (.yaml)")
+        p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+        p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one parameter")
+        if name == "run":
+            p.add_argument("--out", type=Path, default=Path("."), help="folder for the recording")
+
+    p = verb("safe", _safe, "vent, stop and un-jam, confirmed by reading back", reads=True)
+    p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+
+    p = verb("fakes", _fakes, "start the fake instruments and print the rig.yaml that reaches them")
+    p.add_argument("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)")
+    p.add_argument("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)")
+    p.add_argument("--seed", type=int, default=0, help="seed of all noise")
+    p.add_argument("--regulators", choices=("alicat", "smc_itv"), default="alicat")
+    p.add_argument("--spine", choices=("dynamixel", "tmcl"), default="dynamixel")
+    p.add_argument("--channels", choices=("3", "9"), default="3", help="three sets of three chambers, or nine separate")
+    p.add_argument("--rig", type=Path, help="write rig.yaml and robot.yaml here instead of printing")
+    p.add_argument("--list-effects", action="store_true", help="list what can be switched on")
+
+    p = verb("info", _info, "what a recording holds: streams, rates, losses, provenance, outcome", reads=True)
+    p.add_argument("file", type=Path)
+    p = verb("replay", _replay, "conclude the trials again from the recording alone and compare with the live run", reads=True)
+    p.add_argument("file", type=Path)
+    p = verb("export", _export, "recording to CSV files or to a case folder")
+    p.add_argument("file", type=Path, nargs="+")
+    p.add_argument("--out", type=Path, required=True)
+    p.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
+
+    for name, handler, text in (("fit", _fit, "calibrate the model on recordings or a case folder"),
+                                ("compare", _compare, "measured against model: error table and figure")):  # fmt: skip
+        p = verb(name, handler, text, reads=True)
+        p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap) or a case folder")
+        p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
+        p.add_argument("--out", type=Path, help="folder for figures and the calibrated robot.yaml")
+
+    p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)
+    p.add_argument("--out", type=Path, default=Path("out/paper"), help="folder for the figures")
+    return top
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; errors become one clear message and an exit code."""
+    a = parser().parse_args(arguments)
+    logging.basicConfig(level=logging.ERROR, format="%(name)s: %(message)s")
+    from .failures import explained
+
+    try:
+        handler: Handler = a.handler
+        return handler(a)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return FAILED
+    except Exception as e:
+        known = explained(e)
+        if known is None:
+            raise
+        text, code = known
+        print(text, file=sys.stderr)
+        return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

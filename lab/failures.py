@@ -1,0 +1,25 @@
+"""Which failures a person can do something about, and the exit code of each."""
+
+from __future__ import annotations
+
+from pydantic import ValidationError
+
+from drivers.errors import InstrumentError, LimitExceeded
+from protocols.errors import MissingInstrument, ProtocolError
+from recordings.errors import RecordingError
+
+from .actuators import ActuatorsLost
+from .config import ConfigError
+
+
+def explained(error: Exception) -> tuple[str, int] | None:
+    """Message and exit code of a failure that is not a mistake in this program; None for anything else."""
+    if isinstance(error, (ConfigError, MissingInstrument, LimitExceeded)):
+        return str(error), 2
+    if isinstance(error, ValidationError):
+        return "\n".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in error.errors()), 2
+    if isinstance(error, (InstrumentError, ProtocolError, RecordingError, ActuatorsLost)):
+        return str(error), 1
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}", 1
+    return None

@@ -1,0 +1,170 @@
+"""Bending sweep: grow the spine, inflate a group of chambers step by step and let off again, and read the tip at each state.
+
+The defaults are the paper's: spine 0..30 cm by 5 cm, three adjacent chambers at 50..250 kPa by 50 kPa. States are read when settled,
+or on the fly while ramping (`reading: sweep`), or after given hold times at each pressure (`reading: hold`, creep).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from recordings.states import Crossing, Settled, Window
+
+from .actions import home, ramp, set_spine, vent
+from .bench import Bench, Setup
+from .errors import WrongWiring
+from .experiment import Plan, Step, Trial, Trials, settled
+from .parameters import Chamber, Jam, Parameters, Pressure, Settle, SpineLength, SpineMotion, Vacuum
+
+
+class Bending(Parameters):
+    """Parameters of a bending sweep."""
+
+    spine_lengths: list[SpineLength] = Field(
+        [0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30], min_length=1, max_length=200, json_schema_extra={"unit": "m"}
+    )
+    pressures: list[Pressure] = Field(
+        [50e3, 100e3, 150e3, 200e3, 250e3], min_length=1, max_length=200, json_schema_extra={"unit": "Pa"}
+    )
+    """Levels of the load branch, rising."""
+    chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=9)
+    """The group that is inflated; all nine make the robot longer."""
+    unload: bool = True
+    """Read the same levels on the way down too."""
+    zero_state: bool = True
+    """Read the state at zero pressure, first (and last, with the unload branch)."""
+    repeats: int = Field(1, ge=1, le=100)
+    """How often the whole sweep is done; at least 3 for a noise floor."""
+    reading: Literal["settled", "sweep", "hold"] = "settled"
+    rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
+    """Ramp between levels."""
+    hold_times: list[float] = Field([2.0, 5.0, 10.0, 30.0], max_length=50, json_schema_extra={"unit": "s"})
+    """Readings after the ramp's end, for `reading: hold`."""
+    tip_mass: float = Field(0.053, ge=0, le=1.0, json_schema_extra={"unit": "kg"})
+    roll_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
+    """The chamber pattern turned about the robot's axis by the person who mounts it."""
+    vacuums: list[Vacuum] = Field([80e3], min_length=1, max_length=20, json_schema_extra={"unit": "Pa"})
+    """Levels of the vacuum supply, below ambient; more than one is a vacuum sweep."""
+    spine: SpineMotion = SpineMotion()
+    jam: Jam = Jam()
+    settle: Settle = Settle()
+
+    @model_validator(mode="after")
+    def _orders(self) -> Bending:
+        if sorted(set(self.pressures)) != self.pressures:
+            raise ValueError(f"pressures must rise without repeats, got {[p / 1e3 for p in self.pressures]} kPa")
+        if len(set(self.chambers)) != len(self.chambers):
+            raise ValueError(f"chambers {self.chambers} names one twice")
+        if sorted(set(self.hold_times)) != self.hold_times or any(h <= 0 for h in self.hold_times):
+            raise ValueError(f"hold_times must be above 0 and rise, got {self.hold_times} s")
+        return self
+
+
+@dataclass(frozen=True)
+class Level:
+    """One state of a sweep: pressure of the group (Pa) and how it is reached."""
+
+    pressure: float
+    branch: Literal["load", "unload"]
+
+
+def levels(p: Bending) -> list[Level]:
+    """The states of one sweep in the order they are visited."""
+    up = [Level(x, "load") for x in ([0.0] if p.zero_state else []) + p.pressures]
+    down = [Level(x, "unload") for x in p.pressures[-2::-1] + ([0.0] if p.zero_state else [])]
+    return up + (down if p.unload else [])
+
+
+def _sweeps(p: Bending) -> Iterator[tuple[int, float, float]]:
+    """(repeat, vacuum Pa, spine length m) of each sweep."""
+    return itertools.product(range(1, p.repeats + 1), p.vacuums, p.spine_lengths)
+
+
+def plan(p: Bending, name: str = "bending") -> Plan:
+    """What will be done, how long it takes, and the largest values it asks for."""
+    steps: list[Step] = []
+    length = 0.0
+    for repeat, vacuum, spine in _sweeps(p):
+        reach = f"spine {spine * 100:g} cm, {vacuum / 1e3:g} kPa, repeat {repeat}"
+        steps.append(Step(f"vent, release, grow and jam: {reach}", 8.0 + abs(spine - length) / p.spine.speed + p.spine.settle))
+        length, before = spine, 0.0
+        for level in levels(p):
+            climb = abs(level.pressure - before) / p.rate
+            before = level.pressure
+            stay = {"settled": p.settle.still + p.settle.average + 1.5, "sweep": 0.0, "hold": p.hold_times[-1] if p.hold_times else 0}
+            steps.append(Step(f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}", climb + stay[p.reading]))
+    limits = {
+        "pressure_pa": max(p.pressures), "pressure_rate_pa_s": p.rate, "spine_length_m": max(p.spine_lengths),
+        "spine_speed_m_s": p.spine.speed, "vacuum_pa": max(p.vacuums), "tip_mass_kg": p.tip_mass,
+    }  # fmt: skip
+    return Plan(name, steps, limits)
+
+
+NEEDS = ("pressure", "spine", "valve", "gauge", "mocap")
+TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
+
+
+def run(bench: Bench, p: Bending, trials: Trials) -> None:
+    """Do the sweep. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    _channels(bench, p, max(p.pressures))  # a pattern that the wiring cannot make fails before anything moves
+    vent(bench)
+    for vacuum, sweeps in itertools.groupby(_sweeps(p), key=lambda s: s[1]):
+        bench.operator.prepare(Setup("robot", p.tip_mass, p.roll_deg, vacuum))
+        home(bench)
+        for repeat, _, spine in sweeps:
+            bench.check_stop()
+            bench.say(f"Spine to {spine * 100:g} cm, jammed at {vacuum / 1e3:g} kPa below ambient (repeat {repeat} of {p.repeats})")
+            ambient = set_spine(bench, spine, vacuum, p.spine, p.jam)
+            trials.step_done()
+            trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
+            _sweep(bench, p, trial, trials)
+            vent(bench)
+
+
+def _sweep(bench: Bench, p: Bending, trial: Trial, trials: Trials) -> None:
+    """Visit all levels once, reading each as the parameters say."""
+    before = 0.0
+    for level in levels(p):
+        bench.check_stop()
+        begin = bench.clock.now()
+        arrived = ramp(bench, _channels(bench, p, level.pressure), p.rate)
+        rate = 0.0 if level.pressure == before else math.copysign(p.rate, level.pressure - before)
+        for rule, start, wait in _readings(p, level, begin, arrived):
+            trials.read(
+                trial, rule, branch=level.branch, t_start=start, ramp_end=arrived, rate=rate,
+                targets=_chambers(p, level.pressure), topics=TOPICS, wait=wait,
+            )  # fmt: skip
+        before = level.pressure
+        trials.step_done()
+
+
+def _readings(p: Bending, level: Level, begin: float, arrived: float) -> list[tuple[Settled | Window | Crossing, float, float]]:
+    """How a level is read: (rule, rig time from which it looks, time allowed)."""
+    if p.reading == "hold":
+        window = p.settle.average
+        return [(Window(h - window / 2, window, 3), arrived, h + window + 10.0) for h in p.hold_times]
+    if p.reading == "sweep" and level.pressure > 0:
+        # The chamber lags the set-point; a level is read where the measured pressure crosses just inside it.
+        inside = level.pressure - p.settle.band if level.branch == "load" else level.pressure + p.settle.band
+        rule = Crossing(inside, tuple(p.chambers), level.branch == "load", p.settle.average, 2, p.settle.within)
+        return [(rule, begin, p.settle.within + 10.0)]
+    return [(settled(p.settle), arrived, p.settle.within + 10.0)]
+
+
+def _chambers(p: Bending, pressure: float) -> list[float]:
+    """Nine chamber targets, Pa, with the group at one pressure."""
+    return [pressure if c in p.chambers else 0.0 for c in range(1, 10)]
+
+
+def _channels(bench: Bench, p: Bending, pressure: float) -> tuple[float, ...]:
+    """Channel set-points, Pa; ProtocolError when the wiring cannot make the group."""
+    try:
+        return bench.chambers.setpoints({c: x for c, x in enumerate(_chambers(p, pressure), 1)})
+    except ValueError as e:
+        raise WrongWiring(f"chambers {p.chambers}: {e}") from e

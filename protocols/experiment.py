@@ -1,0 +1,126 @@
+"""What every experiment shares: its plan, and the bookkeeping of trials, states and progress."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from recordings.errors import NotSettled
+from recordings.reading import conclude
+from recordings.states import AMBIENT, Crossing, Probe, Settled, State, Window
+from recordings.trials import TrialRow
+
+from .bench import Bench
+from .errors import NotReached
+from .parameters import Settle
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing that will be done, and about how long it takes, s of rig time."""
+
+    label: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All steps of a run, and the largest values it will ask of the rig (name with unit -> value)."""
+
+    protocol: str
+    steps: Sequence[Step]
+    limits: dict[str, float]
+
+    @property
+    def seconds(self) -> float:
+        """Expected duration, s of rig time."""
+        return sum(s.seconds for s in self.steps)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is the same for all states of one trial. SI units; ambient is Pa absolute."""
+
+    number: int
+    repeat: int
+    spine: float
+    ambient: float
+    tip_mass: float
+    roll_deg: float
+    specimen: str | None = None
+    probe: Probe | None = None
+
+
+class Trials:
+    """Numbers trials and states, has each state read, and tells how far the run is."""
+
+    def __init__(self, bench: Bench, plan: Plan) -> None:
+        self.bench, self.plan = bench, plan
+        self.rows: list[TrialRow] = []
+        self._trial = self._step = self._done = 0
+
+    def begin(
+        self,
+        *,
+        repeat: int,
+        spine: float,
+        tip_mass: float = 0.0,
+        roll_deg: float = 0.0,
+        ambient: float = AMBIENT,
+        specimen: str | None = None,
+    ) -> Trial:
+        """Start the next trial."""
+        self._trial += 1
+        self._step = 0
+        return Trial(self._trial, repeat, spine, ambient, tip_mass, roll_deg, specimen)
+
+    def read(
+        self,
+        trial: Trial,
+        rule: Settled | Window | Crossing,
+        *,
+        branch: str,
+        t_start: float,
+        ramp_end: float,
+        rate: float,
+        targets: Sequence[float],
+        topics: tuple[str, ...],
+        wait: float,
+    ) -> TrialRow:
+        """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s."""
+        self._step += 1
+        state = State(
+            trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
+            t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,
+            tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
+            specimen=trial.specimen, probe=trial.probe,
+        )  # fmt: skip
+        self.bench.recorder.state(self.bench.clock.now(), state)
+        try:
+            row = self.bench.wait(
+                f"trial {state.trial} state {state.step}", lambda: conclude(self.bench.recorder.streams, state), wait
+            )
+        except NotSettled as e:
+            raise NotReached(str(e)) from e
+        self.bench.recorder.trial(self.bench.clock.now(), row)
+        self.rows.append(row)
+        return row
+
+    def step_done(self) -> None:
+        """One planned step is finished."""
+        self._done += 1
+        done = sum(s.seconds for s in self.plan.steps[: self._done])
+        self.bench.narrator.progress(done, self.plan.seconds)
+
+
+def settled(rules: Settle) -> Settled:
+    """The recording's rule for a settled state, from a protocol's parameters."""
+    return Settled(
+        band=rules.band, still=rules.still, still_distance=rules.still_distance, average=rules.average,
+        min_samples=rules.min_samples, max_gap=rules.max_gap, timeout=rules.within,
+    )  # fmt: skip
+
+
+def with_probe(trial: Trial, probe: Probe) -> Trial:
+    """The same trial, now that the probe touches."""
+    return replace(trial, probe=probe)

@@ -1,0 +1,199 @@
+"""Stiffness trial: the arm pushes the tip of a cantilever step by step and the sensor tells the force.
+
+For each length: un-jam, grow, jam, zero the sensor, approach until contact, step the deflection, read force, retreat.
+The slope of force over deflection gives Young's modulus: eq. 9 for the spine, eq. 8 with its own second moment for the body.
+The defaults are the paper's spine lengths, 5..30 cm by 5 cm.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from drivers.frames import rotation_from_vector
+from recordings.states import Probe, Window
+
+from .actions import home, set_spine, vent
+from .bench import Bench, Setup, StandFrame
+from .errors import NotReached
+from .experiment import Plan, Step, Trial, Trials, with_probe
+from .parameters import Jam, Parameters, SpineLength, SpineMotion, Vacuum
+
+TOPICS = ("/force", "/arm", "/spine", "/vacuum")
+
+
+class Stiffness(Parameters):
+    """Parameters of stiffness trials."""
+
+    specimen: Literal["spine", "body"] = "spine"
+    lengths: list[SpineLength] = Field(
+        [0.05, 0.10, 0.15, 0.20, 0.25, 0.30], min_length=1, max_length=200, json_schema_extra={"unit": "m"}
+    )
+    """Spine lengths; with the body as specimen, the spine inside it (0 for the bare body)."""
+    body_length: float = Field(0.40, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Where the body is pushed: at its tip."""
+    repeats: int = Field(1, ge=1, le=100)
+    steps: int = Field(8, ge=3, le=100)
+    """Deflections read, evenly spaced."""
+    deflection_ratio: float = Field(0.03, gt=0, le=0.1, json_schema_extra={"unit": ""})
+    """Largest deflection over the cantilever's length; eq. 8 holds for small ones."""
+    max_force: float = Field(25.0, gt=0, le=100, json_schema_extra={"unit": "N"})
+    """A trial ends early here."""
+    contact_force: float = Field(0.3, gt=0, le=10, json_schema_extra={"unit": "N"})
+    """Contact counts as made above this."""
+    approach_step: float = Field(1e-3, gt=0, le=5e-3, json_schema_extra={"unit": "m"})
+    clearance: float = Field(0.01, gt=0, le=0.1, json_schema_extra={"unit": "m"})
+    """The approach in steps begins so far from where the specimen is expected."""
+    specimen_radius: float | None = Field(None, gt=0, le=0.2, json_schema_extra={"unit": "m"})
+    """Distance from the specimen's axis to its surface; None: 29 mm for the spine, 50 mm for the body."""
+    speed: float = Field(0.05, gt=0, le=0.25, json_schema_extra={"unit": "m/s"})
+    """Free moves."""
+    push_speed: float = Field(5e-3, gt=0, le=0.05, json_schema_extra={"unit": "m/s"})
+    """Moves near and in contact."""
+    acceleration: float = Field(0.3, gt=0, le=2, json_schema_extra={"unit": "m/s^2"})
+    dwell: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
+    """Wait at each deflection before it is read."""
+    average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    min_samples: int = Field(50, ge=1, le=10_000)
+    """Force samples a reading holds at least; a sensor that sends slowly is averaged longer."""
+    zero_samples: int = Field(100, ge=1, le=10_000)
+    vacuum: Vacuum = Field(80e3, json_schema_extra={"unit": "Pa"})
+    spine: SpineMotion = SpineMotion()
+    jam: Jam = Jam()
+
+    @property
+    def radius(self) -> float:
+        """Distance from the specimen's axis to its surface, m."""
+        return self.specimen_radius or (0.029 if self.specimen == "spine" else 0.05)
+
+    def cantilever(self, spine: float) -> float:
+        """Length from the clamp to where it is pushed, m."""
+        return spine if self.specimen == "spine" else self.body_length
+
+
+NEEDS = ("spine", "valve", "gauge", "force", "arm", "arm_state")
+
+
+def plan(p: Stiffness) -> Plan:
+    """What will be done, how long it takes, and the largest values it asks for."""
+    steps: list[Step] = []
+    before = 0.0
+    for repeat, spine in itertools.product(range(1, p.repeats + 1), p.lengths):
+        label = f"{p.specimen} {spine * 100:g} cm, repeat {repeat}"
+        steps.append(Step(f"release, grow, jam: {label}", 8.0 + abs(spine - before) / p.spine.speed + p.spine.settle))
+        steps.append(Step(f"zero and approach: {label}", 15.0))
+        steps += [Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5) for i in range(1, p.steps + 1)]
+        before = spine
+    limits = {
+        "force_n": p.max_force, "arm_speed_m_s": p.speed, "spine_length_m": max(p.lengths),
+        "deflection_m": max(p.deflection_ratio * p.cantilever(x) for x in p.lengths), "vacuum_pa": p.vacuum,
+    }  # fmt: skip
+    return Plan("stiffness", steps, limits)
+
+
+def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
+    """Do all trials. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    stand = bench.need(bench.stand, "stand")
+    bench.operator.prepare(Setup(p.specimen, 0.0, 0.0, p.vacuum))
+    if bench.pressure is not None:
+        vent(bench)
+    probe = ProbeMotion(bench, p, stand)
+    home(bench)
+    for repeat, spine in itertools.product(range(1, p.repeats + 1), p.lengths):
+        bench.check_stop()
+        bench.say(f"{p.specimen.capitalize()} with the spine at {spine * 100:g} cm (repeat {repeat} of {p.repeats})")
+        probe.go(0.1 if p.specimen == "spine" else p.body_length, -stand.standoff, p.speed)
+        ambient = set_spine(bench, spine, p.vacuum, p.spine, p.jam)
+        trials.step_done()
+        trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, specimen=p.specimen)
+        try:
+            _push(bench, p, trial, trials, probe, p.cantilever(spine))
+        finally:
+            probe.retreat()
+
+
+class ProbeMotion:
+    """Moves the probe in the stand's frame: `along` the specimen from the clamp, `depth` in the push direction from its axis, m."""
+
+    def __init__(self, bench: Bench, p: Stiffness, stand: StandFrame) -> None:
+        self.bench, self.p = bench, p
+        self.arm = bench.need(bench.arm, "arm")
+        self.state = bench.need(bench.arm_state, "arm")
+        self.force = bench.need(bench.force, "force")
+        self.stand = stand
+        self.along = 0.0
+        self.touching = False
+
+    def go(self, along: float, depth: float, speed: float) -> None:
+        """Move there and wait until the arm has come to rest."""
+        s = self.stand
+        point = [o + along * a + depth * d for o, a, d in zip(s.origin, s.axis, s.push, strict=True)]
+        self.arm.move_to([*point, *s.tool_rotation], speed, self.p.acceleration)
+        self.bench.wait("arm at its target", lambda: None if self.arm.moving() else True, 120.0)
+        self.along = along
+
+    def retreat(self) -> None:
+        """Away from the specimen, straight back."""
+        self.go(self.along, -self.stand.standoff, self.p.speed)
+
+    def pushing(self, samples: int = 10) -> float:
+        """Force on the specimen along the push, N: the mean of the next force samples, in the arm's base frame."""
+        since = self.bench.clock.now()
+
+        def mean() -> float | None:
+            newer = self.bench.recorder.streams.window("/force", since, float("inf"))
+            if len(newer) < samples:
+                return None
+            force = (newer["raw"] - newer["zero"])[:, :3].mean(axis=0)
+            rotation = rotation_from_vector(self.state.latest().tcp_pose[3:])
+            return -float(np.dot(rotation @ force, self.stand.push))
+
+        return self.bench.wait(f"{samples} force samples", mean, 30.0)
+
+    def approach(self, along: float) -> float:
+        """From the standoff in small steps until contact; returns the depth (m) of first contact."""
+        p = self.p
+        self.go(along, -self.stand.standoff, p.speed)
+        self.force.zero(p.zero_samples)
+        depth = -p.radius - p.clearance
+        self.go(along, depth, p.speed)
+        while self.pushing() < p.contact_force:
+            if depth > p.radius:
+                raise NotReached(
+                    f"no contact above {p.contact_force:g} N up to {depth * 1e3:.0f} mm past the specimen's axis; "
+                    "check the stand in rig.yaml and that the specimen is mounted"
+                )
+            depth += p.approach_step
+            self.go(along, depth, p.push_speed)
+        return depth
+
+
+def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: ProbeMotion, length: float) -> None:
+    """Approach, then step the deflection and read force at each."""
+    contact = probe.approach(length)
+    trials.step_done()
+    tcp = probe.state.latest().tcp_pose
+    trial = with_probe(trial, Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2])))
+    rate = _sample_rate(bench)
+    average = max(p.average, p.min_samples / rate)
+    for i in range(1, p.steps + 1):
+        probe.go(length, contact + p.deflection_ratio * length * i / p.steps, p.push_speed)
+        at_rest = bench.clock.now()
+        rule = Window(p.dwell, average, max(3, p.min_samples // 2))
+        row = trials.read(
+            trial, rule, branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0, targets=(0.0,) * 9, topics=TOPICS,
+            wait=p.dwell + average + 20.0,
+        )  # fmt: skip
+        trials.step_done()
+        if row.force is not None and row.force > p.max_force:
+            bench.say(f"Force {row.force:.1f} N is above {p.max_force:g} N: no further deflection at this length")
+            return
+
+
+def _sample_rate(bench: Bench) -> float:
+    """Force samples a second of rig time, over the last two seconds."""
+    now = bench.clock.now()
+    return max(1.0, len(bench.recorder.streams.window("/force", now - 2.0, now)) / 2.0)
