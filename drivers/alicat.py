@@ -1,0 +1,281 @@
+"""Alicat PC/PCD pressure controllers: up to 26 units on one RS-485 line, each called by its letter.
+
+The units hold their set-points: nothing expires when the host dies, so a rig needs a vent valve in hardware as well.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import time
+from collections.abc import Callable, Sequence
+from typing import Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from .alicat_wire import FAULT_CODES, PA_PER_KPA, AlicatUnit, Frame
+from .chambers import PAPER_WIRING, ChamberMap
+from .errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
+from .interfaces import Clock, Identity, PressureSample
+from .pressure_limits import PressureLimits
+from .serial_line import SerialLine
+
+T = TypeVar("T")
+KPA_CODE = 4
+GAUGE_PRESSURE, GAUGE_SETPOINT = 6, 38
+"""Alicat's numbers for the gauge pressure reading and for the loop that controls it."""
+KNOWS_FULL_SCALE = (6, 0)
+KNOWS_SETPOINT_SOURCE = (10, 5)
+"""First firmware that answers FPF, and LSS."""
+SERIAL = "S"
+SOURCES = {SERIAL: "the serial line", "A": "its analog input", "U": "its front panel"}
+VENTED = 5e3
+"""Pa; `close` waits for all channels to fall below this,"""
+VENT_WAIT = 0.5
+"""but not longer than this, s of host time."""
+
+
+class Config(BaseModel):
+    """How to reach the units, their range, and what may be asked of them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    port: str
+    """Serial port of the RS-485 adapter."""
+    baud: Literal[19200, 38400, 57600, 115200] = Field(115200, json_schema_extra={"unit": "Bd"})
+    units: tuple[str, ...] = ("A", "B", "C")
+    """Unit letters, in channel order."""
+    chambers: tuple[tuple[int, ...], ...] = PAPER_WIRING
+    """Chambers (1..9) on each channel."""
+    full_scale: float = Field(400e3, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
+    """Range of the units; `open` compares it with what they say."""
+    max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
+    timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
+    """How long a unit may take to answer, host time; a failed request is repeated once."""
+    max_age: float = Field(1.0, gt=0, le=10, json_schema_extra={"unit": "s"})
+    """How old the first unit's reading may be when the last one's arrives, host time."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Config:
+        ChamberMap(self.chambers)
+        if len(self.units) != len(self.chambers):
+            raise ValueError(f"{len(self.units)} units but {len(self.chambers)} lists of chambers; give a list a unit")
+        for unit in self.units:
+            if not re.fullmatch("[A-Z]", unit) or self.units.count(unit) > 1:
+                raise ValueError(f"units {', '.join(self.units)}: {unit!r} must be a letter A to Z, named once")
+        if self.max_pressure > self.full_scale:
+            raise ValueError(
+                f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
+            )
+        return self
+
+
+class Alicat:
+    """Pressure regulators (see `PressureRegulators`), one channel a unit."""
+
+    def __init__(self, name: str, config: Config, clock: Clock) -> None:
+        self.name = name
+        self.config = config
+        self.channels = len(config.units)
+        self.chambers = ChamberMap(config.chambers)
+        self._clock = clock
+        self._line = SerialLine(name, config.port, config.baud, config.timeout)
+        self._units = [AlicatUnit(name, self._line, letter) for letter in config.units]
+        self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
+        self._confirmed = [0.0] * self.channels
+        self._decimals = [0] * self.channels
+
+    def open(self) -> Identity:
+        """Connect and check each unit: that it answers, controls gauge pressure in kPa, and obeys the serial line."""
+        self._line.open()
+        try:
+            firmwares = self._find_units()
+            about = [self._check(unit, firmware) for unit, firmware in zip(self._units, firmwares, strict=True)]
+            for channel, unit in enumerate(self._units):
+                frame = self._twice(unit.poll)
+                self._confirmed[channel], self._decimals[channel] = frame.setpoint, frame.decimals
+        except InstrumentError:
+            self._line.close()
+            raise
+        self._limits.start_from(self._confirmed)
+        return Identity(
+            "Alicat",
+            ", ".join(dict.fromkeys(model for model, _ in about)),
+            ", ".join(f"{unit.letter}:{serial}" for unit, (_, serial) in zip(self._units, about, strict=True)),
+            ", ".join(dict.fromkeys(firmwares)),
+        )
+
+    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """Set all channels (Pa gauge), clipped to range and rate; returns the set-points the units confirmed.
+
+        Raises `BadReply` or `DeviceFault` at the first unit that does not take its set-point; later units keep theirs.
+        """
+        with self._line.lock:
+            self._need_open()
+            for channel, pressure in enumerate(self._limits.allow(pressures)):
+                self._set_channel(channel, pressure)
+                self._limits.sent(channel, pressure)
+            return tuple(self._confirmed)
+
+    def read(self) -> PressureSample:
+        """Poll all units; raises `DeviceFault` when one reports a status with which its pressure is not controlled."""
+        with self._line.lock:
+            self._need_open()
+            frames, arrived = [], []
+            for unit in self._units:
+                frames.append(self._twice(unit.poll))
+                arrived.append(time.monotonic())
+            if (age := arrived[-1] - arrived[0]) > self.config.max_age:
+                raise StaleReading(
+                    self.name,
+                    f"the reading of unit {self._units[0].letter} was {age:.2f} s old when the last one came, limit "
+                    f"{self.config.max_age:g} s; raise the baud rate, or see which unit answers late",
+                )
+            for unit, frame in zip(self._units, frames, strict=True):
+                self._raise_fault(unit, frame)
+            return PressureSample(
+                self._clock.now(), tuple(f.setpoint for f in frames), tuple(f.measured for f in frames)
+            )
+
+    def vent(self) -> None:
+        """All set-points to zero, not rate-limited, held valves released; a unit that fails is tried again at the end.
+
+        Raises `InstrumentError` naming the units that did not confirm zero.
+        """
+        with self._line.lock:
+            self._need_open()
+            failed = dict.fromkeys(range(self.channels), "")
+            for _ in range(2):
+                for channel in list(failed):
+                    try:
+                        self._vent_channel(channel)
+                    except InstrumentError as e:
+                        failed[channel] = e.message
+                    else:
+                        del failed[channel]
+            if failed:
+                units = "; ".join(f"{self._units[channel].letter}: {why}" for channel, why in failed.items())
+                raise InstrumentError(self.name, f"did not vent {units}. Shut the supply and vent those by hand")
+
+    def close(self) -> None:
+        """Vent, wait shortly for the pressure to fall, disconnect."""
+        with self._line.lock:
+            if not self._line.is_open:
+                return
+            with contextlib.suppress(InstrumentError):
+                self.vent()
+            with contextlib.suppress(InstrumentError):
+                deadline = time.monotonic() + VENT_WAIT
+                while time.monotonic() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
+                    time.sleep(0.02)
+            self._line.close()
+
+    # -- opening
+    def _find_units(self) -> list[str]:
+        """Firmware of each unit; raises `Unreachable` naming the silent ones, `WrongDevice` for foreign answers."""
+        firmwares: dict[str, str] = {}
+        for unit in self._units:
+            with contextlib.suppress(NoReply):
+                try:
+                    firmwares[unit.letter] = self._twice(unit.firmware)
+                except BadReply as e:
+                    raise WrongDevice(
+                        self.name,
+                        f"what answers on {self.config.port} at {self.config.baud} Bd is no Alicat unit {unit.letter} "
+                        f"({e.message}); check port and baud rate in rig.yaml",
+                    ) from e
+        silent = [unit.letter for unit in self._units if unit.letter not in firmwares]
+        if silent:
+            answered = ", ".join(firmwares) or "none"
+            raise Unreachable(
+                self.name,
+                f"no answer from unit {', '.join(silent)} on {self.config.port} at {self.config.baud} Bd (answered: "
+                f"{answered}); check power, cable, and the letter and baud rate in the unit's menu",
+            )
+        return list(firmwares.values())
+
+    def _check(self, unit: AlicatUnit, firmware: str) -> tuple[str, str]:
+        """Model and serial number of a unit that can be used; raises `WrongDevice` naming what was found instead."""
+
+        def wrong(found: str, do: str) -> WrongDevice:
+            return WrongDevice(self.name, f"unit {unit.letter} {found}; {do}")
+
+        model, serial = self._twice(unit.model_and_serial)
+        if not re.match(r"E?PC|IVC", model):
+            raise wrong(f"is a {model or 'device without a model name'}", "a pressure controller (PC, PCD) is needed")
+        loop = self._twice(unit.loop_variable)
+        if loop != GAUGE_SETPOINT:
+            raise wrong(
+                f"controls variable {loop}, not gauge pressure ({GAUGE_SETPOINT})",
+                "choose gauge pressure as its control variable",
+            )
+        match = re.match(r"(\d+)v(\d+)", firmware)
+        version = (int(match[1]), int(match[2])) if match else (0, 0)
+        if version >= KNOWS_FULL_SCALE:
+            value, code, unit_name = self._twice(lambda: unit.full_scale(GAUGE_PRESSURE))
+            if code != KPA_CODE:
+                raise wrong(f"shows {unit_name or 'unit of measure'} (code {code})", "set its pressure unit to kPa")
+            if not math.isclose(value * PA_PER_KPA, self.config.full_scale, rel_tol=1e-3):
+                raise wrong(
+                    f"has a full scale of {value:g} kPa, rig.yaml says {self.config.full_scale / PA_PER_KPA:g} kPa",
+                    "correct full_scale in rig.yaml, or fit the right unit",
+                )
+        if version >= KNOWS_SETPOINT_SOURCE and (source := self._twice(unit.setpoint_source)) != SERIAL:
+            raise wrong(
+                f"takes its set-point from {SOURCES.get(source, source)}",
+                "set its set-point source to serial",
+            )
+        return model, serial
+
+    # -- one channel
+    def _set_channel(self, channel: int, pressure: float) -> None:
+        """Send one set-point (Pa) and hold the unit to it."""
+        unit, decimals = self._units[channel], self._decimals[channel]
+        digit = PA_PER_KPA * 10.0**-decimals
+        # rounding to the unit's digits must not lead above the limit
+        pressure = min(round(pressure / digit), math.floor(self.config.max_pressure / digit + 1e-6)) * digit
+        frame = self._twice(lambda: unit.set(pressure, decimals))
+        before, self._confirmed[channel] = self._confirmed[channel], frame.setpoint
+        if abs(frame.setpoint - pressure) > 0.6 * digit:
+            asked = (
+                f"unit {unit.letter} was asked for {pressure / 1e3:.2f} kPa and holds {frame.setpoint / 1e3:.2f} kPa"
+            )
+            if abs(frame.setpoint - before) <= 0.6 * digit:
+                raise DeviceFault(
+                    self.name, f"{asked} as before: it ignores the line; set its set-point source to serial"
+                )
+            raise BadReply(self.name, f"{asked}: it was clamped or misread; check its set-point limits and the cable")
+        self._raise_fault(unit, frame)
+
+    def _vent_channel(self, channel: int) -> None:
+        """Set-point 0 on one unit, read back, valves released. One try."""
+        unit = self._units[channel]
+        frame = unit.set(0.0, self._decimals[channel])
+        if {"HLD", "EXH"} & set(frame.codes):
+            frame = unit.cancel_hold()
+        if frame.setpoint != 0:
+            raise DeviceFault(self.name, f"set-point still {frame.setpoint / 1e3:.2f} kPa")
+        self._confirmed[channel] = 0.0
+        self._limits.sent(channel, 0.0)
+
+    def _raise_fault(self, unit: AlicatUnit, frame: Frame) -> None:
+        for code in frame.codes:
+            if code in FAULT_CODES:
+                raise DeviceFault(
+                    self.name,
+                    f"unit {unit.letter} reports {code} at {frame.measured / 1e3:.2f} kPa: {FAULT_CODES[code]}",
+                )
+
+    # -- the line
+    def _twice(self, request: Callable[[], T]) -> T:
+        """Every request can be repeated without harm, and is, once, after a disturbed line."""
+        try:
+            return request()
+        except (NoReply, BadReply):
+            return request()
+
+    def _need_open(self) -> None:
+        if not self._line.is_open:
+            raise NotReady(self.name, "is not open; call open() first")
