@@ -40,7 +40,7 @@ class Buffer:
         self._count = 0
         self._stamps = np.empty(_FIRST_CAPACITY)
         self._bytes = np.empty((_FIRST_CAPACITY, message.size), np.uint8)
-        self._raw = memoryview(self._bytes).cast("B")
+        self._raw = self._bytes.data.cast("B")
 
     @property
     def newest(self) -> float:
@@ -69,7 +69,7 @@ class Buffer:
         stamps[:left] = self._stamps[old : self._count]
         rows[:left] = self._bytes[old : self._count]
         self._stamps, self._bytes, self._count = stamps, rows, left
-        self._raw = memoryview(rows).cast("B")
+        self._raw = rows.data.cast("B")
 
     def window(self, t0: float, t1: float) -> NDArray[np.void]:
         """Messages with t0 <= t <= t1, decoded; `RecordingError` when some of them are forgotten."""

@@ -1,7 +1,8 @@
 """What a protocol asks for: one `State` per row of the table, recorded on /state before the row is concluded.
 
 A state holds everything a reading needs besides the samples: where to look in time (`rule`), which streams the reading
-relies on (`topics`), and the columns that are set rather than measured. With it the reading can be done again from the file.
+relies on (`topics`), and the columns that are set rather than measured. With it the reading can be done again from the
+file.
 
 Rules
 - `Settled`: read once the robot has come to rest after `t_start`.
@@ -14,6 +15,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from .errors import BadMessage
 from .messages import STREAMS
@@ -29,10 +31,11 @@ AMBIENT = 101_325.0
 class Settled:
     """Read when, for at least `still` seconds on end, pressures and tip have come to rest; then the mean of that time.
 
-    In the window that is averaged: every pressure sample within `band` (Pa) of its target; tip tracked; each axis of the
-    tip's moving average over `smooth` samples stays within `still_distance` (m) from peak to peak; no stream pauses longer
-    than `max_gap` (s); it lasts at least `still` and `average` (s) and holds `min_samples` of every stream relied on.
-    The first such window after `t_start` counts; `NotSettled` when there is none within `timeout` (s).
+    In the window that is averaged: every pressure sample within `band` (Pa) of its target; tip tracked; each axis of
+    the tip's moving average over `smooth` samples stays within `still_distance` (m) from peak to peak; no stream
+    pauses longer than `max_gap` (s); it lasts at least `still` and `average` (s) and holds `min_samples` of every
+    stream relied on. The first such window after `t_start` counts; `NotSettled` when there is none within `timeout`
+    (s).
     """
 
     band: float = 1500.0
@@ -56,10 +59,11 @@ class Window:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Read while ramping, where the mean pressure of `chambers` (0 = first) first crosses `level` (Pa), going up or down.
+    """Read while ramping, where the mean pressure of `chambers` (0 = first) first crosses `level` (Pa), going up or
+    down.
 
-    Each quantity is the straight line through its samples in `average` seconds around the crossing, taken at the crossing.
-    `NotSettled` with fewer than `min_samples`, or when the level is not crossed within `timeout` (s).
+    Each quantity is the straight line through its samples in `average` seconds around the crossing, taken at the
+    crossing. `NotSettled` with fewer than `min_samples`, or when the level is not crossed within `timeout` (s).
     """
 
     level: float
@@ -82,10 +86,10 @@ _RULES: dict[str, type[Settled] | type[Window] | type[Crossing]] = {
 class Probe:
     """How the arm pushes in a stiffness trial, in the arm's base frame.
 
-    `direction`: unit vector of the push. `origin`: TCP position (m) where deflection is zero. `sensor_rotation`: rotation
-    vector (rad) that turns vectors of the force sensor's frame into the TCP frame. `force_offset` (N): force along the push
-    read at the origin, subtracted. The sensor measures what the specimen does to the probe, so the force on the specimen
-    along the push is minus the measured force projected on `direction`.
+    `direction`: unit vector of the push. `origin`: TCP position (m) where deflection is zero. `sensor_rotation`:
+    rotation vector (rad) that turns vectors of the force sensor's frame into the TCP frame. `force_offset` (N): force
+    along the push read at the origin, subtracted. The sensor measures what the specimen does to the probe, so the
+    force on the specimen along the push is minus the measured force projected on `direction`.
     """
 
     direction: tuple[float, float, float]
@@ -103,10 +107,11 @@ class Probe:
 class State:
     """One state to read. SI units; pressures Pa gauge.
 
-    `t_start`: rig time (s) from which the rule looks; `ramp_end`: rig time (s) at which the last ramp ended (`hold` counts
-    from it; a crossing has hold 0); `rate` (Pa/s): of the ramp that led here; `targets` (Pa): pressures asked for, by
-    chamber; `spine_length` (m): length asked for, used when /spine is not among `topics`; `ambient` (Pa absolute): what
-    `vacuum` counts from; `topics`: the streams that must reach the end of the window and are averaged into the row.
+    `t_start`: rig time (s) from which the rule looks; `ramp_end`: rig time (s) at which the last ramp ended (`hold`
+    counts from it; a crossing has hold 0); `rate` (Pa/s): of the ramp that led here; `targets` (Pa): pressures asked
+    for, by chamber; `spine_length` (m): length asked for, used when /spine is not among `topics`; `ambient` (Pa
+    absolute): what `vacuum` counts from; `topics`: the streams that must reach the end of the window and are averaged
+    into the row.
     """
 
     trial: int
@@ -154,7 +159,7 @@ class State:
     def from_json(cls, text: str) -> State:
         """The state written by `to_json`; raises `BadMessage` when the text is another thing."""
         try:
-            values = {key: _tuples(value) for key, value in json.loads(text).items()}
+            values: dict[str, Any] = {key: _tuples(value) for key, value in json.loads(text).items()}
             rule = dict(values["rule"])
             values["rule"] = _RULES[rule.pop("name")](**rule)
             if values["probe"] is not None:

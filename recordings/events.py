@@ -1,0 +1,160 @@
+"""Messages of the experiment itself: /state (what is asked for), /trial (what was concluded), /log and /tip/pose.
+
+They hold text, so their layout is not fixed and the protobuf runtime encodes them. On /state and /trial the flat
+fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.descriptor import FileDescriptor
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+
+from .messages import PACKAGE, SCHEMA_VERSION
+from .states import State
+from .trials import TrialRow
+
+BASE_FRAME = "base"
+"""Name of the robot's base frame in /tip/pose."""
+
+_OPTIONAL, _REPEATED = FieldDescriptorProto.LABEL_OPTIONAL, FieldDescriptorProto.LABEL_REPEATED
+_DOUBLE, _INT64 = FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.TYPE_INT64
+_STRING = FieldDescriptorProto.TYPE_STRING
+
+_STATE = (
+    ("t", _DOUBLE, _OPTIONAL, "s"),
+    ("number", _INT64, _OPTIONAL, ""),
+    ("trial", _INT64, _OPTIONAL, ""),
+    ("step", _INT64, _OPTIONAL, ""),
+    ("protocol", _STRING, _OPTIONAL, ""),
+    ("repeat", _INT64, _OPTIONAL, ""),
+    ("branch", _STRING, _OPTIONAL, ""),
+    ("rule", _STRING, _OPTIONAL, ""),
+    ("t_start", _DOUBLE, _OPTIONAL, "s"),
+    ("rate", _DOUBLE, _OPTIONAL, "Pa/s"),
+    ("targets", _DOUBLE, _REPEATED, "Pa"),
+    ("spine_length", _DOUBLE, _OPTIONAL, "m"),
+    ("json", _STRING, _OPTIONAL, ""),
+)
+_TRIAL = (
+    ("t", _DOUBLE, _OPTIONAL, "s"),
+    ("number", _INT64, _OPTIONAL, ""),
+    ("trial", _INT64, _OPTIONAL, ""),
+    ("step", _INT64, _OPTIONAL, ""),
+    ("pressures", _DOUBLE, _REPEATED, "Pa"),
+    ("tip", _DOUBLE, _REPEATED, "m"),
+    ("force", _DOUBLE, _OPTIONAL, "N"),
+    ("deflection", _DOUBLE, _OPTIONAL, "m"),
+    ("json", _STRING, _OPTIONAL, ""),
+)
+
+
+@dataclass(frozen=True)
+class EventType:
+    """A message encoded by the protobuf runtime: topic, full name, FileDescriptorSet and channel metadata."""
+
+    topic: str
+    full_name: str
+    schema: bytes
+    metadata: dict[str, str]
+    message_class: type[Any]
+
+
+def _ours(name: str, topic: str, fields: Sequence[tuple[str, Any, Any, str]]) -> EventType:
+    file = FileDescriptorProto(name=f"{PACKAGE}/{name}.proto", package=PACKAGE, syntax="proto2")
+    message = file.message_type.add(name=name)
+    for number, (field, kind, label, _) in enumerate(fields, 1):
+        message.field.add(name=field, number=number, label=label, type=kind)
+    pool = DescriptorPool()
+    pool.Add(file)  # type: ignore[no-untyped-call]
+    full_name = f"{PACKAGE}.{name}"
+    units = {f"unit.{field}": unit for field, _, _, unit in fields if unit}
+    schema = FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
+    message_class = GetMessageClass(pool.FindMessageTypeByName(full_name))  # type: ignore[no-untyped-call]
+    return EventType(topic, full_name, schema, {"schema_version": SCHEMA_VERSION, **units}, message_class)
+
+
+def _foreign(topic: str, message_class: type[Any]) -> EventType:
+    """A message of a published schema, with the files that it depends on."""
+    files: dict[str, FileDescriptorProto] = {}
+
+    def add(file: FileDescriptor) -> None:
+        for dependency in file.dependencies:
+            add(dependency)
+        if file.name not in files:
+            files[file.name] = FileDescriptorProto()
+            file.CopyToProto(files[file.name])
+
+    add(message_class.DESCRIPTOR.file)
+    schema = FileDescriptorSet(file=list(files.values())).SerializeToString(deterministic=True)
+    return EventType(topic, message_class.DESCRIPTOR.full_name, schema, {}, message_class)
+
+
+STATE = _ours("State", "/state", _STATE)
+TRIAL = _ours("Trial", "/trial", _TRIAL)
+LOG = _foreign("/log", Log)
+POSE = _foreign("/tip/pose", PoseInFrame)
+
+EVENTS: dict[str, EventType] = {event.topic: event for event in (STATE, TRIAL, LOG, POSE)}
+
+LEVELS = ("debug", "info", "warning", "error", "fatal")
+
+
+def encode_state(t: float, number: int, state: State) -> bytes:
+    """`number` counts the states of a recording; the row that comes of it carries the same number."""
+    message = STATE.message_class(
+        t=t,
+        number=number,
+        trial=state.trial,
+        step=state.step,
+        protocol=state.protocol,
+        repeat=state.repeat,
+        branch=state.branch,
+        rule=state.rule_name,
+        t_start=state.t_start,
+        rate=state.rate,
+        targets=state.targets,
+        spine_length=state.spine_length,
+        json=state.to_json(),
+    )
+    return bytes(message.SerializeToString())
+
+
+def encode_trial(t: float, number: int, row: TrialRow) -> bytes:
+    """The row that was concluded for state `number`."""
+    message = TRIAL.message_class(
+        t=t,
+        number=number,
+        trial=row.trial,
+        step=row.step,
+        pressures=row.pressures,
+        tip=row.tip or (),
+        force=row.force,
+        deflection=row.deflection,
+        json=row.to_json(),
+    )
+    return bytes(message.SerializeToString())
+
+
+def encode_log(log_time: int, level: str, text: str, name: str) -> bytes:
+    """`log_time` ns since the epoch, `level` one of `LEVELS`."""
+    message = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
+    message.timestamp.FromNanoseconds(log_time)
+    return message.SerializeToString()
+
+
+def encode_pose(log_time: int, position: Sequence[float], orientation: Sequence[float]) -> bytes:
+    """Tip pose in the base frame: position (m), orientation (w, x, y, z)."""
+    message = PoseInFrame(frame_id=BASE_FRAME)
+    message.timestamp.FromNanoseconds(log_time)
+    message.pose.position.x, message.pose.position.y, message.pose.position.z = position
+    turn = message.pose.orientation
+    turn.w, turn.x, turn.y, turn.z = orientation
+    return message.SerializeToString()

@@ -1,0 +1,167 @@
+"""trials.csv: writing it exactly, and reading it with every doubt spelled out."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import io
+import math
+import os
+import tempfile
+from pathlib import Path
+
+from .errors import BadTable
+from .states import BRANCHES, PROTOCOLS, SPECIMENS
+from .trials import INTEGERS, TEXTS, Cell, Table, TrialRow, column_order
+
+REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
+
+LOWEST_PRESSURE, HIGHEST_PRESSURE = -100e3, 2e6
+"""Pa gauge: no chamber can be below vacuum, none of silicone lives above."""
+LONGEST = 5.0
+"""m: no tip, marker or spine of such a robot is further away."""
+SMALLEST_PRESSURE_SPAN = 1000.0
+"""Pa: a whole campaign that stays below was probably written in kPa."""
+
+_CHOICES = {"protocol": PROTOCOLS, "branch": BRANCHES, "specimen": SPECIMENS}
+
+
+def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
+    """Write the table; numbers read back as the same floats. The file is replaced at once or not at all."""
+    columns = table.columns
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in table.rows:
+        cells = row.cells()
+        writer.writerow([_text(cells[name]) if name in cells else "" for name in columns])
+    path = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
+    try:
+        with open(handle, "w", encoding="utf-8", newline="") as file:
+            file.write(text.getvalue())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _text(value: Cell) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def read_csv(path: str | os.PathLike[str]) -> Table:
+    """Read a table of trials.
+
+    Columns it does not know are left out and named in `Table.ignored`; doubts go to `Table.warnings`. Raises `BadTable`
+    naming file, line, column, value, unit and limit when a required column or value is missing or cannot be right.
+    """
+    path = Path(path)
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            lines = list(csv.reader(file))
+    except OSError as error:
+        raise BadTable(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadTable(f"{path}: is not a text table: {error}") from error
+    if not lines:
+        raise BadTable(f"{path}: is empty; the first line must name the columns ({', '.join(REQUIRED)}, ..)")
+    header = [name.strip() for name in lines[0]]
+    ignored = _check_header(path, header)
+    rows = []
+    for number, line in enumerate(lines[1:], 2):
+        if any(cell.strip() for cell in line):
+            rows.append(_row(f"{path} line {number}", header, line))
+    if not rows:
+        raise BadTable(f"{path}: has a header but no rows")
+    return Table(tuple(rows), ignored, tuple(_doubts(rows)))
+
+
+def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise BadTable(f"{path}: column {', '.join(twice)} appears twice")
+    ignored = tuple(name for name in header if column_order(name) is None)
+    for name in REQUIRED:
+        if name not in header:
+            near = difflib.get_close_matches(name, ignored, 1, 0.5)
+            hint = f"; is it the column {near[0]!r}?" if near else ""
+            raise BadTable(f"{path}: no column {name}{hint} Required are {', '.join(REQUIRED)}")
+    return ignored
+
+
+def _row(where: str, header: list[str], line: list[str]) -> TrialRow:
+    if len(line) != len(header):
+        raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns")
+    cells: dict[str, Cell] = {}
+    for name, text in zip(header, (cell.strip() for cell in line), strict=True):
+        if not text or column_order(name) is None:
+            continue
+        cells[name] = _value(where, name, text)
+    try:
+        row = TrialRow.from_cells(cells)
+    except BadTable as error:
+        raise BadTable(f"{where}: {error}") from error
+    if row.protocol == "stiffness":
+        if row.force is None or row.deflection is None or row.specimen is None:
+            raise BadTable(f"{where}: a stiffness row needs specimen, force and deflection")
+    elif row.tip is None:
+        raise BadTable(f"{where}: a {row.protocol} row needs the tip's x, y, z")
+    return row
+
+
+def _value(where: str, name: str, text: str) -> Cell:
+    """One cell, checked."""
+    if name in TEXTS:
+        if text not in _CHOICES[name]:
+            raise BadTable(f"{where}, {name}: {text!r} is not one of {', '.join(_CHOICES[name])}")
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        raise BadTable(f"{where}, {name}: {text!r} is not a number") from None
+    if not math.isfinite(number):
+        raise BadTable(f"{where}, {name}: is {text}; leave the cell empty where nothing was measured")
+    if name in INTEGERS:
+        if number != int(number):
+            raise BadTable(f"{where}, {name}: {text} is not a whole number")
+        return int(number)
+    _check_limits(f"{where}, {name}", name, number)
+    return number
+
+
+def _check_limits(where: str, name: str, value: float) -> None:
+    """Raises `BadTable` for a value that no robot of this kind can have, naming the unit it may have been meant in."""
+    order = column_order(name)
+    place = order[0] if order else None
+    if place == 1 and not LOWEST_PRESSURE <= value <= HIGHEST_PRESSURE:
+        raise BadTable(
+            f"{where}: {value:g} Pa is outside {LOWEST_PRESSURE:g} .. {HIGHEST_PRESSURE:g} Pa gauge; "
+            "pressures are gauge, in Pa"
+        )
+    if (place in (2, 4) or name in ("spine_length", "deflection")) and not abs(value) <= LONGEST:
+        raise BadTable(f"{where}: {value:g} m is more than {LONGEST:g} m away; lengths are in m, is this mm or cm?")
+    if name == "vacuum" and not -5e3 <= value <= 110e3:
+        raise BadTable(f"{where}: {value:g} Pa; give Pa below ambient, from 0 (no vacuum) to about 101 325")
+    if name == "hold" and value < 0:
+        raise BadTable(f"{where}: {value:g} s is before the ramp's end")
+    if name == "tip_mass" and not 0 <= value <= 10:
+        raise BadTable(f"{where}: {value:g} kg is outside 0 .. 10 kg; masses are in kg, is this g?")
+
+
+def _doubts(rows: list[TrialRow]) -> list[str]:
+    """What may be right but looks like another unit or a mistake."""
+    doubts = []
+    highest = max(abs(p) for row in rows for p in row.pressures)
+    if 20 < highest < SMALLEST_PRESSURE_SPAN and any(row.protocol != "stiffness" for row in rows):
+        doubts.append(f"no pressure is above {highest:g} Pa: if these are kPa, multiply p1.. by 1000")
+    tips = [max(abs(c) for c in row.tip) for row in rows if row.tip is not None]
+    if tips and max(tips) < 0.005:
+        doubts.append(f"no tip is further than {max(tips) * 1e3:g} mm from the base: are x, y, z in m?")
+    seen: set[tuple[int, int]] = set()
+    for row in rows:
+        if (row.trial, row.step) in seen:
+            doubts.append(f"trial {row.trial} step {row.step} appears more than once")
+        seen.add((row.trial, row.step))
+    return doubts

@@ -1,0 +1,178 @@
+"""The table of trials: one row per state that was read, in the order in which they happened.
+
+Columns, in this order (SI; a column that was never measured is absent, a cell that was not measured is empty):
+
+    trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg p1..pN x y z
+    qw qx qy qz  m1x m1y m1z ..  specimen force deflection  sd_<column> ..
+
+`t` s, middle of the time that was averaged; `rate` Pa/s of the ramp that led here; `hold` s from the ramp's end to the
+reading, 0 when read while ramping; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame;
+`sd_` the standard deviation of the samples that were averaged (not of their mean).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import BadTable
+
+Cell = float | int | str
+Vector3 = tuple[float, float, float]
+
+HEAD: tuple[str, ...] = ("trial", "step", "protocol", "repeat", "branch", "t", "rate", "hold", "spine_length", "vacuum")
+HEAD += ("tip_mass", "roll_deg")
+INTEGERS = frozenset({"trial", "step", "repeat"})
+TEXTS = frozenset({"protocol", "branch", "specimen"})
+TIP = ("x", "y", "z")
+ORIENTATION = ("qw", "qx", "qy", "qz")
+TAIL = ("specimen", "force", "deflection")
+
+_PRESSURE = re.compile(r"p([1-9][0-9]*)")
+_MARKER = re.compile(r"m([1-9][0-9]*)([xyz])")
+
+
+def column_order(name: str) -> tuple[int, int, int] | None:
+    """Where a column stands in the table; None for a name that is no column of it."""
+    for place, group in ((0, HEAD), (2, TIP), (3, ORIENTATION), (5, TAIL)):
+        if name in group:
+            return (place, group.index(name), 0)
+    if match := _PRESSURE.fullmatch(name):
+        return (1, int(match[1]), 0)
+    if match := _MARKER.fullmatch(name):
+        return (4, int(match[1]), "xyz".index(match[2]))
+    if name.startswith("sd_") and (of := column_order(name[3:])) is not None and not name.startswith("sd_sd_"):
+        return (6 + of[0], of[1], of[2])
+    return None
+
+
+@dataclass(frozen=True)
+class TrialRow:
+    """One state that was read; None where a quantity was not measured, NaN for a marker that was never seen."""
+
+    trial: int
+    step: int
+    protocol: str
+    repeat: int
+    branch: str
+    t: float
+    spine_length: float
+    pressures: tuple[float, ...]
+    """Pa gauge, measured, by chamber."""
+    rate: float | None = None
+    hold: float | None = None
+    vacuum: float | None = None
+    tip_mass: float | None = None
+    roll_deg: float | None = None
+    tip: Vector3 | None = None
+    orientation: tuple[float, float, float, float] | None = None
+    """w, x, y, z"""
+    markers: tuple[Vector3, ...] = ()
+    specimen: str | None = None
+    force: float | None = None
+    deflection: float | None = None
+    sd: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of the averaged samples, by column."""
+
+    def cells(self) -> dict[str, Cell]:
+        """Column -> value in the table's order, without what was not measured."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in (*HEAD, *TAIL)}
+        values |= {f"p{i}": p for i, p in enumerate(self.pressures, 1)}
+        values |= dict(zip(TIP, self.tip or (), strict=False))
+        values |= dict(zip(ORIENTATION, self.orientation or (), strict=False))
+        values |= {f"m{i}{axis}": c for i, m in enumerate(self.markers, 1) for axis, c in zip("xyz", m, strict=True)}
+        values |= {f"sd_{name}": value for name, value in self.sd.items()}
+        measured = {name: v for name, v in values.items() if v is not None and v == v}
+        return {name: measured[name] for name in sorted(measured, key=_place)}
+
+    @classmethod
+    def from_cells(cls, cells: Mapping[str, Cell]) -> TrialRow:
+        """The row with these cells; raises `BadTable` for unknown columns, gaps in p1..pN, or half a position."""
+        unknown = [name for name in cells if column_order(name) is None]
+        if unknown:
+            raise BadTable(f"unknown column {', '.join(unknown)}")
+        given: dict[str, Any] = dict(cells)
+        plain = {name: given[name] for name in (*HEAD, *TAIL) if name in given}
+        chambers = sum(1 for name in given if _PRESSURE.fullmatch(name))
+        markers = max((int(match[1]) for name in given if (match := _MARKER.fullmatch(name))), default=0)
+        missing = [n for n in ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length") if n not in given]
+        missing += [f"p{i}" for i in range(1, max(chambers, 1) + 1) if f"p{i}" not in given]
+        if missing:
+            raise BadTable(f"no value for {', '.join(missing)}")
+        return cls(
+            **plain,
+            pressures=tuple(given[f"p{i}"] for i in range(1, chambers + 1)),
+            tip=_group(given, TIP),
+            orientation=_group(given, ORIENTATION),
+            markers=tuple(
+                _group(given, [f"m{i}{axis}" for axis in "xyz"]) or (math.nan,) * 3 for i in range(1, markers + 1)
+            ),
+            sd={name[3:]: value for name, value in given.items() if name.startswith("sd_")},
+        )
+
+    def to_json(self) -> str:
+        """The cells, exactly: equal text means equal to the last bit."""
+        return json.dumps(self.cells())
+
+    @classmethod
+    def from_json(cls, text: str) -> TrialRow:
+        """The row written by `to_json`."""
+        try:
+            return cls.from_cells(json.loads(text))
+        except (ValueError, AttributeError, TypeError) as error:
+            raise BadTable(f"not a row of the table of trials: {error}: {text[:200]!r}") from error
+
+
+def _place(name: str) -> tuple[int, int, int]:
+    order = column_order(name)
+    if order is None:
+        raise BadTable(f"unknown column {name}")
+    return order
+
+
+def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
+    """The values of columns that belong together; None when none of them is there."""
+    there = [name for name in names if name in cells]
+    if there and len(there) < len(names):
+        raise BadTable(f"{', '.join(there)} without {', '.join(set(names) - set(there))}")
+    return tuple(cells[name] for name in names) if there else None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of trials. `table["x"]` is a numpy column: NaN (or an empty text) where a row has no value."""
+
+    rows: tuple[TrialRow, ...]
+    ignored: tuple[str, ...] = ()
+    """Columns of the file that are no columns of this table."""
+    warnings: tuple[str, ...] = ()
+    """What looked odd when the file was read, but may be right."""
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[TrialRow]:
+        return iter(self.rows)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns that at least one row has a value for, in order."""
+        return tuple(sorted({name for row in self.rows for name in row.cells()}, key=_place))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """One column, shape (rows,): float64, int64 for trial, step and repeat, or text."""
+        if name not in self.columns:
+            raise BadTable(f"no column {name}; the table has {', '.join(self.columns)}")
+        values = [row.cells().get(name) for row in self.rows]
+        if name in TEXTS:
+            return np.array([value or "" for value in values], dtype=np.str_)
+        if name in INTEGERS:
+            return np.array(values, dtype=np.int64)
+        return np.array([math.nan if value is None else value for value in values], dtype=np.float64)

@@ -1,0 +1,379 @@
+"""Recording a run: messages from any thread, one writer thread, an MCAP file that survives the process.
+
+A message that `push` accepted is in the file at most `FLUSH_PERIOD` (host time) later, as a finished chunk. Header,
+metadata, attachments and schemas are there before the constructor returns. The file has its final name from the
+start; the metadata record `outcome` is written by `close` alone, so a file without it ended abruptly.
+
+Metadata records: `recording` (schema_version, start_wall_ns, chambers, markers), those given by the caller, and at
+the end `counts` (one JSON text a topic) and `outcome`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import queue
+import threading
+import time
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import CompressionType, Writer
+
+from . import events
+from .buffer import KEEP, Buffers
+from .disk import Disk
+from .errors import BadMessage, RecordingError, WriteFailed
+from .messages import SCHEMA_VERSION, MessageType, streams
+from .states import State
+from .timing import timing
+from .trials import TrialRow
+
+FLUSH_PERIOD = 0.1
+"""Host seconds between finished chunks."""
+
+QUEUE_LIMIT = 200_000
+"""Messages waiting for the disk; beyond it they are dropped and counted."""
+
+POSE_PERIOD = 1 / 30
+"""Rig seconds between poses on /tip/pose, which serves the eye only."""
+
+LIBRARY = "softlab recordings"
+
+
+@dataclass(frozen=True)
+class StreamCounts:
+    """What became of a topic's messages.
+
+    `generated` = `written` + `dropped`; `dropped` were refused here (malformed, out of order, queue full, disk failed);
+    `lost` never arrived and were reported by the driver. Times in s, rate in Hz; see `timing`.
+    """
+
+    generated: int
+    written: int
+    dropped: int
+    lost: int
+    rate: float
+    jitter: float
+    gaps: int
+    longest: float
+
+    @property
+    def complete(self) -> bool:
+        """Nothing was lost on the way."""
+        return self.dropped == 0 and self.lost == 0
+
+
+@dataclass
+class _Topic:
+    """Book-keeping of one topic; `lock` keeps its stamps, its buffer and the queue in one order."""
+
+    channel: int = 0
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    generated: int = 0
+    pending: int = 0
+    written: int = 0
+    lost: int = 0
+    last: int = -1
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    complained: bool = False
+
+
+@dataclass(frozen=True)
+class _Item:
+    topic: _Topic
+    log_time: int
+    sequence: int
+    payload: bytes
+
+
+class Recorder:
+    """One recording in progress.
+
+    `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name ->
+    bytes. `metadata`: record name -> texts. Raises `WriteFailed` when the file exists or cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        start_wall_ns: int,
+        attachments: Mapping[str, bytes] | None = None,
+        metadata: Mapping[str, Mapping[str, str]] | None = None,
+        chambers: int = 9,
+        markers: int = 0,
+        keep: float = KEEP,
+    ) -> None:
+        self.path = Path(path)
+        self.start_wall_ns = start_wall_ns
+        self.messages: dict[str, MessageType] = streams(chambers, markers)
+        self.buffers = Buffers(self.messages, keep)
+        self._topics = {topic: _Topic() for topic in (*self.messages, *events.EVENTS)}
+        self._queue: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
+        self._failure: BaseException | None = None
+        self._outcome: dict[str, str] | None = None
+        self._states = 0
+        self._last_pose = -math.inf
+        self._event_lock = threading.Lock()
+        self._disk = Disk(self.path)
+        self._mcap = Writer(self._disk, compression=CompressionType.ZSTD, enable_data_crcs=True)  # type: ignore[arg-type]
+        about = {
+            "schema_version": SCHEMA_VERSION,
+            "start_wall_ns": str(start_wall_ns),
+            "chambers": str(chambers),
+            "markers": str(markers),
+        }
+        try:
+            self._begin({"recording": about, **(metadata or {})}, attachments or {})
+        except OSError as error:
+            self._disk.give_up()
+            raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
+        self._thread = threading.Thread(target=self._run, name="recording-writer", daemon=True)
+        self._thread.start()
+
+    def _begin(self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> None:
+        """Everything that must be on disk before the first sample."""
+        mcap, now = self._mcap, time.time_ns()
+        mcap.start(library=LIBRARY)
+        for name, texts in metadata.items():
+            mcap.add_metadata(name, dict(texts))
+        for name, data in attachments.items():
+            mcap.add_attachment(now, now, name, "application/octet-stream", data)
+        for message in self.messages.values():
+            schema = mcap.register_schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
+            self._register(message.topic, schema, message.metadata)
+        for event in events.EVENTS.values():
+            schema = mcap.register_schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
+            self._register(event.topic, schema, event.metadata)
+        # Schemas and channels reach the file with the first message's chunk. self._write(self._item("/log", 0,
+        events.encode_log(self.start_wall_ns, "info", "recording starts", "recorder"))) self._flush()
+        self._disk.sync_name()
+
+    def _register(self, topic: str, schema: int, metadata: dict[str, str]) -> None:
+        channel = self._mcap.register_channel(topic, MessageEncoding.Protobuf, schema, metadata)
+        self._topics[topic].channel = channel
+
+    # -- from any thread
+    def push(self, topic: str, t: float, values: tuple[object, ...] | None = None, /, **fields: object) -> None:
+        """Record one message of a stream: `values` in the order of its fields after `t`, or each by name.
+
+        `t`: rig time, s, not before the topic's previous one (a message that is, is dropped and counted). Raises
+        `BadMessage` when it does not fit its definition, `WriteFailed` when the file can no longer be written.
+        """
+        try:
+            message = self.messages[topic]
+        except KeyError:
+            raise BadMessage(f"no stream {topic}; there are {', '.join(self.messages)}") from None
+        entry = self._topics[topic]
+        try:
+            if values is None:
+                values = self._in_order(message, fields)
+            ns = self._nanoseconds(topic, t)
+            stamp = ns / 1e9
+            payload = message.encode(stamp, values)
+        except BadMessage:
+            with entry.lock:
+                entry.generated += 1
+            raise
+        with entry.lock:
+            if not self._accepts(entry, ns):
+                entry.generated += 1
+            else:
+                self.buffers[topic].append(stamp, payload)
+                self._queue.put(self._item(topic, ns, payload))
+        self._check()
+        if topic == "/tip":
+            self._push_pose(message, stamp, ns, values)
+
+    def _in_order(self, message: MessageType, fields: Mapping[str, object]) -> tuple[object, ...]:
+        if fields.keys() != set(message.value_names):
+            missing = ", ".join(set(message.value_names) - fields.keys()) or "nothing"
+            unknown = ", ".join(fields.keys() - set(message.value_names)) or "nothing"
+            raise BadMessage(f"{message.topic}: missing {missing}, unknown {unknown}")
+        return tuple(fields[name] for name in message.value_names)
+
+    def _nanoseconds(self, topic: str, t: float) -> int:
+        if not (isinstance(t, int | float) and math.isfinite(t) and 0 <= t < 1e9):
+            raise BadMessage(f"{topic}: t = {t!r} is not a rig time in seconds")
+        return round(t * 1e9)
+
+    def _accepts(self, entry: _Topic, ns: int) -> bool:
+        return self._failure is None and self._outcome is None and ns >= entry.last and self._queue.qsize() <
+        QUEUE_LIMIT
+
+    def _item(self, topic: str, ns: int, payload: bytes) -> _Item:
+        """Count a message and number it; the topic's lock is held."""
+        entry = self._topics[topic]
+        entry.generated += 1
+        entry.last = max(entry.last, ns)
+        return _Item(entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload)
+
+    def sink(self, topic: str) -> Callable[[Any], None]:
+        """A function that records samples: objects with `t` and attributes named like the stream's fields.
+
+        It never raises, because it runs in the driver's thread: a sample that cannot be recorded is dropped and
+        counted, the first one of a topic is told on /log. Body markers that were not seen are filled up with NaN.
+        """
+        message = self.messages[topic]
+        rows = {f.name: f.shape[0] for f in message.fields if len(f.shape) == 2}
+        nan = (math.nan,) * 3
+
+        def take(sample: Any) -> None:
+            values = [getattr(sample, name) for name in message.value_names]
+            for index, name in enumerate(message.value_names):
+                if name in rows:
+                    values[index] = (*values[index], *(nan,) * (rows[name] - len(values[index])))
+            try:
+                self.push(topic, sample.t, tuple(values))
+            except WriteFailed:
+                return
+            except BadMessage as error:
+                if not self._topics[topic].complained:
+                    self._topics[topic].complained = True
+                    self.log("error", str(error))
+
+        return take
+
+    def note_lost(self, topic: str, count: int) -> None:
+        """A driver knows that so many samples of its stream never arrived."""
+        entry = self._topics[topic]
+        with entry.lock:
+            entry.lost += count
+
+    def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
+        """A line on /log; `level` is one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp."""
+        if level not in events.LEVELS:
+            raise BadMessage(f"log level {level!r} is unknown; one of {', '.join(events.LEVELS)}")
+        ns = self._newest() if t is None else self._nanoseconds("/log", t)
+        self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, text, name))
+
+    def state(self, t: float, state: State) -> int:
+        """Record what is asked for, before it is read; returns the state's number in this recording."""
+        with self._event_lock:
+            self._states += 1
+            number = self._states
+        self._event("/state", self._nanoseconds("/state", t), events.encode_state(t, number, state))
+        return number
+
+    def trial(self, t: float, number: int, row: TrialRow) -> None:
+        """Record the row that was concluded for state `number`."""
+        self._event("/trial", self._nanoseconds("/trial", t), events.encode_trial(t, number, row))
+
+    def _newest(self) -> int:
+        return max(entry.last for entry in self._topics.values())
+
+    def _event(self, topic: str, ns: int, payload: bytes) -> None:
+        """Events are few and never dropped for their order."""
+        with self._topics[topic].lock:
+            if self._failure is None and self._outcome is None:
+                self._queue.put(self._item(topic, ns, payload))
+        self._check()
+
+    def _push_pose(self, message: MessageType, stamp: float, ns: int, values: tuple[object, ...]) -> None:
+        fields: dict[str, Any] = dict(zip(message.value_names, values, strict=True))
+        if fields["valid"] and stamp >= self._last_pose + POSE_PERIOD:
+            self._last_pose = stamp
+            payload = events.encode_pose(self.start_wall_ns + ns, fields["position"], fields["orientation"])
+            self._event("/tip/pose", ns, payload)
+
+    def check(self) -> None:
+        """Raises `WriteFailed` when the file can no longer be written."""
+        self._check()
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise WriteFailed(
+                f"{self.path}: recording stopped: {self._failure}; what was written before stays readable with "
+                "`lab recover`. Make room or choose another disk and resume the run"
+            ) from self._failure
+        if self._outcome is not None:
+            raise WriteFailed(f"{self.path}: recording is closed ({self._outcome['outcome']})")
+
+    # -- the writer thread
+    def _run(self) -> None:
+        try:
+            due = time.monotonic() + FLUSH_PERIOD
+            while True:
+                try:
+                    item = self._queue.get(timeout=max(0.0, due - time.monotonic()))
+                except queue.Empty:
+                    pass
+                else:
+                    if item is None:
+                        break
+                    self._write(item)
+                if time.monotonic() >= due:
+                    self._flush()
+                    due = time.monotonic() + FLUSH_PERIOD
+            self._flush()
+            self._end()
+        except Exception as error:
+            self._failure = error
+            self._disk.give_up()
+
+    def _write(self, item: _Item) -> None:
+        item.topic.pending += 1
+        item.topic.stamps.append(item.log_time - self.start_wall_ns)
+        self._mcap.add_message(item.topic.channel, item.log_time, item.payload, item.log_time, item.sequence)
+
+    def _flush(self) -> None:
+        self._mcap.flush()
+        self._disk.commit()
+        for topic in self._topics.values():
+            topic.written += topic.pending
+            topic.pending = 0
+
+    def _end(self) -> None:
+        outcome = self._outcome or {}
+        counts = {topic: json.dumps(asdict(count)) for topic, count in self.counts().items()}
+        self._mcap.add_metadata("counts", counts)
+        self._mcap.add_metadata("outcome", outcome)
+        self._mcap.finish()
+        self._disk.commit()
+        self._disk.close()
+
+    def counts(self) -> dict[str, StreamCounts]:
+        """What became of each topic's messages so far."""
+        out = {}
+        for name, topic in self._topics.items():
+            at = timing(np.array(topic.stamps[: topic.written], dtype=np.int64) / 1e9)
+            dropped = topic.generated - topic.written
+            out[name] = StreamCounts(
+                topic.generated, topic.written, dropped, topic.lost, at.rate, at.jitter, at.gaps, at.longest
+            )
+        return out
+
+    def close(self, outcome: str, detail: str = "") -> dict[str, StreamCounts]:
+        """Write counts and outcome, finish the file, return the counts. A second call returns them again.
+
+        `outcome`: completed, stopped or failed. Raises `WriteFailed` when the file could not be finished.
+        """
+        if self._outcome is None:
+            self._outcome = {"outcome": outcome, "detail": detail, "closed_wall_ns": str(time.time_ns())}
+            self._queue.put(None)
+        self._thread.join()
+        if self._failure is not None:
+            self._check()
+        return self.counts()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close("completed")
+            return
+        try:
+            self.close("stopped" if isinstance(error, KeyboardInterrupt) else "failed", f"{type(error).__name__}: {error}")
+        except RecordingError as second:
+            error.add_note(str(second))
