@@ -1,0 +1,118 @@
+"""The back door: JSON, one object a line, for tests and for whoever starts the rig. No part of any robot.
+
+Requests, `do` and its other keys:
+- state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1); forget (empties the logs)
+- protective_stop; emergency_stop; clear; power (on)
+- drop (cuts all connections); freeze (seconds); dashboard (silent); stuck (variables: names whose values stay as they are)
+Every answer is the state, or {"error": why}.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import numpy as np
+
+from .controller import POWER_OFF, RUNNING, Controller
+from .kinematics import Array, pose_matrix
+from .wire import Connection, Hub
+
+DEFAULT_PORT = 29900
+
+
+class BackDoor(Connection):
+    """One caller; `subject` is the hub whose robot is changed. Never frozen or dropped, as it has a hub of its own."""
+
+    def __init__(self, hub: Hub, subject: Hub) -> None:
+        super().__init__(hub)
+        self.subject = subject
+
+    def take(self) -> bool:
+        line, newline, rest = self.buffer.partition(b"\n")
+        if not newline:
+            return False
+        self.buffer = rest
+        try:
+            request = json.loads(line)
+            act(self.subject, request)
+            reply = state(self.subject)
+        except (ValueError, KeyError, TypeError) as error:
+            reply = {"error": f"{type(error).__name__}: {error}"}
+        self.transport.write(json.dumps(reply).encode() + b"\n")
+        return True
+
+
+def state(hub: Hub) -> dict[str, Any]:
+    """Everything a test may want to know."""
+    controller = hub.controller
+    return {
+        "t": controller.t,
+        "q": controller.arm.q.tolist(),
+        "pose": controller.arm.pose_vector().tolist(),
+        "tcp_speed": controller.arm.tcp_speed().tolist(),
+        "runtime": controller.runtime,
+        "safety": controller.safety,
+        "slider": controller.slider,
+        "commands": [dataclasses.asdict(command) for command in controller.commands],
+        "ended": controller.ended,
+        "violations": hub.violations,
+        "connections": len(hub.connections),
+    }
+
+
+def act(hub: Hub, request: dict[str, Any]) -> None:
+    """Do what a request asks for. Raises ValueError, KeyError or TypeError for a bad one."""
+    controller = hub.controller
+    match request["do"]:
+        case "state":
+            pass
+        case "set":
+            _set(controller, request)
+        case "protective_stop":
+            controller.protective_stop("back door")
+        case "emergency_stop":
+            controller.emergency_stop()
+        case "clear":
+            controller.clear()
+        case "drop":
+            hub.drop()
+        case "freeze":
+            hub.freeze(float(request["seconds"]))
+        case "dashboard":
+            hub.dashboard_silent = bool(request["silent"])
+        case "power":
+            controller.end_program("power switched")
+            controller.robot_mode = RUNNING if request["on"] else POWER_OFF
+        case "stuck":
+            controller.stuck = {name: controller.value(name) for name in request["variables"]}
+        case "forget":
+            controller.commands.clear()
+            controller.ended.clear()
+            hub.violations.clear()
+        case other:
+            raise ValueError(f"unknown request {other!r}")
+
+
+def _set(controller: Controller, request: dict[str, Any]) -> None:
+    unknown = set(request) - {"do", "q", "pose", "wrench", "slider"}
+    if unknown:
+        raise ValueError(f"unknown keys {sorted(unknown)}")
+    if "slider" in request:
+        controller.slider = min(1.0, max(0.0, float(request["slider"])))
+    if "wrench" in request:
+        controller.wrench = _six(request["wrench"])
+    if "q" in request or "pose" in request:
+        q = _six(request["q"]) if "q" in request else controller.arm.solve(pose_matrix(_six(request["pose"])))
+        if q is None:
+            raise ValueError(f"pose {request['pose']} is out of reach")
+        controller.end_program("arm moved by hand")
+        controller.arm.q = q
+
+
+def _six(values: list[float]) -> Array:
+    array = np.asarray(values, float)
+    if array.shape != (6,) or not np.all(np.isfinite(array)):
+        raise ValueError(f"six finite numbers are needed, not {values}")
+    return array

@@ -1,0 +1,238 @@
+"""The controller without any wire: safety, program, registers, and what it reports each cycle.
+
+One cycle lasts 8 ms (CB3) or 2 ms (e-Series) of host time whatever the speed factor; the arm and the controller's own
+time stamp advance by `speed` cycles meanwhile.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import variables
+from .kinematics import UR5_CB3, UR5E, Array, forward, pose_vector
+from .motion import Arm, JointOverspeed, ProgramError
+from .script import ControlScript
+
+STOPPED, PLAYING = 1, 2
+"""runtime_state"""
+POWER_OFF, IDLE, RUNNING = 3, 5, 7
+"""robot_mode"""
+NORMAL, PROTECTIVE_STOP, EMERGENCY_STOP = 1 << 0, 1 << 2, 1 << 6 | 1 << 7
+"""safety_status_bits: normal; protective stop; robot emergency stop and any emergency stop"""
+SAFETY_MODE = {NORMAL: 1, PROTECTIVE_STOP: 3, EMERGENCY_STOP: 7}
+
+ENCODER_NOISE = 1e-5
+"""rad, standard deviation."""
+SPEED_NOISE = 1e-4
+"""rad/s, standard deviation."""
+UPTIME = 1000.0
+"""s; the controller's own clock has nothing to do with the rig's."""
+
+_FUNCTION = re.compile(r"def (\w+)\(\):")
+_OFFSET = re.compile(r"global reg_offset_int = # int register offset\n(\d+)")
+
+
+@dataclass
+class Command:
+    """One command the control script took: host-independent time (device stamp, s), name, registers."""
+
+    t: float
+    name: str
+    values: list[float]
+
+
+@dataclass
+class Controller:
+    """State of one controller."""
+
+    version: variables.Version = (3, 15, 8, 106339)
+    speed: float = 1.0
+    seed: int = 0
+    model: str = "UR5"
+    serial: str = "20183500000"
+    wrench: Array = field(default_factory=lambda: np.zeros(6))
+    slider: float = 1.0
+    safety: int = NORMAL
+    robot_mode: int = RUNNING
+    runtime: int = STOPPED
+    commands: list[Command] = field(default_factory=list)
+    ended: list[str] = field(default_factory=list)
+    """Why each program ended, oldest first."""
+    stuck: dict[str, float | list[float]] = field(default_factory=dict)
+    """Variables that keep one value on the wire."""
+
+    def __post_init__(self) -> None:
+        self.period = 0.008 if self.version[0] == 3 else 0.002
+        self.t = UPTIME
+        self.arm = Arm(UR5_CB3 if self.version[0] == 3 else UR5E)
+        self.outputs = variables.outputs(self.version)
+        self.inputs: dict[str, float | list[float]] = {
+            name: [0.0] * 6 if kind == variables.VECTOR6D else 0.0 if kind == variables.DOUBLE else 0
+            for name, kind in variables.inputs().items()
+        }
+        self.out_int = [0] * variables.REGISTERS
+        self.out_double = [0.0] * variables.REGISTERS
+        self._program: ControlScript | None = None
+        self._watchdog: float | None = None
+        self._starving = 0.0
+        self._random = np.random.default_rng(self.seed)
+        self._measure()
+
+    # -- one cycle
+    def advance(self) -> None:
+        """One cycle."""
+        dt = self.period * self.speed
+        self.t += dt
+        try:
+            if self._program is not None and not self._program.cycle(dt * self.slider):
+                self.end_program("stopped by the client")
+        except ProgramError as error:
+            self.end_program(str(error))
+        except JointOverspeed as error:
+            self.protective_stop(str(error))
+        self._watch()
+        self._measure()
+
+    def _watch(self) -> None:
+        """The watchdog counts the controller's own cycles, so a late host does not trip it."""
+        if self._watchdog is None:
+            return
+        self._starving += self.period
+        if self._starving > 1.0 / self._watchdog:
+            self.end_program(f"watchdog: input registers not written at {self._watchdog:g} Hz")
+
+    def _measure(self) -> None:
+        noise = self._random.normal(size=(2, 6))
+        self._actual_q = self.arm.q + ENCODER_NOISE * noise[0]
+        self._actual_qd = self.arm.qd + SPEED_NOISE * noise[1]
+        pose, jacobian = forward(self.arm.geometry, self._actual_q, self.arm.tool)
+        self._actual_pose, self._actual_speed = pose_vector(pose), jacobian @ self._actual_qd
+
+    # -- safety and program
+    def protective_stop(self, reason: str) -> None:
+        """The safety system stops the arm; the program is gone."""
+        self.safety = PROTECTIVE_STOP
+        self.end_program(f"protective stop: {reason}")
+
+    def emergency_stop(self) -> None:
+        """Somebody pressed the button: power is cut."""
+        self.safety, self.robot_mode = EMERGENCY_STOP, POWER_OFF
+        self.end_program("emergency stop")
+
+    def clear(self) -> None:
+        """Somebody at the pendant has cleared the stop, powered on and released the brakes."""
+        self.safety, self.robot_mode = NORMAL, RUNNING
+
+    def load(self, text: str) -> None:
+        """A program arrives; a running one is replaced."""
+        if self._program is not None:
+            self.end_program("replaced by another program")
+        function = _FUNCTION.match(text)
+        name = function[1] if function else "?"
+        if self.safety != NORMAL or self.robot_mode != RUNNING:
+            self.ended.append(f"{name} not started: the arm is not ready")
+        elif name != "rtde_control":
+            self.ended.append(f"{name}: only the control script is understood")
+        else:
+            offset = _OFFSET.search(text)
+            self.runtime = PLAYING
+            self._program = ControlScript(self, int(offset[1]) if offset else 0)
+
+    def end_program(self, reason: str) -> None:
+        """The arm halts; the reason goes to the log."""
+        self._watchdog = None
+        self.arm.halt()
+        if self._program is not None:
+            self._program, self.runtime = None, STOPPED
+            self.ended.append(reason)
+
+    # -- what the control script needs
+    def read_int(self, index: int) -> int:
+        """Input int register."""
+        return int(self.inputs[f"input_int_register_{index}"])  # type: ignore[arg-type]
+
+    def read_double(self, index: int) -> float:
+        """Input double register."""
+        return float(self.inputs[f"input_double_register_{index}"])  # type: ignore[arg-type]
+
+    def write_int(self, index: int, value: int) -> None:
+        """Output int register."""
+        self.out_int[index] = value
+
+    def write_double(self, index: int, value: float) -> None:
+        """Output double register."""
+        self.out_double[index] = value
+
+    def start_watchdog(self, frequency: float) -> None:
+        """End the program when input int 0 is written less often than `frequency` (Hz, host time)."""
+        self._watchdog, self._starving = frequency, 0.0
+
+    def note_command(self, name: str, values: list[float]) -> None:
+        """Keep a command for the log."""
+        self.commands.append(Command(self.t, name, values))
+
+    # -- what the wire needs
+    def write(self, name: str, value: float | list[float]) -> None:
+        """A client wrote an input variable."""
+        self.inputs[name] = value
+        if name in ("input_int_register_0", "input_int_register_24"):
+            self._starving = 0.0
+        if name == "speed_slider_fraction" and self.inputs["speed_slider_mask"]:
+            self.slider = min(1.0, max(0.0, float(value)))  # type: ignore[arg-type]
+
+    def value(self, name: str) -> float | list[float]:
+        """What the controller reports now for an output variable; measured values have the resolution of a float32."""
+        if name in self.stuck:
+            return self.stuck[name]
+        if name.startswith("output_int_register_"):
+            return self.out_int[int(name.rsplit("_", 1)[1])]
+        if name.startswith("output_double_register_"):
+            return self.out_double[int(name.rsplit("_", 1)[1])]
+        if name in variables.CONSTANT:
+            return variables.CONSTANT[name]
+        vector = self._vectors(name)
+        if vector is not None:
+            return vector.tolist()
+        scalars: dict[str, float] = {
+            "timestamp": self.t,
+            "runtime_state": self.runtime,
+            "robot_mode": self.robot_mode,
+            "safety_mode": SAFETY_MODE[self.safety],
+            "safety_status_bits": self.safety,
+            "robot_status_bits": (self.robot_mode != POWER_OFF) | (self.runtime == PLAYING) << 1,
+            "speed_scaling": self.slider,
+            "target_speed_fraction": self.slider,
+        }
+        if name in scalars:
+            return scalars[name]
+        count = variables.COUNT.get(self.outputs[name], 1)
+        return 0 if count == 1 else [0] * count
+
+    def _vectors(self, name: str) -> Array | None:
+        match name:
+            case "actual_q":
+                return _measured(self._actual_q)
+            case "actual_qd":
+                return _measured(self._actual_qd)
+            case "actual_TCP_pose":
+                return _measured(self._actual_pose)
+            case "actual_TCP_speed":
+                return _measured(self._actual_speed)
+            case "actual_TCP_force":
+                return _measured(self.wrench)
+            case "target_q":
+                return self.arm.q
+            case "target_qd":
+                return self.arm.qd
+            case "target_TCP_pose":
+                return self.arm.pose_vector()
+            case "target_TCP_speed":
+                return self.arm.tcp_speed()
+        return None
+
+
+def _measured(values: Array) -> Array:
+    return values.astype(np.float32).astype(np.float64)

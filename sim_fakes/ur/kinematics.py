@@ -1,0 +1,109 @@
+"""Kinematics of the UR5: where the flange is for given joint angles, and back.
+
+Poses are 4x4 matrices or (x, y, z [m], rotation vector [rad]); joint angles rad; everything in the arm's base frame. The
+Denavit-Hartenberg parameters are the nominal ones that Universal Robots publishes for the UR5 (CB3) and the UR5e; a real
+arm deviates by its calibration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Denavit-Hartenberg parameters of the six joints: a and d in m, alpha in rad."""
+
+    a: tuple[float, ...]
+    d: tuple[float, ...]
+    alpha: tuple[float, ...] = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
+
+
+UR5_CB3 = Geometry(a=(0.0, -0.425, -0.39225, 0.0, 0.0, 0.0), d=(0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823))
+UR5E = Geometry(a=(0.0, -0.425, -0.3922, 0.0, 0.0, 0.0), d=(0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996))
+
+
+def rotation_matrix(vector: Sequence[float] | Array) -> Array:
+    """Rotation matrix of a rotation vector (rad), by Rodrigues' formula."""
+    v = np.asarray(vector, float)
+    angle = float(np.linalg.norm(v))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = v / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+
+
+def rotation_vector(matrix: Array) -> Array:
+    """Rotation vector (rad, length 0..pi) of a rotation matrix; stable near 0 and near pi."""
+    axis_sin = 0.5 * np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
+    sine = float(np.linalg.norm(axis_sin))
+    cosine = 0.5 * (float(np.trace(matrix)) - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-6:
+        return axis_sin * (angle / sine)
+    if cosine > 0.0:
+        return axis_sin
+    # Near pi the antisymmetric part vanishes: take the axis from the symmetric part.
+    outer = 0.25 * (matrix + matrix.T) + 0.5 * np.eye(3)
+    column = int(np.argmax(np.diag(outer)))
+    axis = outer[:, column] / math.sqrt(outer[column, column])
+    if float(axis @ axis_sin) < 0.0:
+        axis = -axis
+    return axis * angle
+
+
+def pose_matrix(pose: Sequence[float] | Array) -> Array:
+    """4x4 matrix of (x, y, z, rotation vector)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_matrix(pose[3:6])
+    matrix[:3, 3] = pose[:3]
+    return matrix
+
+
+def pose_vector(matrix: Array) -> Array:
+    """(x, y, z, rotation vector) of a 4x4 matrix, shape (6,)."""
+    return np.concatenate([matrix[:3, 3], rotation_vector(matrix[:3, :3])])
+
+
+def forward(geometry: Geometry, joints: Array, tool: Array) -> tuple[Array, Array]:
+    """TCP pose (4x4) and geometric Jacobian (6x6, m and rad per rad); `tool` = TCP in the flange frame (4x4)."""
+    pose = np.eye(4)
+    axes, origins = np.empty((6, 3)), np.empty((6, 3))
+    for i in range(6):
+        axes[i], origins[i] = pose[:3, 2], pose[:3, 3]
+        ct, st = math.cos(joints[i]), math.sin(joints[i])
+        ca, sa = math.cos(geometry.alpha[i]), math.sin(geometry.alpha[i])
+        a, d = geometry.a[i], geometry.d[i]
+        pose = pose @ np.array(
+            [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
+        )
+    pose = pose @ tool
+    jacobian = np.vstack([np.cross(axes, pose[:3, 3] - origins).T, axes.T])
+    return pose, jacobian
+
+
+def inverse(geometry: Geometry, target: Array, start: Array, tool: Array) -> Array | None:
+    """Joint angles nearest to `start` that put the TCP at `target` (4x4), or None when there are none.
+
+    Damped Newton (Levenberg-Marquardt): q += J^T (J J^T + mu I)^-1 e, where e is the pose error and mu shrinks with it,
+    so that the step is bounded near a singularity and convergence is quadratic near the solution.
+    """
+    joints = np.array(start, float)
+    for _ in range(80):
+        pose, jacobian = forward(geometry, joints, tool)
+        error = np.concatenate([target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T)])
+        size = float(np.linalg.norm(error))
+        if size < 1e-10:
+            return joints
+        damping = min(1e-2 * size, 1e-3) * size + 1e-14
+        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
+        joints = joints + step * min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-12))
+    return joints if size < 1e-7 else None

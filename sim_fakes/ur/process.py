@@ -1,0 +1,119 @@
+"""Start the controller in a process of its own and talk to its back door.
+
+A process, because the constructors of the real client library hold the interpreter's lock while they wait for an answer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import select
+import socket
+import subprocess
+import sys
+import time
+from typing import Any
+
+from . import backdoor, dashboard, rtde, upload
+
+START_TIMEOUT = 20.0
+"""s of host time."""
+
+
+def free_host(attempts: int = 50) -> str:
+    """A loopback address on which all ports of a controller are free."""
+    for _ in range(attempts):
+        host = f"127.{random.randint(1, 254)}.{random.randint(0, 254)}.{random.randint(2, 254)}"
+        if all(_is_free(host, port) for port in (rtde.PORT, dashboard.PORT, *upload.PORTS, backdoor.DEFAULT_PORT)):
+            return host
+    raise RuntimeError("no loopback address with free ports 29900, 29999 and 30001 to 30004")
+
+
+def _is_free(host: str, port: int) -> bool:
+    with socket.socket() as probe:
+        try:
+            probe.bind((host, port))
+        except OSError:
+            return False
+        return True
+
+
+class UrProcess:
+    """A running controller on an address of its own; ends with the process that started it."""
+
+    def __init__(
+        self,
+        host: str | None = None,
+        *,
+        speed: float = 1.0,
+        version: str = "3.15.8.106339",
+        pose_to: tuple[str, int] | None = None,
+        clock_start: float | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Start and wait until it accepts clients. Raises RuntimeError when it does not within START_TIMEOUT."""
+        self.host = host or free_host()
+        command = [sys.executable, "-m", "sim_fakes.ur", "--host", self.host, "--version", version]
+        command += ["--speed", str(speed), "--seed", str(seed), "--die-with-parent"]
+        if pose_to is not None:
+            command += ["--pose-to", f"{pose_to[0]}:{pose_to[1]}"]
+        if clock_start is not None:
+            command += ["--clock-start", repr(clock_start)]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._line: socket.socket | None = None
+        self._wait_until_ready()
+
+    def _wait_until_ready(self) -> None:
+        output = self.process.stdout
+        if output is None:
+            raise RuntimeError("the controller's output is not connected")
+        ready, _, _ = select.select([output], [], [], START_TIMEOUT)
+        if not ready or output.readline().strip() != b"ready":
+            self.kill()
+            raise RuntimeError(f"the controller at {self.host} did not start within {START_TIMEOUT:g} s")
+
+    def backdoor(self, do: str = "state", **values: object) -> dict[str, Any]:
+        """Send a request to the back door (see `sim_fakes.ur.backdoor`), return its answer; ValueError for a bad one."""
+        if self._line is None:
+            self._line = socket.create_connection((self.host, backdoor.DEFAULT_PORT), timeout=5.0)
+        self._line.sendall(json.dumps({"do": do, **values}).encode() + b"\n")
+        answer = b""
+        while not answer.endswith(b"\n"):
+            piece = self._line.recv(65536)
+            if not piece:
+                raise ConnectionError(f"the controller at {self.host} has gone")
+            answer += piece
+        reply: dict[str, Any] = json.loads(answer)
+        if "error" in reply:
+            raise ValueError(reply["error"])
+        return reply
+
+    def wait_for(self, what: str, value: object, timeout: float = 5.0) -> dict[str, Any]:
+        """Poll the back door until an entry has a value; TimeoutError after `timeout` (s of host time)."""
+        deadline = time.monotonic() + timeout
+        while (state := self.backdoor())[what] != value:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"{what} is {state[what]!r} and not {value!r} after {timeout:g} s")
+            time.sleep(0.01)
+        return state
+
+    def kill(self) -> None:
+        """End it like a power failure."""
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> None:
+        """End it and free what it held; may be called twice."""
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+        self.process.terminate()
+        try:
+            self.process.wait(2.0)
+        except subprocess.TimeoutExpired:
+            self.kill()

@@ -1,0 +1,159 @@
+"""RTDE, port 30004: packets of u16 length (header included), u8 type and a body, big-endian.
+
+Protocol version 2 only. Stricter than the device: lengths, recipe ids, register ownership, the order of requests and the
+frequency are all checked, and every breach is noted.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from . import variables
+from .wire import Connection, Hub
+
+PORT = 30004
+VERSION, CONTROLLER_VERSION, OUTPUTS, INPUTS, START, PAUSE, DATA = b"VvOISPU"
+LARGEST_PACKET = 4096
+_BACKLOG = 200_000
+"""Bytes a client may leave unread before packages are skipped."""
+
+
+@dataclass
+class Subscription:
+    """What one client is sent: names, package layout, and each how many cycles."""
+
+    names: list[str]
+    layout: str
+    every: int
+    cycle: int = 0
+
+
+def publish(hub: Hub) -> None:
+    """Send one cycle's values to all clients that have started."""
+    values: dict[str, list[float]] = {}
+    for connection in list(hub.connections):
+        if isinstance(connection, RtdeConnection):
+            connection.publish(values)
+
+
+class RtdeConnection(Connection):
+    """One RTDE client."""
+
+    def __init__(self, hub: Hub) -> None:
+        super().__init__(hub)
+        self.recipes: list[list[tuple[str, str]]] = []
+        self.subscription: Subscription | None = None
+        self.started = self.negotiated = False
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self.hub.owner = {name: owner for name, owner in self.hub.owner.items() if owner is not self}
+
+    def take(self) -> bool:
+        if len(self.buffer) < 3:
+            return False
+        size, kind = struct.unpack(">HB", self.buffer[:3])
+        if not 3 <= size <= LARGEST_PACKET:
+            self._reject(f"packet length {size}")
+            return False
+        if len(self.buffer) < size:
+            return False
+        body, self.buffer = self.buffer[3:size], self.buffer[size:]
+        if not self.negotiated and kind != VERSION:
+            self._reject(f"packet {chr(kind)!r} before the protocol version was agreed")
+            return False
+        return self._answer(kind, body)
+
+    def _reject(self, text: str) -> None:
+        """Note the breach and hang up."""
+        self.hub.violation(f"rtde: {text}")
+        self.buffer = b""
+        self.transport.abort()
+
+    def _send(self, kind: int, body: bytes) -> None:
+        self.transport.write(struct.pack(">HB", len(body) + 3, kind) + body)
+
+    def _answer(self, kind: int, body: bytes) -> bool:
+        if kind == VERSION and len(body) == 2:
+            self.negotiated = struct.unpack(">H", body)[0] == 2
+            self._send(kind, bytes([self.negotiated]))
+        elif kind == CONTROLLER_VERSION and not body:
+            self._send(kind, struct.pack(">4I", *self.hub.controller.version))
+        elif kind == OUTPUTS and len(body) > 8:
+            self._set_outputs(struct.unpack(">d", body[:8])[0], body[8:])
+        elif kind == INPUTS and body:
+            self._set_inputs(body)
+        elif kind == START and not body:
+            self.started = bool(self.subscription or self.recipes)
+            self._send(kind, bytes([self.started]))
+        elif kind == PAUSE and not body:
+            self.started = False
+            self._send(kind, b"\x01")
+        elif kind == DATA and body:
+            self._write(body[0], body[1:])
+        else:
+            self._reject(f"packet {chr(kind)!r} with {len(body)} bytes")
+            return False
+        return True
+
+    def _set_outputs(self, frequency: float, names: bytes) -> None:
+        controller = self.hub.controller
+        wanted = [name for name in names.decode("ascii", "replace").split(",") if name]
+        types = [controller.outputs.get(name, "NOT_FOUND") for name in wanted]
+        fastest = 1 / controller.period
+        accepted = "NOT_FOUND" not in types and 0 < frequency <= fastest
+        if not 0 < frequency <= fastest:
+            self.hub.violation(f"rtde: frequency {frequency:g} Hz, fastest is {fastest:g} Hz")
+        if accepted:
+            layout = ">B" + "".join(variables.FORMAT[kind] for kind in types)
+            self.subscription = Subscription(wanted, layout, max(1, round(fastest / frequency)))
+        self._send(OUTPUTS, bytes([accepted]) + ",".join(types).encode())
+
+    def _set_inputs(self, names: bytes) -> None:
+        known = variables.inputs()
+        wanted = [name for name in names.decode("ascii", "replace").split(",") if name]
+        types = [known.get(name, "NOT_FOUND") for name in wanted]
+        types = [
+            "IN_USE" if self.hub.owner.get(name, self) is not self else kind
+            for name, kind in zip(wanted, types, strict=True)
+        ]
+        if {"NOT_FOUND", "IN_USE"} & set(types):
+            # A rejected recipe gets no number; what a real controller does is not known.
+            self._send(INPUTS, b"\x00" + ",".join(types).encode())
+            return
+        self.hub.owner |= dict.fromkeys(wanted, self)
+        self.recipes.append(list(zip(wanted, types, strict=True)))
+        self._send(INPUTS, bytes([len(self.recipes)]) + ",".join(types).encode())
+
+    def _write(self, number: int, body: bytes) -> None:
+        """A data package: recipe number and values. A bad one is noted and ignored, as its sender cannot be told."""
+        if not 1 <= number <= len(self.recipes):
+            self.hub.violation(f"rtde: data for recipe {number} of {len(self.recipes)}")
+            return
+        recipe = self.recipes[number - 1]
+        layout = ">" + "".join(variables.FORMAT[kind] for _, kind in recipe)
+        if struct.calcsize(layout) != len(body):
+            self.hub.violation(f"rtde: recipe {number} with {len(body)} bytes instead of {struct.calcsize(layout)}")
+            return
+        values = list(struct.unpack(layout, body))
+        for name, kind in recipe:
+            count = variables.COUNT.get(kind, 1)
+            taken, values = values[:count], values[count:]
+            self.hub.controller.write(name, taken if count > 1 else taken[0])
+
+    def publish(self, values: dict[str, list[float]]) -> None:
+        """Send this cycle's package when it is due; `values` is shared by all clients of the cycle."""
+        want = self.subscription
+        if want is None or not self.started:
+            return
+        want.cycle += 1
+        if want.cycle % want.every or self.transport.get_write_buffer_size() > _BACKLOG:
+            return
+        package: list[float] = []
+        for name in want.names:
+            if name not in values:
+                value = self.hub.controller.value(name)
+                values[name] = value if isinstance(value, list) else [value]
+            package += values[name]
+        self._send(DATA, struct.pack(want.layout, 1, *package))

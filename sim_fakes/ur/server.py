@@ -1,0 +1,64 @@
+"""All ports of one controller and the loop that runs its cycles."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import struct
+import time
+from collections.abc import Callable
+
+from . import backdoor, dashboard, rtde, upload
+from .controller import Controller
+from .wire import Connection, Hub
+
+Address = tuple[str, int]
+POSE_DATAGRAM = struct.Struct("<7d")
+"""Rig time (s), TCP position (m), rotation vector (rad)."""
+LONGEST_BACKLOG = 0.25
+"""s; a host that sleeps longer than this has stopped the controller's time."""
+
+
+class Server:
+    """One controller on one loopback address."""
+
+    def __init__(self, controller: Controller, host: str, clock_start: float) -> None:
+        self.controller, self.host = controller, host
+        self.hub = Hub(controller)
+        self.clock_start = clock_start
+        """Host monotonic time (s) at which the rig's time was 0."""
+
+    async def run(self, backdoor_port: int, pose_to: Address | None, ready: Callable[[], None]) -> None:
+        """Listen on all ports, call `ready`, and run cycles for ever."""
+        hub = self.hub
+        await self._listen(rtde.PORT, lambda: rtde.RtdeConnection(hub))
+        await self._listen(dashboard.PORT, lambda: dashboard.DashboardConnection(hub))
+        for port in upload.PORTS:
+            await self._listen(port, lambda: upload.UploadConnection(hub))
+        own = Hub(self.controller)
+        await self._listen(backdoor_port, lambda: backdoor.BackDoor(own, hub))
+        ready()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
+            plant.setblocking(False)
+            await self._cycles(plant, pose_to)
+
+    async def _listen(self, port: int, make: Callable[[], Connection]) -> None:
+        await asyncio.get_running_loop().create_server(make, self.host, port)
+
+    async def _cycles(self, plant: socket.socket, pose_to: Address | None) -> None:
+        controller, period = self.controller, self.controller.period
+        due = time.monotonic()
+        while True:
+            now = time.monotonic()
+            # A real controller is never late; a host is. What was missed is made up at twice the rate, because a client
+            # keeps only the newest of several packages that arrive together.
+            due = max(due + period, now - LONGEST_BACKLOG)
+            await asyncio.sleep(due - now if due > now else period / 2)
+            controller.advance()
+            if pose_to is not None:
+                rig_time = (due - self.clock_start) * controller.speed
+                with contextlib.suppress(OSError):
+                    plant.sendto(POSE_DATAGRAM.pack(rig_time, *controller.arm.pose_vector()), pose_to)
+            if not self.hub.frozen:
+                rtde.publish(self.hub)

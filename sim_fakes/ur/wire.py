@@ -1,0 +1,80 @@
+"""What all ports of the controller share: connections that can be dropped or frozen, and a list of clients' breaches."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+from .controller import Controller
+
+
+class Hub:
+    """The controller and everybody who is connected to it."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.connections: set[Connection] = set()
+        self.frozen = False
+        self.dashboard_silent = False
+        self.violations: list[str] = []
+        """Requests that a real client must not send."""
+        self.owner: dict[str, Connection] = {}
+        """RTDE inputs and the client that may write them."""
+
+    def violation(self, text: str) -> None:
+        """Note a breach of the protocol."""
+        self.violations.append(text)
+
+    def drop(self) -> None:
+        """Cut all connections."""
+        for connection in list(self.connections):
+            connection.transport.abort()
+
+    def freeze(self, seconds: float) -> None:
+        """For `seconds` of host time nothing is sent and nothing that arrives is looked at; the arm goes on."""
+        self.frozen = True
+        asyncio.get_running_loop().call_later(seconds, self._thaw)
+
+    def _thaw(self) -> None:
+        self.frozen = False
+        for connection in list(self.connections):
+            connection.drain()
+
+
+class Connection(asyncio.Protocol):
+    """One client on one port."""
+
+    transport: asyncio.Transport
+
+    def __init__(self, hub: Hub) -> None:
+        self.hub = hub
+        self.buffer = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        if not isinstance(transport, asyncio.Transport):
+            raise TypeError("a stream transport is needed")
+        self.transport = transport
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.hub.connections.add(self)
+        if not self.hub.frozen:
+            self.greet()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.hub.connections.discard(self)
+
+    def data_received(self, data: bytes) -> None:
+        self.buffer += data
+        if not self.hub.frozen:
+            self.drain()
+
+    def drain(self) -> None:
+        """Work off everything that has arrived complete."""
+        while self.take():
+            pass
+
+    def greet(self) -> None:
+        """Say something at connect."""
+
+    def take(self) -> bool:
+        """Take one complete request off `buffer` and answer it; False when none is complete."""
+        raise NotImplementedError
