@@ -35,10 +35,12 @@ REBOOT_TIME = 2.0
 class Config(BaseModel):
     """Length unit by Dynamixel."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     port: str
-    baud: Literal[9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000] = 57600
+    baud: Literal[9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000] = Field(
+        default=57600, json_schema_extra={"unit": "Bd"}
+    )
     id: int = Field(default=1, ge=0, le=252)
     metres_per_turn: float = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     """Spine length per turn of the drum."""
@@ -59,6 +61,11 @@ class Config(BaseModel):
     timeout: float = Field(default=0.1, gt=0, le=1, json_schema_extra={"unit": "s"})
     release_on_close: bool = False
     """True: torque off at close, so that the spine can be moved by hand."""
+
+    @property
+    def homing_reach(self) -> float:
+        """How far to retract in search of the end stop, m: all there can be, and some slack."""
+        return 1.2 * self.max_length + 0.02
 
     @model_validator(mode="after")
     def _homing_is_gentle(self) -> Config:
@@ -343,7 +350,7 @@ class DynamixelSpine:
         if abs(state.counts - target) <= abs(self._counts(self._config.tolerance)):
             self._homing = None
             self._fault = (
-                f"found no end stop within {1.2 * self._config.max_length:.3f} m; check the cord, `direction` and "
+                f"found no end stop within {self._config.homing_reach:.3f} m; check the cord, `direction` and "
                 "`metres_per_turn`, then home() again"
             )
         elif self._stall.update(state.t, state.counts, state.current):

@@ -241,9 +241,6 @@ class DynamixelFake(PtyFake):
         super().__init__("dynamixel", clock, baud, seed)
         self.motor = DrumMotor(plant, metres_per_turn, direction, start_length, mechanical_length, model)
         self.motor.table[7] = servo_id
-        self.log: list[tuple[int, bytes]] = []
-        """Instruction and parameters of every packet understood."""
-        self.bytes_received = 0
 
     def process(self, dt: float) -> None:
         extra = self.faults.extra
@@ -266,7 +263,7 @@ class DynamixelFake(PtyFake):
         if len(packet) < end:
             return False
         packet, self.buffer = packet[:end], packet[end:]
-        self.bytes_received += start + end
+        self.requests.append(packet)
         if packet[4] != self.motor.table[7]:
             return True
         if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
@@ -282,7 +279,6 @@ class DynamixelFake(PtyFake):
         return value if isinstance(value, int) else 0
 
     def _answer(self, instruction: int, params: bytes) -> None:
-        self.log.append((instruction, params))
         if instruction == PING and not params:
             self._status(0, bytes(self.motor.table[0:2]) + bytes(self.motor.table[6:7]))
         elif instruction == READ and len(params) == 4:

@@ -1,0 +1,67 @@
+"""Fake Numato USB relay module: text commands ended by CR, each echoed, answered with LF CR lines and a `>` prompt.
+
+Stricter than the device: lower case and single blanks only; anything else gets the prompt and does nothing.
+
+Faults by name in `faults.extra`:
+- "stuck" (bool): the coil does not follow commands; its read-back tells.
+- "welded" (bool): the contact stays as it is although the coil follows; only the vacuum tells.
+"""
+
+from __future__ import annotations
+
+import re
+
+from .clock import SimClock
+from .plant import Plant
+from .pty_fake import PtyFake
+
+LINE_END = b"\n\r"
+NAMES = "0123456789ABCDEFGHIJKLMNOPQRSTUV"
+
+
+class NumatoFake(PtyFake):
+    """A relay module whose relay `valve` switches the vacuum."""
+
+    def __init__(
+        self, plant: Plant, clock: SimClock, relays: int = 4, valve: int = 0, baud: int = 19200, seed: int = 0
+    ) -> None:
+        super().__init__("numato", clock, baud, seed)
+        self.plant = plant
+        self.coils = [False] * relays
+        self.valve = valve
+
+    def process(self, dt: float) -> None:
+        if not self.faults.extra.get("welded"):
+            self.plant.valve_on = self.coils[self.valve]
+
+    def feed(self) -> bool:
+        line, end, rest = self.buffer.partition(b"\r")
+        if not end:
+            return False
+        self.buffer = rest
+        command = line.decode("ascii", "replace")
+        self.requests.append(line)
+        value = self._execute(command)
+        if not self.faults.freeze:
+            self.process(0.0)
+        self.send(line + LINE_END + (value.encode() + LINE_END if value else b"") + b">")
+        return True
+
+    def _execute(self, command: str) -> str:
+        """Do it; returns the line to answer, empty for none."""
+        if command == "ver":
+            return "00000008"
+        if command == "id get":
+            return "SOFTLAB1"
+        if command == "relay readall":
+            mask = sum(on << i for i, on in enumerate(self.coils))
+            return f"{mask:0{max(2, len(self.coils) // 4)}x}"
+        match = re.fullmatch(r"relay (on|off|read) ([0-9A-V])", command)
+        if match is None or NAMES.index(match[2]) >= len(self.coils):
+            return ""
+        relay = NAMES.index(match[2])
+        if match[1] == "read":
+            return "on" if self.coils[relay] else "off"
+        if not self.faults.extra.get("stuck"):
+            self.coils[relay] = match[1] == "on"
+        return ""

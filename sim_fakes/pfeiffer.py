@@ -1,0 +1,90 @@
+"""Fake Pfeiffer gauge: telegrams of the Pfeiffer Vacuum Protocol on RS-485.
+
+Stricter than the device: a telegram must match to the last digit; other addresses and wrong checksums meet silence.
+
+Faults by name in `faults.extra`:
+- "error" (str): the gauge's own error code, "Err001" or "Err002".
+- "value" (float): pressure shown instead of the true one, Pa.
+- "refuse" (str): every request is answered with this: "NO_DEF", "_RANGE" or "_LOGIC".
+- "wrong_address" (bool): answers carry the next address.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from .clock import SimClock
+from .plant import Plant
+from .pty_fake import PtyFake
+
+ERROR, VERSION, NAME, PRESSURE = 303, 312, 349, 740
+PA_PER_HPA = 100.0
+
+
+def checksum(text: str) -> str:
+    """Sum of the characters modulo 256, three digits."""
+    return f"{sum(text.encode()) % 256:03d}"
+
+
+def pressure_digits(pascal: float) -> str:
+    """mmmmee: pressure = mmmm / 1000 * 10^(ee - 20) hPa."""
+    hpa = max(pascal / PA_PER_HPA, 1e-10)
+    exponent = math.floor(math.log10(hpa))
+    mantissa = round(hpa / 10**exponent * 1000)
+    if mantissa == 10000:
+        mantissa, exponent = 1000, exponent + 1
+    return f"{mantissa:04d}{exponent + 20:02d}"
+
+
+class PfeifferFake(PtyFake):
+    """A gauge that sees `plant.vacuum_absolute` with `noise` (share of the reading, one sigma)."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        clock: SimClock,
+        address: int = 1,
+        kind: str = "    A1",
+        noise: float = 0.005,
+        baud: int = 9600,
+        seed: int = 0,
+    ) -> None:
+        """`kind` is the name the gauge gives: "    A1" is a CPT 100, "    A2" an RPT 100, "    A3" a PPT 100."""
+        super().__init__("pfeiffer", clock, baud, seed)
+        self.plant = plant
+        self.address = address
+        self.kind = kind
+        self.noise = noise
+        self.seen = plant.vacuum_absolute
+        """Pressure at the gauge's cell, Pa absolute; stands still while frozen."""
+
+    def process(self, dt: float) -> None:
+        self.seen = self.plant.vacuum_absolute
+
+    def feed(self) -> bool:
+        line, end, rest = self.buffer.partition(b"\r")
+        if not end:
+            return False
+        self.buffer = rest
+        self.requests.append(line)
+        text = line.decode("ascii", "replace")
+        match = re.fullmatch(r"(\d{3})00(\d{3})02=\?(\d{3})", text)
+        if match and int(match[1]) == self.address and match[3] == checksum(text[:-3]):
+            self._answer(int(match[2]))
+        return True
+
+    def _answer(self, parameter: int) -> None:
+        extra = self.faults.extra
+        value = extra.get("value")
+        pascal = value if isinstance(value, float) else self.seen * (1 + self.noise * self.random.gauss(0, 1))
+        data = {
+            ERROR: str(extra.get("error", "000000")),
+            VERSION: "010100",
+            NAME: self.kind,
+            PRESSURE: pressure_digits(pascal),
+        }.get(parameter, "NO_DEF")
+        data = str(extra.get("refuse", data))
+        sender = self.address + bool(extra.get("wrong_address"))
+        text = f"{sender:03d}10{parameter:03d}{len(data):02d}{data}"
+        self.send(f"{text}{checksum(text)}\r".encode())
