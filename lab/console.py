@@ -16,12 +16,12 @@ err = Console(stderr=True, highlight=False)
 class Screen:
     """Narrator of protocols: says lines, shows how far they are and how long it will take at the rig's speed."""
 
-    def __init__(self, title: str, speed: float = 1.0) -> None:
-        self._title, self._speed = title, speed
+    def __init__(self, title: str, speed: float = 1.0, quiet: bool = False) -> None:
+        self._title, self._speed, self._quiet = title, speed, quiet
         self._progress = Progress(
             TextColumn("{task.description}"), BarColumn(bar_width=30), TextColumn("{task.percentage:3.0f} %"),
             TimeElapsedColumn(), TextColumn("{task.fields[left]}"), console=out, transient=True,
-            disable=not sys.stdout.isatty(),
+            disable=quiet or not sys.stdout.isatty(),
         )  # fmt: skip
         self._task: TaskID | None = None
         self._began = time.monotonic()
@@ -36,7 +36,8 @@ class Screen:
 
     def say(self, text: str) -> None:
         """One line."""
-        self._progress.console.print(f"  {text}")
+        if not self._quiet:
+            self._progress.console.print(f"  {text}")
 
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""

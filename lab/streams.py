@@ -15,11 +15,6 @@ from drivers.interfaces import (
     WrenchSample,
 )
 
-NAN = float("nan")
-MARKERS = 3
-"""Body markers a /tip message holds; those not measured are NaN."""
-
-
 def fields(sample: Any, chambers: ChamberMap) -> tuple[str, dict[str, Any]]:
     """Topic and fields of one sample; raises TypeError for something that is no sample."""
     match sample:
@@ -40,7 +35,6 @@ def fields(sample: Any, chambers: ChamberMap) -> tuple[str, dict[str, Any]]:
             names = ("device_time", "joints", "tcp_pose", "tcp_speed", "safety_bits", "program_running")
             return "/arm", {k: getattr(sample, k) for k in names}
         case BodySample():
-            markers = [x for m in sample.markers[:MARKERS] for x in m]
             return "/tip", {
                 "device_time": sample.device_time,
                 "frame": sample.frame,
@@ -48,6 +42,6 @@ def fields(sample: Any, chambers: ChamberMap) -> tuple[str, dict[str, Any]]:
                 "orientation": sample.orientation,
                 "marker_error": sample.marker_error,
                 "valid": sample.valid,
-                "markers": [*markers, *[NAN] * (3 * MARKERS - len(markers))],
+                "markers": sample.markers,
             }
     raise TypeError(f"{type(sample).__name__} is not a sample of any driver")

@@ -74,7 +74,7 @@ class Stiffness(Parameters):
         return spine if self.specimen == "spine" else self.body_length
 
 
-NEEDS = ("spine", "valve", "gauge", "force", "arm", "arm_state")
+NEEDS = ("spine", "valve", "gauge", "force", "arm")
 
 
 def plan(p: Stiffness) -> Plan:

@@ -32,6 +32,8 @@ class Plant:
     """Length the length unit has paid out, m."""
     valve_on: bool = False
     """Vacuum applied to the spine."""
+    vacuum_supply: float = 80e3
+    """Level a person has set at the vacuum supply, Pa below ambient."""
     probe_position: Array = field(default_factory=lambda: np.array([1.0, 1.0, 1.0]))
     """Tip of the arm's probe, m, arm base frame."""
     probe_rotation: Array = field(default_factory=lambda: np.eye(3))

@@ -1,0 +1,263 @@
+"""`lab plan` and `lab run`: an experiment from its parameters to a recording, and the rig safe afterwards whatever happened."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import yaml
+
+from drivers.errors import InstrumentError
+from drivers.interfaces import Identity
+from model.robot import Robot
+from protocols.catalog import EXPERIMENTS, Experiment
+from protocols.errors import Stopped
+from protocols.experiment import Trials
+from protocols.parameters import Parameters
+from recordings.trials import Table
+from recordings.writer import Recorder
+
+from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
+from .console import Screen, clock, err, out
+from .provenance import provenance
+from .rig import Rig
+from .rig_file import RigFile, load_rig
+
+
+@dataclass(frozen=True)
+class Job:
+    """An experiment with its parameters, checked against the rig."""
+
+    experiment: Experiment
+    parameters: Parameters
+    rig: RigFile
+    rig_path: Path
+
+    @property
+    def protocol_yaml(self) -> str:
+        """The parameters in full, as a protocol file."""
+        values = {"protocol": self.experiment.name, **self.parameters.model_dump(mode="json")}
+        return yaml.safe_dump(values, sort_keys=False)
+
+
+def job(protocol: str, rig_path: Path, settings: list[str]) -> Job:
+    """Read and check everything before anything moves; raises ConfigError with all problems."""
+    rig = load_rig(rig_path)
+    load(rig.robot, Robot)
+    source = _with(_source(protocol), settings)
+    table = source.data if isinstance(source.data, dict) else {}
+    name = table.get("protocol", protocol)
+    if name not in EXPERIMENTS:
+        raise ConfigError(f"{source.name}: protocol = {name!r}: must be one of {', '.join(EXPERIMENTS)}, or a protocol file")
+    experiment = EXPERIMENTS[name]
+    values = {k: v for k, v in table.items() if k != "protocol"}
+    parameters = check(Source(source.name, values, source.lines), experiment.parameters)
+    missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
+    if missing:
+        raise ConfigError(f"{rig_path}: {name} needs instruments.{', instruments.'.join(missing)}; add them")
+    checked = Job(experiment, parameters, rig, rig_path)
+    _check_limits(checked)
+    return checked
+
+
+def _source(protocol: str) -> Source:
+    if protocol in EXPERIMENTS:
+        return Source(protocol, {"protocol": protocol}, {})
+    path = Path(protocol)
+    if path.suffix in (".yaml", ".yml"):
+        return read_yaml(path)
+    raise ConfigError(f"{protocol!r} is no protocol; use {', '.join(EXPERIMENTS)}, or the path of a protocol file (.yaml)")
+
+
+def _with(source: Source, settings: list[str]) -> Source:
+    """The source with `--set key=value` (dotted keys) put in."""
+    data: Any = json.loads(json.dumps(source.data)) if isinstance(source.data, dict) else source.data
+    for setting in settings:
+        key, found, text = setting.partition("=")
+        if not found or not isinstance(data, dict):
+            raise ConfigError(f"--set {setting}: write KEY=VALUE, for example --set repeats=3")
+        place = data
+        *path, last = key.strip().split(".")
+        for step in path:
+            place = place.setdefault(step, {})
+            if not isinstance(place, dict):
+                raise ConfigError(f"--set {setting}: {step} is not a table")
+        place[last] = parse_yaml(text, f"--set {key}").data
+    return Source(source.name, data, source.lines)
+
+
+def _check_limits(job: Job) -> None:
+    """What the protocol asks for against what the rig allows."""
+    asked = job.experiment.plan(job.parameters).limits
+    instruments = job.rig.instruments
+    pairs = [
+        ("pressure_pa", "pressure", "max_pressure", "Pa"),
+        ("pressure_rate_pa_s", "pressure", "max_rate", "Pa/s"),
+        ("spine_length_m", "spine", "max_length", "m"),
+        ("spine_speed_m_s", "spine", "max_speed", "m/s"),
+        ("arm_speed_m_s", "arm", "max_speed", "m/s"),
+    ]
+    problems = []
+    for key, instrument, limit, unit in pairs:
+        allowed = getattr(getattr(instruments, instrument), limit, None)
+        if key in asked and allowed is not None and asked[key] > allowed * (1 + 1e-9):
+            problems.append(
+                f"{job.experiment.name}: asks for {asked[key]:g} {unit}, above instruments.{instrument}.{limit} = {allowed:g} {unit} "
+                f"of {job.rig_path}; ask for less, or raise the limit if the rig can take it"
+            )
+    if problems:
+        raise ConfigError("\n".join(problems))
+
+
+def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> int:
+    """Print the steps, the duration and the limits; connects to nothing."""
+    j = job(protocol, rig_path, settings)
+    p = j.experiment.plan(j.parameters)
+    if as_json:
+        steps = [{"label": s.label, "seconds": round(s.seconds, 2)} for s in p.steps]
+        print(json.dumps({"protocol": p.protocol, "seconds": p.seconds, "limits": p.limits, "steps": steps}, indent=1))
+        return 0
+    for i, step in enumerate(p.steps, 1):
+        out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
+    out.print(f"{len(p.steps)} steps, about {clock(p.seconds / j.rig.clock.speed)}; at most:")
+    for key, value in p.limits.items():
+        out.print(f"  {key} {value:g}")
+    return 0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    file: Path
+    outcome: str
+    """"complete", "stopped" or "failed: ..."."""
+    table: Table
+    lost: dict[str, int]
+    safe: bool
+    error: Exception | None = None
+
+
+def run(protocol: str, rig_path: Path, settings: list[str], folder: Path, as_json: bool) -> int:
+    """Run a protocol, print what came out, and return the exit code."""
+    j = job(protocol, rig_path, settings)
+    folder.mkdir(parents=True, exist_ok=True)
+    with Rig(j.rig) as rig:
+        connect(rig, quiet=as_json)
+        result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json))
+    lost = {k: v for k, v in result.lost.items() if v}
+    if as_json:
+        print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table.rows), "lost": lost,
+                          "safe": result.safe}, indent=1))  # fmt: skip
+    else:
+        out.print(f"{result.outcome}: {len(result.table.rows)} states in {result.file}")
+        for topic, n in lost.items():
+            out.print(f"  lost on {topic}: {n} samples")
+        if not result.safe:
+            err.print("[red]The safe state is not confirmed: use the vent valve and the emergency stop.[/red]")
+    if result.error is not None and not isinstance(result.error, Stopped):
+        raise result.error
+    if result.error is not None or not result.safe:
+        return 1
+    return 3 if lost else 0
+
+
+def connect(rig: Rig, quiet: bool = False) -> None:
+    """Open every instrument of the rig; raises the first InstrumentError after all were tried."""
+
+    def announce(name: str, result: Identity | InstrumentError) -> None:
+        if quiet:
+            return
+        if isinstance(result, InstrumentError):
+            err.print(f"  {result}")
+        else:
+            out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
+
+    failures = rig.open_all(announce)
+    if failures:
+        raise failures[0]
+
+
+def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
+    """Run the experiment on an opened rig: record, conclude, and land safe whatever happens."""
+    started = time.time_ns()
+    file = folder / f"{j.experiment.name}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started / 1e9))}.mcap"
+    if file.exists():
+        file = file.with_stem(f"{file.stem}-{started % 1_000_000_000 // 1_000_000:03d}")
+    markers = len(getattr(j.rig.instruments.mocap, "markers", ()) or ())
+    recorder = Recorder(
+        file,
+        start_wall_ns=started - round(rig.clock.now() * 1e9),
+        attachments={
+            "rig.yaml": j.rig_path.read_bytes(),
+            "robot.yaml": j.rig.robot.read_bytes(),
+            "protocol.yaml": j.protocol_yaml.encode(),
+        },
+        metadata=provenance({n: i for n, i in rig.identities.items()}),
+        markers=markers,
+    )
+    lost_before = rig.lost()
+    p = j.experiment.plan(j.parameters)
+    error: Exception | None = None
+    outcome = "complete"
+    with screen, _interrupts(screen.say) as stopping:
+        bench = rig.bench(recorder, screen, stopping)
+        trials = Trials(bench, p)
+        rig.record_to(recorder)
+        try:
+            j.experiment.run(bench, j.parameters, trials)
+        except Stopped as e:
+            error, outcome = e, "stopped"
+        except KeyboardInterrupt:
+            error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
+        except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
+            error, outcome = e, f"failed: {e}"
+        report = _land(rig, screen)
+        recorder.log(rig.clock.now(), "info", f"safe state {'confirmed' if report else 'NOT confirmed'}; {outcome}")
+        rig.record_to(None)
+        lost = {topic: n - lost_before.get(topic, 0) for topic, n in rig.lost().items()}
+        for topic, n in lost.items():
+            recorder.note_lost(topic, n)
+        summary = recorder.close(outcome)
+    for topic, n in summary.dropped.items():
+        lost[topic] = lost.get(topic, 0) + n
+    return Outcome(file, outcome, Table(trials.rows), lost, report, error)
+
+
+def _land(rig: Rig, screen: Screen) -> bool:
+    try:
+        report = rig.safe()
+    except Exception as e:  # noqa: BLE001
+        screen.say(f"safe state: {e}")
+        return False
+    for step in report.steps:
+        if not step.confirmed:
+            screen.say(f"{step.instrument}: not confirmed safe ({step.text})")
+    return report.confirmed
+
+
+@contextmanager
+def _interrupts(say: Callable[[str], None]) -> Iterator[Callable[[], bool]]:
+    """Ctrl-C once: finish the step; twice, or SIGTERM: stop now. Gives a function that tells whether to stop."""
+    pressed = 0
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        nonlocal pressed
+        pressed += 1 if number == signal.SIGINT else 2
+        if pressed >= 2:
+            raise KeyboardInterrupt
+        say("Stopping after this step; Ctrl-C again stops now")
+
+    before = {n: signal.signal(n, on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: pressed > 0
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

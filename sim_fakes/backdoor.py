@@ -1,0 +1,81 @@
+"""The door into the fakes that no real instrument has: JSON lines over loopback TCP.
+
+    {"prepare": {"mount": "spine", "tip_mass": 0.0, "roll_deg": 0.0, "vacuum": 80000.0}}   what the person at the rig does
+    {"state": true}                                                                       what the plant is doing
+    {"faults": {"pressure": {"silent": true}}}                                            faults of a serial fake
+    {"tip_visible": false}                                                                hide the tip from the cameras
+    {"ur": {"do": "protective_stop"}}                                                     passed on to the arm's controller
+
+Each line is answered by {"ok": true, ...} or {"error": "..."}.
+"""
+
+from __future__ import annotations
+
+import json
+import socketserver
+import threading
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .rig import FakeRig
+
+
+class BackDoor:
+    """Serves one FakeRig on a free port of its host."""
+
+    def __init__(self, rig: FakeRig, host: str) -> None:
+        door = self
+
+        class Handler(socketserver.StreamRequestHandler):
+            def handle(self) -> None:
+                for line in self.rfile:
+                    self.wfile.write(json.dumps(door.answer(line)).encode() + b"\n")
+
+        class Server(socketserver.ThreadingTCPServer):
+            daemon_threads = True
+            allow_reuse_address = True
+
+        self._rig = rig
+        self._server = Server((host, 0), Handler)
+        self.address: tuple[str, int] = (host, self._server.server_address[1])
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), name="fake-backdoor", daemon=True)
+
+    def start(self) -> None:
+        """Accept connections."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End; may be called twice and before start."""
+        if self._thread.is_alive():
+            self._server.shutdown()
+            self._thread.join(1.0)
+        self._server.server_close()
+
+    def answer(self, line: bytes) -> dict[str, Any]:
+        """Do what one line asks."""
+        try:
+            request = json.loads(line)
+            extra: dict[str, Any] = {}
+            for what, value in request.items():
+                extra |= self._do(what, value)
+        except (ValueError, KeyError, TypeError, AttributeError, RuntimeError, OSError) as e:
+            return {"error": f"{type(e).__name__}: {e}"}
+        return {"ok": True, **extra}
+
+    def _do(self, what: str, value: Any) -> dict[str, Any]:
+        rig = self._rig
+        if what == "prepare":
+            rig.prepare(**value)
+        elif what == "state":
+            return {"state": rig.state()}
+        elif what == "faults":
+            for line, faults in value.items():
+                rig.set_faults(line, faults)
+        elif what == "tip_visible":
+            with rig.plant.lock:
+                rig.plant.tip_visible = bool(value)
+        elif what == "ur" and rig.ur is not None:
+            return {"ur": rig.ur.backdoor(**value)}
+        else:
+            raise ValueError(f"unknown request {what!r}")
+        return {}

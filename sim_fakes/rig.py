@@ -1,0 +1,214 @@
+"""All fake instruments of one rig, the virtual robot behind them, and the door for the person and the tests.
+
+The plant moves in a thread of this process; the arm's controller is a process of its own that sends its TCP pose here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import yaml
+
+from .alicat import AlicatFake
+from .backdoor import BackDoor
+from .clock import SimClock
+from .dynamixel import DynamixelFake
+from .ft300s import Ft300sFake
+from .motive import MotiveFake
+from .numato import NumatoFake
+from .pfeiffer import PfeifferFake
+from .plant import Plant
+from .pty_fake import PtyFake
+from .smc_itv import SmcItvFake
+from .tmcl import TmclFake
+from .ur.process import UrProcess, free_host
+from .ur.rotations import matrix_of
+from .virtual_robot import RobotTruth, VirtualRobot
+
+PLANT_PERIOD = 0.01
+"""Host seconds between two steps of the plant."""
+THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
+NINE = tuple((i,) for i in range(1, 10))
+MOCAP_TO_BASE = {"position": [0.0, 0.0, 0.0], "quaternion": [0.5, -0.5, 0.5, -0.5]}
+
+
+class FakeRig:
+    """The fakes of a whole rig, started together. `rig_file()` is what a person would write to reach them."""
+
+    def __init__(
+        self,
+        *,
+        speed: float = 1.0,
+        effects: Mapping[str, float] | None = None,
+        seed: int = 0,
+        regulators: str = "alicat",
+        spine: str = "dynamixel",
+        channels: int = 3,
+        truth: RobotTruth | None = None,
+    ) -> None:
+        """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions."""
+        self.plant = Plant()
+        self.clock = SimClock(speed)
+        self.truth = truth or RobotTruth()
+        self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
+        self.wiring = NINE if channels == 9 else THREE_SETS
+        self.host = free_host()
+        self.lines: dict[str, PtyFake] = {
+            "force": Ft300sFake(self.plant, self.clock, seed=seed + 1),
+            "valve": NumatoFake(self.plant, self.clock, seed=seed + 3),
+            "gauge": PfeifferFake(self.plant, self.clock, seed=seed + 4),
+        }
+        self.lines["spine"] = (TmclFake if spine == "tmcl" else DynamixelFake)(self.plant, self.clock, seed=seed + 2)
+        if regulators == "smc_itv":
+            for i, group in enumerate(self.wiring):
+                self.lines[f"pressure{i + 1}"] = SmcItvFake(self.plant, self.clock, chambers=group, seed=seed + 10 + i)
+        else:
+            units = tuple("ABCDEFGHI"[: len(self.wiring)])
+            self.lines["pressure"] = AlicatFake(self.plant, self.clock, units, self.wiring, seed=seed + 5)
+        self.mocap = MotiveFake(self.plant, self.clock, self.host, seed=seed + 6)
+        self.door = BackDoor(self, self.host)
+        self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._poses.bind((self.host, 0))
+        self._seed = seed
+        self._running = False
+        self._threads: list[threading.Thread] = []
+        self.ur: UrProcess | None = None
+
+    def start(self) -> FakeRig:
+        """Start everything; returns when every instrument answers."""
+        self._running = True
+        self.ur = UrProcess(self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self._seed + 7)
+        for target in (self._move_plant, self._receive_poses):
+            thread = threading.Thread(target=target, name=f"fake-{target.__name__}", daemon=True)
+            thread.start()
+            self._threads.append(thread)
+        for line in self.lines.values():
+            line.start()
+        self.mocap.start()
+        self.door.start()
+        return self
+
+    def stop(self) -> None:
+        """End everything; may be called twice."""
+        self._running = False
+        self.door.stop()
+        self.mocap.stop()
+        for line in self.lines.values():
+            line.stop()
+        if self.ur is not None:
+            self.ur.stop()
+        self._poses.close()
+        for thread in self._threads:
+            thread.join(1.0)
+        self._threads.clear()
+
+    def __enter__(self) -> FakeRig:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def prepare(self, mount: str, tip_mass: float, roll_deg: float, vacuum: float) -> None:
+        """What the person at the rig does before a run. SI units, roll in degrees."""
+        if mount not in ("robot", "body", "spine"):
+            raise ValueError(f"mount {mount!r} must be robot, body or spine")
+        with self.plant.lock:
+            self.plant.mount = mount
+            self.plant.tip_mass = float(tip_mass)
+            self.plant.roll = float(np.radians(roll_deg))
+            self.plant.vacuum_supply = float(vacuum)
+
+    # -- threads
+    def _move_plant(self) -> None:
+        last = self.clock.now()
+        while self._running:
+            due = time.monotonic() + PLANT_PERIOD
+            now = self.clock.now()
+            with self.plant.lock:
+                self.robot.advance(self.plant, now - last)
+            last = now
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def _receive_poses(self) -> None:
+        self._poses.settimeout(0.2)
+        while self._running:
+            try:
+                pose = struct.unpack("<7d", self._poses.recv(256))[1:]
+            except (TimeoutError, struct.error):
+                continue
+            except OSError:
+                return
+            with self.plant.lock:
+                self.plant.probe_position = np.array(pose[:3])
+                self.plant.probe_rotation = matrix_of(np.array(pose[3:]))
+
+    # -- rig.yaml
+    def rig_file(self, robot: str = "robot.yaml") -> dict[str, Any]:
+        """The contents of the rig.yaml that reaches these instruments."""
+        wiring = [list(group) for group in self.wiring]
+        pressure: dict[str, Any] = {"driver": "alicat", "chambers": wiring}
+        if "pressure" in self.lines:
+            pressure |= {"port": self.lines["pressure"].port, "units": list("ABCDEFGHI"[: len(wiring)])}
+        else:
+            ports = [self.lines[f"pressure{i + 1}"].port for i in range(len(wiring))]
+            pressure |= {"driver": "smc_itv", "ports": ports}
+        spine = self.lines["spine"]
+        stand = np.array(self.truth.stand)
+        return {
+            "name": "virtual rig",
+            "robot": robot,
+            "clock": {"speed": self.clock.speed},
+            "operator": f"tcp://{self.door.address[0]}:{self.door.address[1]}",
+            "instruments": {
+                "arm": {"driver": "ur5", "host": self.host},
+                "force": {"driver": "ft300s", "port": self.lines["force"].port},
+                "pressure": pressure,
+                "spine": {
+                    "driver": "tmcl" if isinstance(spine, TmclFake) else "dynamixel", "port": spine.port, "metres_per_turn": 0.1,
+                },
+                "valve": {"driver": "numato", "port": self.lines["valve"].port},
+                "gauge": {"driver": "pfeiffer", "port": self.lines["gauge"].port},
+                "mocap": {
+                    "driver": "natnet", "server": self.host, "body": "Tip", "markers": ["M1", "M2", "M3"],
+                },
+            },
+            "stand": {
+                "origin": stand[:3, 3].tolist(),
+                "axis": stand[:3, 2].tolist(),
+                "push": stand[:3, 0].tolist(),
+                "tool_rotation": [0.0, float(np.pi / 2), 0.0],
+            },
+        }  # fmt: skip
+
+    def rig_yaml(self, robot: str = "robot.yaml") -> str:
+        """rig.yaml as text."""
+        return yaml.safe_dump(self.rig_file(robot), sort_keys=False)
+
+    # -- faults
+    def set_faults(self, line: str, values: Mapping[str, Any]) -> None:
+        """Switch faults of one serial fake, by the names of `Faults` and of its module."""
+        faults = self.lines[line].faults
+        for name, value in values.items():
+            if hasattr(faults, name):
+                setattr(faults, name, value)
+            else:
+                faults.extra[name] = value
+
+    def state(self) -> dict[str, Any]:
+        """What the plant is doing, for tests and the curious; SI units."""
+        p = self.plant
+        with p.lock, contextlib.suppress(AttributeError):
+            return {
+                "time": p.time, "mount": p.mount, "chamber_pressure": p.chamber_pressure.tolist(), "spine_length": p.spine_length,
+                "valve_on": p.valve_on, "vacuum_absolute": p.vacuum_absolute, "tip_position": p.tip_position.tolist(),
+                "probe_position": p.probe_position.tolist(), "probe_force": p.probe_force.tolist(), "tip_mass": p.tip_mass,
+                "roll": p.roll, "spine_blocked": p.spine_blocked,
+            }  # fmt: skip
+        return {}
