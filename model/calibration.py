@@ -1,0 +1,129 @@
+"""Calibration: the effective chamber area from tip positions, the moduli from stiffness trials.
+
+The paper fits A_effect alone, once per spine length; fitting it once for all lengths is what shows whether it
+absorbs something else. Both are here, with the error each leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+
+from model.batch import RodResult
+from model.cantilever import fit_stiffness, youngs_modulus
+from model.condition import Condition
+from model.errors import BadCondition, NotIdentified
+from model.estimate import Estimate, estimate, readings
+from model.robot import Robot
+from model.rod import solve
+from model.section import annulus_second_moment, body_second_moment
+
+Array = NDArray[np.float64]
+Solver = Callable[[Robot, Condition], RodResult]
+LEAST_FACTOR, MOST_FACTOR = 0.05, 20.0
+"""Bounds of A_effect / A_norm."""
+
+
+@dataclass(frozen=True)
+class AreaFit:
+    """One area factor for a set of states."""
+
+    factor: Estimate
+    """A_effect / A_norm; its residual is the rms over coordinates, m."""
+    rmse_by_length: Mapping[float, float]
+    """Spine length (m) -> root mean square tip distance (m)."""
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square tip distance over all states, m."""
+        return float(np.sqrt(3)) * self.factor.rms_residual
+
+
+def fit_area_factor(
+    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, solver: Solver = solve
+) -> AreaFit:
+    """One factor for all states that brings the tips closest to the measured ones (n, 3) m, base frame.
+
+    `trial` (n,) lets the readings of a trial err together. Raises `NotIdentified` when the tips do not depend on
+    the factor or it runs into its bounds, `SolveFailed` when a state has no equilibrium at the fitted value.
+    """
+    n = len(condition)
+    measured = readings(n, tip=tip)["tip"]
+    if measured.shape != (n, 3):
+        raise BadCondition(f"tip: shape {measured.shape}, must be ({n}, 3)")
+    if not np.any(condition.pressure):
+        raise NotIdentified("pressure: all zero, the tips say nothing about the area factor")
+
+    def distance(x: Array) -> Array:
+        result = solver(robot.with_area_factor(float(x[0])), condition)
+        # A state that snaps at a trial value counts as one robot length off, which turns the search around.
+        return np.where(result.ok[:, None], result.tip - measured, robot.length).ravel()
+
+    start = float(np.mean(robot.area_factor_at(condition.spine_length)))
+    found = least_squares(distance, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
+    value = float(found.x[0])
+    if found.active_mask[0]:
+        raise NotIdentified(
+            f"area factor: {value:g} is at its bound ({LEAST_FACTOR:g}..{MOST_FACTOR:g}): "
+            "check the units of pressure and tip, and the chamber order"
+        )
+    predicted = solver(robot.with_area_factor(value), condition).trusted().tip
+    labels = None if trial is None else np.repeat(np.asarray(trial), 3)
+    factor = estimate(value, found.jac[:, 0], (measured - predicted).ravel(), 1, labels)
+    return AreaFit(factor, _rmse_by_length(condition, measured - predicted))
+
+
+def fit_area_factor_by_length(
+    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, solver: Solver = solve
+) -> dict[float, AreaFit]:
+    """The paper's calibration: a factor of its own for each spine length (m). Raises as `fit_area_factor`."""
+    n = len(condition)
+    measured = readings(n, tip=tip)["tip"]
+    trials = None if trial is None else np.asarray(trial)
+    return {
+        length: fit_area_factor(robot, condition[own], measured[own], None if trials is None else trials[own], solver)
+        for length, own in condition.by_spine_length()
+    }
+
+
+def fit_body_modulus(
+    robot: Robot,
+    deflection: ArrayLike,
+    force: ArrayLike,
+    force_sd: ArrayLike | None = None,
+    trial: ArrayLike | None = None,
+) -> Estimate:
+    """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 8."""
+    fit = fit_stiffness(deflection, force, force_sd, trial)
+    return youngs_modulus(fit.slope, robot.length, body_second_moment(robot))
+
+
+def fit_spine_modulus(
+    radius: float,
+    spine_length: ArrayLike,
+    deflection: ArrayLike,
+    force: ArrayLike,
+    force_sd: ArrayLike | None = None,
+    trial: ArrayLike | None = None,
+) -> dict[float, Estimate]:
+    """Apparent E (Pa) of the bare spine of `radius` (m) for each spine length (m), eq. 9: Table II."""
+    n = np.size(deflection)
+    columns = readings(n, spine_length=spine_length, deflection=deflection, force=force)
+    lengths = np.round(columns["spine_length"], 4)
+    found = {}
+    for length in np.unique(lengths):
+        own = lengths == length
+        sd = None if force_sd is None else np.asarray(force_sd)[own]
+        trials = None if trial is None else np.asarray(trial)[own]
+        fit = fit_stiffness(columns["deflection"][own], columns["force"][own], sd, trials)
+        found[float(length)] = youngs_modulus(fit.slope, float(length), annulus_second_moment(radius))
+    return found
+
+
+def _rmse_by_length(condition: Condition, residual: Array) -> dict[float, float]:
+    squared = np.sum(residual**2, axis=1)
+    return {length: float(np.sqrt(squared[own].mean())) for length, own in condition.by_spine_length()}

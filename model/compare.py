@@ -1,0 +1,88 @@
+"""Measured against model: the error table of the paper (its Table III) and the residuals behind it.
+
+The paper's figures have X along the direction the robot bends to and Y along the hanging rod. In the base frame
+used here these are x (for the chamber group around azimuth 0 and no roll) and z; the third coordinate y is out of
+the bending plane and is shown too, because a turned chamber pattern shows there alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.condition import Condition
+from model.errors import BadCondition
+from model.estimate import readings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """Errors of the states with one spine length, m."""
+
+    spine_length: float
+    n: int
+    mean_abs_x: float
+    """The paper's error in X axis when the robot bends along x."""
+    mean_abs_y: float
+    mean_abs_z: float
+    """The paper's error in Y axis."""
+    rmse: float
+    """Of the tip distance."""
+    worst: float
+    """Largest tip distance."""
+
+
+@dataclass(frozen=True)
+class ErrorTable:
+    """Errors by spine length, and over all states."""
+
+    rows: tuple[ErrorRow, ...]
+    length: float
+    """Robot length the percentages refer to, m."""
+    rmse: float
+    """Over all states, m."""
+    residual: Array
+    """(n, 3) measured minus model, m, base frame, in the order of the states."""
+
+    @property
+    def worst_percent_x(self) -> float:
+        """The paper's headline: largest mean error in X of any spine length, % of the robot's length."""
+        return 100 * max(row.mean_abs_x for row in self.rows) / self.length
+
+    @property
+    def worst_percent_z(self) -> float:
+        """Same along the hanging rod (the paper's Y)."""
+        return 100 * max(row.mean_abs_z for row in self.rows) / self.length
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-able; lengths in m."""
+        return {
+            "rows": [asdict(row) for row in self.rows],
+            "length": self.length,
+            "rmse": self.rmse,
+            "worst_percent_x": self.worst_percent_x,
+            "worst_percent_z": self.worst_percent_z,
+        }
+
+
+def error_table(condition: Condition, measured: ArrayLike, predicted: ArrayLike, length: float) -> ErrorTable:
+    """Compare tips (n, 3) m in the base frame; `length` of the robot in m. Raises `BadCondition` on shapes and NaN."""
+    n = len(condition)
+    tips = readings(n, measured=measured, predicted=predicted)
+    for name, values in tips.items():
+        if values.shape != (n, 3):
+            raise BadCondition(f"{name}: shape {values.shape}, must be ({n}, 3)")
+    if n == 0:
+        raise BadCondition("measured: no states to compare")
+    residual = tips["measured"] - tips["predicted"]
+    distance = np.linalg.norm(residual, axis=1)
+    rows = []
+    for spine_length, own in condition.by_spine_length():
+        x, y, z = (float(value) for value in np.abs(residual[own]).mean(axis=0))
+        rmse, worst = float(np.sqrt(np.mean(distance[own] ** 2))), float(distance[own].max())
+        rows.append(ErrorRow(spine_length, int(own.sum()), x, y, z, rmse, worst))
+    return ErrorTable(tuple(rows), length, float(np.sqrt(np.mean(distance**2))), residual)
