@@ -1,0 +1,137 @@
+"""`lab fit`: moduli from stiffness trials, the effective chamber area from bending states, and a robot.yaml that holds them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from rich.table import Table as Sheet
+
+from model.calibration import (
+    AreaFit,
+    fit_area_factor,
+    fit_area_factor_by_length,
+    fit_body_modulus,
+    fit_spine_modulus,
+)
+from model.errors import ModelError
+from model.estimate import Estimate
+from model.robot import Robot
+
+from .config import ConfigError
+from .console import out
+from .inputs import Case, read_case
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the data says about the robot's parameters; None or empty where it says nothing."""
+
+    robot: Robot
+    """With the spine's and body's measured moduli and one area factor a length."""
+    spine_modulus: Mapping[float, Estimate]
+    body_modulus: Estimate | None
+    area_factor: AreaFit | None
+    area_factor_by_length: Mapping[float, AreaFit]
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able; SI units."""
+        return {
+            "spine_modulus": {f"{k:g}": _number(v) for k, v in self.spine_modulus.items()},
+            "body_modulus": _number(self.body_modulus) if self.body_modulus else None,
+            "area_factor": _area(self.area_factor) if self.area_factor else None,
+            "area_factor_by_length": {f"{k:g}": _area(v) for k, v in self.area_factor_by_length.items()},
+        }
+
+
+def _number(e: Estimate) -> dict[str, float]:
+    low, high = e.interval
+    return {"value": e.value, "standard_error": e.standard_error, "low95": low, "high95": high, "n": e.n}
+
+
+def _area(a: AreaFit) -> dict[str, float]:
+    return {**_number(a.factor), "rmse_m": a.rmse}
+
+
+def calibrate(case: Case) -> Calibration:
+    """Everything that this data can calibrate."""
+    robot = case.robot
+    spine = _spine_modulus(case)
+    if spine and robot.spine is not None:
+        modulus = {**robot.spine.modulus, **{k: e.value for k, e in spine.items()}}
+        robot = robot.model_copy(update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})})
+    body = _body_modulus(case)
+    one, by_length = None, dict[float, AreaFit]()
+    if any(r.tip is not None and r.protocol != "stiffness" for r in case.table):
+        condition, tip, trial = case.tips
+        one = fit_area_factor(robot, condition, tip, trial)
+        by_length = fit_area_factor_by_length(robot, condition, tip, trial)
+        robot = robot.with_area_factor({k: a.factor.value for k, a in by_length.items()})
+    return Calibration(robot, spine, body, one, by_length)
+
+
+def _spine_modulus(case: Case) -> dict[float, Estimate]:
+    rows = [r for r in case.of("stiffness") if r.specimen == "spine" and r.force is not None]
+    if not rows or case.robot.spine is None:
+        return {}
+    nominal = np.round([r.spine_length for r in rows], 3)
+    lengths = {x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)}
+    return fit_spine_modulus(
+        case.robot.spine.radius, [lengths[x] for x in nominal], [r.deflection for r in rows], [r.force for r in rows],
+        trial=[r.trial for r in rows],
+    )  # fmt: skip
+
+
+def _body_modulus(case: Case) -> Estimate | None:
+    rows = [r for r in case.of("stiffness") if r.specimen == "body" and r.force is not None and r.spine_length < 1e-3]
+    if not rows:
+        return None
+    return fit_body_modulus(
+        case.robot, [r.deflection for r in rows], [r.force for r in rows], trial=[r.trial for r in rows]
+    )
+
+
+def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
+    """Print the calibration; with a folder also write the calibrated robot.yaml."""
+    case = read_case(inputs, robot)
+    try:
+        result = calibrate(case)
+    except ModelError as e:
+        raise ConfigError(str(e)) from e
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "robot.yaml").write_text(yaml.safe_dump(result.robot.model_dump(mode="json"), sort_keys=False))
+    if as_json:
+        print(json.dumps(result.as_dict(), indent=1))
+    else:
+        out.print(sheet(result))
+    return 0
+
+
+def sheet(c: Calibration) -> Sheet:
+    """The calibration as a table."""
+    t = Sheet(title="Calibration (± standard error)", title_justify="left")
+    for column in ("parameter", "spine", "value", "n", "left over"):
+        t.add_column(column)
+    for length, e in c.spine_modulus.items():
+        t.add_row("E of the spine", f"{length * 100:.1f} cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N")
+    if c.body_modulus:
+        t.add_row("E of the body (eq. 8)", "0 cm", _mpa(c.body_modulus), str(c.body_modulus.n), f"{c.body_modulus.rms_residual:.3f} N")
+    for length, a in c.area_factor_by_length.items():
+        t.add_row("A_eff / A", f"{length * 100:.1f} cm", _plain(a.factor), str(a.factor.n), f"{a.rmse * 1e3:.2f} mm rms")
+    if c.area_factor:
+        t.add_row("A_eff / A, one for all", "all", _plain(c.area_factor.factor), str(c.area_factor.factor.n), f"{c.area_factor.rmse * 1e3:.2f} mm rms")
+    return t
+
+
+def _mpa(e: Estimate) -> str:
+    return f"{e.value / 1e6:.3f} ± {e.standard_error / 1e6:.3f} MPa"
+
+
+def _plain(e: Estimate) -> str:
+    return f"{e.value:.3f} ± {e.standard_error:.3f}"

@@ -1,0 +1,76 @@
+"""What `fit`, `compare` and their like read: recordings or a case folder, as one table of trials and the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.condition import Condition, conditions
+from model.robot import Robot
+from recordings.reader import Recording
+from recordings.table_file import read_csv
+from recordings.trials import Table, TrialRow
+
+from .config import ConfigError, check, load, parse_yaml
+
+
+@dataclass(frozen=True)
+class Case:
+    """Measured states and the robot they were measured on."""
+
+    robot: Robot
+    table: Table
+
+    def of(self, *protocols: str) -> Table:
+        """The rows of these protocols."""
+        return Table(tuple(r for r in self.table if r.protocol in protocols))
+
+    @property
+    def tips(self) -> tuple[Condition, NDArray[np.float64], NDArray[np.int64]]:
+        """States with a tip: conditions, tips (n, 3) m in the base frame, trial numbers (n,)."""
+        rows = [r for r in self.table if r.tip is not None and r.protocol != "stiffness"]
+        if not rows:
+            raise ConfigError("the input holds no state with a tip position; record a bending or elongation run")
+        return _conditions(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
+
+
+def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> Condition:
+    return conditions(
+        robot,
+        np.clip([r.spine_length for r in rows], 0.0, None),
+        np.array([r.pressures for r in rows]),
+        np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows]),
+        np.radians([r.roll_deg or 0.0 for r in rows]),
+    )
+
+
+def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
+    """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError."""
+    robots: list[tuple[str, Robot]] = []
+    rows: list[TrialRow] = []
+    for path in inputs:
+        robot, table = _folder(path) if path.is_dir() else _recording(path)
+        robots.append((str(path), robot))
+        first = max((r.trial for r in rows), default=0)
+        rows += [replace(r, trial=r.trial + first) for r in table]
+    if robot_path is not None:
+        return Case(load(robot_path, Robot), Table(tuple(rows)))
+    name, robot = robots[0]
+    for other, its in robots[1:]:
+        if its != robot:
+            raise ConfigError(f"{other}: was recorded with another robot.yaml than {name}; give one with --robot")
+    return Case(robot, Table(tuple(rows)))
+
+
+def _folder(path: Path) -> tuple[Robot, Table]:
+    return load(path / "robot.yaml", Robot), read_csv(path / "trials.csv")
+
+
+def _recording(path: Path) -> tuple[Robot, Table]:
+    with Recording.open(path) as recording:
+        text = recording.attachment("robot.yaml").decode()
+        return check(parse_yaml(text, f"{path}:robot.yaml"), Robot), recording.table()
