@@ -4,10 +4,10 @@
     result = solve(robot, conditions(robot, spine_length=0.1, pressure=[...]))
     result.tip, result.orientation, result.ok
 
-Method: shooting from the tip on its orientation (three unknowns). The first guess is the rod bent by its chambers
-alone, which is exact without dead loads. Newton at a loose tolerance brings each rod close, then steps with the
-Jacobian kept polish it at 1e-11. A rod that does not converge, or lands on an equilibrium beyond a buckling point,
-is followed from zero load in steps; what still fails is flagged and holds NaN.
+Method: shooting from the tip on its orientation (three unknowns), starting from the rod bent by the chambers' moment
+alone. Newton at a loose tolerance brings each rod close, then steps with the Jacobian kept polish it at 1e-11. A rod
+that does not converge, or lands on an equilibrium beyond a buckling point, is followed from zero load in steps; what
+still fails is flagged and holds NaN.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _solve_chunk(batch: RodBatch, arcs: Array) -> RodResult:
 
 
 def _bent_by_chambers(batch: RodBatch) -> Array:
-    """Tip orientation (n, 4) under the follower wrench alone: each part is bent to a constant curvature."""
+    """Tip orientation (n, 4) under the tip moment alone: each part is bent to a constant curvature."""
     curvature = batch.tip_moment[:, None, :] / batch.bend_stiffness + batch.rest_curvature[:, None, :]
     inner = from_vector(curvature[:, INNER] * batch.joint[:, None])
     outer = from_vector(curvature[:, OUTER] * (batch.length - batch.joint)[:, None])

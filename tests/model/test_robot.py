@@ -1,0 +1,115 @@
+"""The robot description: what it accepts, and what it says about what it does not."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model.errors import BadRobot
+from model.robot import Robot, load_robot, robot_from_dict
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"outer_radius": -0.05}, ["outer_radius", "-0.05 m", "greater than 0"]),
+        ({"density": float("nan")}, ["density", "nan kg/m^3", "finite"]),
+        ({"inner_radius": 0.06}, ["inner_radius 0.06 m", "outer_radius 0.05 m"]),
+        ({"chambers": {"radius": 0.02, "path_radius": 0.04, "azimuths_deg": [0]}}, ["chambers", "0.02", "wall"]),
+        ({"spine": {"radius": 0.03, "modulus": {0.1: 1e6}}}, ["spine.radius 0.03 m", "inner_radius 0.029 m"]),
+        ({"spine": {"radius": 0.02, "modulus": {0.5: 1e6}}}, ["spine.modulus", "0.5 m", "length 0.4 m"]),
+        ({"spine": {"radius": 0.02, "modulus": {0.1: 3}}}, ["spine.modulus.0.1", "3 Pa", "1000"]),
+        ({"area_factor": {-0.1: 1.5}}, ["area_factor.-0.1", "-0.1 m"]),
+        ({"area_factor": {}}, ["area_factor", "empty"]),
+        ({"area_factor": "large"}, ["area_factor", "'large'", "number"]),
+        ({"markers": [0.1, 0.41]}, ["markers", "0.41 m", "length 0.4 m"]),
+        ({"lenght": 0.4}, ["lenght", "not permitted"]),
+        (
+            {"base_to_world": {"position": [0, 0, 0], "orientation": [1, 1, 0, 0]}},
+            ["base_to_world", "norm 1.41", "normal"],
+        ),
+    ],
+)
+def test_a_wrong_value_is_refused_with_field_value_and_limit(
+    paper_robot: Robot, change: dict[str, Any], words: list[str]
+) -> None:
+    with pytest.raises(BadRobot) as caught:
+        robot_from_dict({**paper_robot.model_dump(), **change})
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_all_wrong_fields_are_named_at_once(paper_robot: Robot) -> None:
+    with pytest.raises(BadRobot) as caught:
+        robot_from_dict({**paper_robot.model_dump(), "length": 0, "tip_mass": -1})
+    assert "length" in str(caught.value) and "tip_mass" in str(caught.value)
+
+
+def test_a_missing_field_is_named(paper_robot: Robot) -> None:
+    data = paper_robot.model_dump()
+    del data["density"]
+    with pytest.raises(BadRobot, match=r"density: .*required"):
+        robot_from_dict(data)
+
+
+def test_every_number_tells_its_unit() -> None:
+    schema = Robot.model_json_schema()
+    owners = {"Robot": schema, **schema["$defs"]}
+    silent = [
+        f"{owner}.{field}"
+        for owner, body in owners.items()
+        for field, spec in body["properties"].items()
+        if field not in ("name", "chambers", "spine", "base_to_world") and "unit" not in spec
+    ]
+    assert silent == []
+
+
+def test_tables_are_linear_between_entries_and_held_beyond_them(paper_robot: Robot) -> None:
+    assert paper_robot.spine is not None
+    np.testing.assert_allclose(
+        paper_robot.spine.modulus_at([0.01, 0.05, 0.125, 0.39]), [318e3, 318e3, 1677.5e3, 4389e3]
+    )
+    np.testing.assert_allclose(paper_robot.area_factor_at([0.0, 0.075, 0.4]), [1.5, 1.6, 2.4])
+
+
+def test_one_area_factor_holds_at_every_spine_length(paper_robot: Robot) -> None:
+    np.testing.assert_allclose(paper_robot.with_area_factor(1.6).area_factor_at([0.0, 0.2]), [1.6, 1.6])
+
+
+def test_replacing_the_area_factor_checks_it(paper_robot: Robot) -> None:
+    with pytest.raises(BadRobot, match="area_factor"):
+        paper_robot.with_area_factor(-1.0)
+
+
+def test_the_robot_cannot_be_changed_in_place(paper_robot: Robot) -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        paper_robot.length = 0.5  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("text", "word"), [("- 1\n- 2\n", "no table"), ("a: [1,\n", "not valid YAML"), ("name: x\n", "length")]
+)
+def test_a_bad_file_is_named(tmp_path: Path, text: str, word: str) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    with pytest.raises(BadRobot) as caught:
+        load_robot(path)
+    assert str(path) in str(caught.value) and word in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BadRobot, match="nowhere.yaml"):
+        load_robot(tmp_path / "nowhere.yaml")
+
+
+def test_reading_a_robot_loads_no_solver() -> None:
+    code = "import sys, model, model.robot; print(any(m in sys.modules for m in ('numba', 'scipy', 'matplotlib')))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
+    )
+    assert done.stdout.strip() == "False"

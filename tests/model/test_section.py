@@ -1,0 +1,60 @@
+"""Cross-section, mixing by volume, actuation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model.condition import conditions
+from model.robot import Robot, robot_from_dict
+from model.section import actuation_wrench, body_area, combined_modulus, rods, stiffness
+
+
+def test_mixing_by_volume_weighs_annulus_and_spine(paper_robot: Robot) -> None:
+    share = (0.05**2 - 0.029**2) / 0.05**2
+    expected = share * 507147 + (1 - share) * 4.389e6
+    assert combined_modulus(paper_robot, 0.30) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_spine_softer_than_the_body_softens_it(paper_robot: Robot) -> None:
+    assert combined_modulus(paper_robot, 0.05) < paper_robot.youngs_modulus
+
+
+def test_without_spine_the_modulus_is_the_bodys_own(paper_robot: Robot) -> None:
+    assert combined_modulus(paper_robot, 0.0) == paper_robot.youngs_modulus
+
+
+def test_torsion_carries_youngs_modulus_and_the_polar_moment_as_printed(paper_robot: Robot) -> None:
+    stretch, bend = stiffness(paper_robot, 1e6)
+    assert bend[2] == pytest.approx(bend[0] + bend[1])
+    assert stretch[0] == pytest.approx(stretch[2] / 3, rel=1e-5)
+
+
+def test_inflating_one_chamber_pushes_along_the_axis_and_bends_away_from_it(paper_robot: Robot) -> None:
+    pressure = np.zeros(9)
+    pressure[0] = 100e3
+    force, moment = actuation_wrench(paper_robot, conditions(paper_robot, 0.0, pressure))
+    push = 100e3 * 1.5 * np.pi * 0.005**2
+    np.testing.assert_allclose(force[0], [0, 0, push])
+    np.testing.assert_allclose(moment[0], [0, -0.04 * push, 0], atol=1e-15)
+
+
+def test_equal_pressure_in_all_chambers_does_not_bend(paper_robot: Robot) -> None:
+    force, moment = actuation_wrench(paper_robot, conditions(paper_robot, 0.0, np.full(9, 100e3)))
+    np.testing.assert_allclose(moment, 0, atol=1e-12)
+    assert force[0, 2] == pytest.approx(9 * 100e3 * 1.5 * np.pi * 0.005**2)
+
+
+def test_a_roll_of_one_pitch_equals_moving_the_pattern_by_one_chamber(paper_robot: Robot) -> None:
+    pressure = np.linspace(0, 80e3, 9)
+    rolled = conditions(paper_robot, 0.1, pressure, roll=np.deg2rad(40))
+    moved = conditions(paper_robot, 0.1, np.roll(pressure, 1))
+    for a, b in zip(actuation_wrench(paper_robot, rolled), actuation_wrench(paper_robot, moved), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+def test_weight_and_tip_load_point_along_gravity(paper_robot: Robot) -> None:
+    sideways = robot_from_dict({**paper_robot.model_dump(), "gravity": [9.81, 0.0, 0.0]})
+    batch = rods(sideways, conditions(sideways, 0.1, np.zeros(9), tip_mass=0.2))
+    np.testing.assert_allclose(batch.dead_force[0], [0.2 * 9.81, 0, 0])
+    np.testing.assert_allclose(batch.weight[0], [1300 * body_area(sideways) * 9.81, 0, 0])
