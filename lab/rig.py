@@ -19,7 +19,7 @@ from . import actuators as act
 from . import operator as op
 from .clock import RigClock
 from .rig_file import RigFile
-from .streams import fields
+from .streams import TOPICS, recorded
 
 ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
 """The order of connecting: what only reads or holds nothing first, what moves last."""
@@ -34,7 +34,7 @@ class Rig:
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
         self.poll_errors: dict[str, InstrumentError] = {}
-        self._recorder: Recorder | None = None
+        self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()
         instruments = file.instruments
         channels = instruments.pressure.chambers if instruments.pressure else []
@@ -74,15 +74,17 @@ class Rig:
     # -- samples
     def record_to(self, recorder: Recorder | None) -> None:
         """From now on every sample goes to this recording (None: to none)."""
+        sinks = {topic: recorder.sink(topic) for topic in TOPICS.values()} if recorder is not None else {}
         with self._lock:
-            self._recorder = recorder
+            self._sinks = sinks
 
     def _sink(self, sample: Any) -> None:
-        topic, values = fields(sample, self.chambers)
+        topic = TOPICS[type(sample)]
         with self._lock:
             self.counts[topic] = self.counts.get(topic, 0) + 1
-            if self._recorder is not None:
-                self._recorder.push(topic, sample.t, **values)
+            sink = self._sinks.get(topic)
+            if sink is not None:
+                sink(recorded(sample, self.chambers))
 
     def _polled(self, name: str, sample: Any) -> None:
         if isinstance(sample, InstrumentError):

@@ -21,6 +21,7 @@ from protocols.catalog import EXPERIMENTS, Experiment
 from protocols.errors import Stopped
 from protocols.experiment import Trials
 from protocols.parameters import Parameters
+from recordings.errors import RecordingError
 from recordings.trials import Table
 from recordings.writer import Recorder
 
@@ -138,7 +139,7 @@ class Outcome:
 
     file: Path
     outcome: str
-    """"complete", "stopped" or "failed: ..."."""
+    """"completed", "stopped" or "failed"."""
     table: Table
     lost: dict[str, int]
     safe: bool
@@ -152,12 +153,12 @@ def run(protocol: str, rig_path: Path, settings: list[str], folder: Path, as_jso
     with Rig(j.rig) as rig:
         connect(rig, quiet=as_json)
         result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json))
-    lost = {k: v for k, v in result.lost.items() if v}
+    lost = result.lost
     if as_json:
-        print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table.rows), "lost": lost,
+        print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
                           "safe": result.safe}, indent=1))  # fmt: skip
     else:
-        out.print(f"{result.outcome}: {len(result.table.rows)} states in {result.file}")
+        out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
         for topic, n in lost.items():
             out.print(f"  lost on {topic}: {n} samples")
         if not result.safe:
@@ -206,7 +207,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
     lost_before = rig.lost()
     p = j.experiment.plan(j.parameters)
     error: Exception | None = None
-    outcome = "complete"
+    outcome = "completed"
     with screen, _interrupts(screen.say) as stopping:
         bench = rig.bench(recorder, screen, stopping)
         trials = Trials(bench, p)
@@ -218,17 +219,24 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
-            error, outcome = e, f"failed: {e}"
+            error, outcome = e, "failed"
         report = _land(rig, screen)
-        recorder.log(rig.clock.now(), "info", f"safe state {'confirmed' if report else 'NOT confirmed'}; {outcome}")
         rig.record_to(None)
-        lost = {topic: n - lost_before.get(topic, 0) for topic, n in rig.lost().items()}
-        for topic, n in lost.items():
-            recorder.note_lost(topic, n)
-        summary = recorder.close(outcome)
-    for topic, n in summary.dropped.items():
-        lost[topic] = lost.get(topic, 0) + n
-    return Outcome(file, outcome, Table(trials.rows), lost, report, error)
+        for topic, n in rig.lost().items():
+            recorder.note_lost(topic, n - lost_before.get(topic, 0))
+        lost = _finish(recorder, outcome, str(error or ""), report)
+    return Outcome(file, outcome, Table(tuple(trials.rows)), lost, report, error)
+
+
+def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
+    """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
+    try:
+        recorder.log("info" if safe else "error", f"safe state {'confirmed' if safe else 'NOT confirmed'}; {outcome} {detail}".strip())
+        counts = recorder.close(outcome, detail)
+    except RecordingError as e:
+        err.print(str(e))
+        counts = recorder.counts()
+    return {topic: c.lost + c.dropped for topic, c in counts.items() if c.lost + c.dropped}
 
 
 def _land(rig: Rig, screen: Screen) -> bool:

@@ -106,7 +106,7 @@ class Bench:
     def say(self, text: str) -> None:
         """Tell the person, and write it to the recording's log."""
         self.narrator.say(text)
-        self.recorder.log(self.clock.now(), "info", text)
+        self.recorder.log("info", text, self.clock.now())
 
     def wait(self, what: str, done: Callable[[], T | None], within: float) -> T:
         """Look until `done` returns something else than None; NotReached after `within` seconds of rig time."""

@@ -95,14 +95,14 @@ class Trials:
             tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
             specimen=trial.specimen, probe=trial.probe,
         )  # fmt: skip
-        self.bench.recorder.state(self.bench.clock.now(), state)
+        number = self.bench.recorder.state(self.bench.clock.now(), state)
         try:
             row = self.bench.wait(
-                f"trial {state.trial} state {state.step}", lambda: conclude(self.bench.recorder.streams, state), wait
+                f"trial {state.trial} state {state.step}", lambda: conclude(self.bench.recorder.buffers, state), wait
             )
         except NotSettled as e:
             raise NotReached(str(e)) from e
-        self.bench.recorder.trial(self.bench.clock.now(), row)
+        self.bench.recorder.trial(self.bench.clock.now(), number, row)
         self.rows.append(row)
         return row
 

@@ -144,7 +144,7 @@ class ProbeMotion:
         since = self.bench.clock.now()
 
         def mean() -> float | None:
-            newer = self.bench.recorder.streams.window("/force", since, float("inf"))
+            newer = self.bench.recorder.buffers.window("/force", since, float("inf"))
             if len(newer) < samples:
                 return None
             force = (newer["raw"] - newer["zero"])[:, :3].mean(axis=0)
@@ -196,4 +196,4 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: Probe
 def _sample_rate(bench: Bench) -> float:
     """Force samples a second of rig time, over the last two seconds."""
     now = bench.clock.now()
-    return max(1.0, len(bench.recorder.streams.window("/force", now - 2.0, now)) / 2.0)
+    return max(1.0, len(bench.recorder.buffers.window("/force", now - 2.0, now)) / 2.0)
