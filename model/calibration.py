@@ -66,7 +66,8 @@ def fit_area_factor(
     start = float(np.mean(robot.area_factor_at(condition.spine_length)))
     found = least_squares(distance, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
     value = float(found.x[0])
-    if found.active_mask[0]:
+    # The search keeps inside its bounds, so a value that wants out ends just short of them.
+    if not 1.01 * LEAST_FACTOR < value < 0.99 * MOST_FACTOR:
         raise NotIdentified(
             f"area factor: {value:g} is at its bound ({LEAST_FACTOR:g}..{MOST_FACTOR:g}): "
             "check the units of pressure and tip, and the chamber order"

@@ -1,0 +1,101 @@
+"""Calibration gives back what synthetic data were made with, and says how well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from model.calibration import fit_area_factor, fit_area_factor_by_length, fit_body_modulus, fit_spine_modulus
+from model.condition import Condition, conditions
+from model.errors import BadCondition, NotIdentified
+from model.robot import Robot
+from model.rod import solve
+from model.section import body_second_moment
+
+Bending = Callable[..., Condition]
+PRESSURES = [50e3, 150e3, 250e3]
+
+
+def test_a_known_factor_is_found_within_its_error(paper_robot: Robot, bending: Bending) -> None:
+    states = bending(paper_robot, [0.0, 0.1, 0.3], PRESSURES)
+    truth = solve(paper_robot.with_area_factor(1.73), states).tip
+    tip = truth + np.random.default_rng(1).normal(0, 0.3e-3, truth.shape)
+    fit = fit_area_factor(paper_robot, states, tip)
+    low, high = fit.factor.interval
+    assert low < 1.73 < high
+    assert high - low < 0.01
+    assert fit.rmse == pytest.approx(0.3e-3 * np.sqrt(3), rel=0.4)
+
+
+def test_exact_tips_give_the_exact_factor(paper_robot: Robot, bending: Bending) -> None:
+    states = bending(paper_robot, [0.0, 0.2], PRESSURES)
+    fit = fit_area_factor(paper_robot, states, solve(paper_robot.with_area_factor(2.2), states).tip)
+    assert fit.factor.value == pytest.approx(2.2, rel=1e-7)
+
+
+def test_a_factor_of_its_own_for_each_length_gives_back_the_papers_sequence(
+    paper_robot: Robot, bending: Bending
+) -> None:
+    lengths = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]
+    states = bending(paper_robot, lengths, PRESSURES)
+    fits = fit_area_factor_by_length(paper_robot.with_area_factor(1.0), states, solve(paper_robot, states).tip)
+    assert list(fits) == pytest.approx(lengths)
+    assert [f.factor.value for f in fits.values()] == pytest.approx([1.5, 1.5, 1.7, 1.9, 2.0, 2.15, 2.4], rel=1e-6)
+
+
+def test_one_factor_for_all_lengths_shows_where_it_does_not_fit(paper_robot: Robot, bending: Bending) -> None:
+    states = bending(paper_robot, [0.0, 0.1, 0.3], PRESSURES)
+    fit = fit_area_factor(paper_robot, states, solve(paper_robot, states).tip)
+    assert fit.rmse_by_length[0.1] < fit.rmse_by_length[0.0]
+    assert fit.rmse_by_length[0.1] < fit.rmse_by_length[0.3]
+
+
+def test_errors_shared_by_a_trial_are_not_averaged_away(paper_robot: Robot, bending: Bending) -> None:
+    once = bending(paper_robot, [0.0, 0.2], PRESSURES)
+    states = once[np.tile(np.arange(len(once)), 4)]
+    trial = np.repeat(np.arange(4), len(once))
+    sideways = np.array([2e-3, -1e-3, 1e-3, -2e-3])
+    tip = solve(paper_robot.with_area_factor(1.6), states).tip
+    tip[:, 0] += sideways[trial]
+    alone = fit_area_factor(paper_robot, states, tip).factor
+    shared = fit_area_factor(paper_robot, states, tip, trial=trial).factor
+    assert shared.dof == 3
+    assert shared.standard_error > 1.5 * alone.standard_error
+
+
+def test_tips_without_pressure_do_not_identify_the_factor(paper_robot: Robot) -> None:
+    states = conditions(paper_robot, [0.0, 0.1], np.zeros(9))
+    with pytest.raises(NotIdentified, match="pressure"):
+        fit_area_factor(paper_robot, states, np.zeros((2, 3)))
+
+
+def test_a_factor_at_its_bound_is_refused(paper_robot: Robot, bending: Bending) -> None:
+    states = bending(paper_robot, [0.0], PRESSURES)
+    opposite = solve(paper_robot, states).tip * [-1, 1, 1]
+    with pytest.raises(NotIdentified, match="bound"):
+        fit_area_factor(paper_robot, states, opposite)
+
+
+def test_tips_of_the_wrong_shape_or_missing_are_refused(paper_robot: Robot, bending: Bending) -> None:
+    states = bending(paper_robot, [0.0], PRESSURES)
+    with pytest.raises(BadCondition, match=r"tip: shape \(3, 2\)"):
+        fit_area_factor(paper_robot, states, np.zeros((3, 2)))
+    with pytest.raises(BadCondition, match="tip: row 1"):
+        fit_area_factor(paper_robot, states, np.array([[0, 0, 0.4], [0, 0, np.nan], [0, 0, 0.4]]))
+
+
+def test_body_modulus_comes_back_from_its_stiffness_rows(paper_robot: Robot) -> None:
+    y = np.linspace(0.005, 0.04, 8)
+    force = 3 * 5.1e5 * body_second_moment(paper_robot) / paper_robot.length**3 * y + 0.1
+    assert fit_body_modulus(paper_robot, y, force).value == pytest.approx(5.1e5, rel=1e-10)
+
+
+def test_spine_modulus_comes_back_for_each_length() -> None:
+    y = np.linspace(0.002, 0.01, 5)
+    second = np.pi * 0.029**4 / 4
+    truth = {0.05: 0.318e6, 0.30: 4.389e6}
+    force = np.concatenate([3 * e * second / length**3 * y for length, e in truth.items()])
+    found = fit_spine_modulus(0.029, np.repeat(list(truth), 5), np.tile(y, 2), force)
+    assert {length: fit.value for length, fit in found.items()} == pytest.approx(truth)
