@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -61,17 +60,13 @@ class Spine(BaseModel):
     radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     modulus: dict[LengthKey, Modulus] = Field(min_length=1, json_schema_extra={"unit": "Pa", "key_unit": "m"})
 
-    @cached_property
-    def _table(self) -> tuple[Array, Array]:
-        return _sorted(self.modulus)
-
     def modulus_at(self, spine_length: ArrayLike) -> Array:
         """Young's modulus (Pa) at spine length (m): linear between table entries, the end entries beyond them.
 
         It is held, not extrapolated, below the shortest length: the straight line through the paper's Table II turns
         negative under 3 cm.
         """
-        return np.interp(np.asarray(spine_length, float), *self._table)
+        return np.interp(np.asarray(spine_length, float), *_sorted(self.modulus))
 
 
 class Pose(BaseModel):
@@ -154,14 +149,11 @@ class Robot(BaseModel):
             ]
         return found
 
-    @cached_property
-    def _area_table(self) -> tuple[Array, Array]:
-        table = self.area_factor
-        return _sorted(table) if isinstance(table, dict) else (np.zeros(1), np.array([table]))
-
     def area_factor_at(self, spine_length: ArrayLike) -> Array:
         """A_effect / A_norm at spine length (m): linear between table entries, the end entries beyond them."""
-        return np.interp(np.asarray(spine_length, float), *self._area_table)
+        factor = self.area_factor
+        table = factor if isinstance(factor, dict) else {0.0: factor}
+        return np.interp(np.asarray(spine_length, float), *_sorted(table))
 
     def with_area_factor(self, factor: float | Mapping[float, float]) -> Robot:
         """The same robot with another area factor (number, or table spine length in m -> factor), checked again."""

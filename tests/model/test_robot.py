@@ -113,3 +113,10 @@ def test_reading_a_robot_loads_no_solver() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
     )
     assert done.stdout.strip() == "False"
+
+
+def test_a_copy_with_another_table_uses_that_table(paper_robot: Robot) -> None:
+    assert paper_robot.spine is not None
+    paper_robot.spine.modulus_at(0.1)
+    other = paper_robot.spine.model_copy(update={"modulus": {0.1: 5e6}})
+    assert other.modulus_at(0.1) == 5e6
