@@ -11,7 +11,7 @@ import types
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -67,7 +67,7 @@ def parse_yaml(text: str, name: str) -> Source:
     except (yaml.YAMLError, ValueError, RecursionError) as e:
         mark = getattr(e, "problem_mark", None)
         where = f"{name}:{mark.line + 1}" if mark else name
-        raise ConfigError(f"{where}: is not valid YAML: {getattr(e, 'problem', None) or e}") from e
+        raise ConfigError(f"{where}: is not valid YAML: {getattr(e, 'problem', None) or _first_line(e)}") from e
     lines: dict[Loc, int] = {}
     if node is not None:
         _collect_lines(node, (), lines)
@@ -104,7 +104,11 @@ def _scan(text: str, name: str) -> list[Any]:
         return list(yaml.scan(text, Loader=yaml.SafeLoader))
     except (yaml.YAMLError, ValueError) as e:
         mark = getattr(e, "problem_mark", None)
-        raise ConfigError(f"{name}{f':{mark.line + 1}' if mark else ''}: is not valid YAML: {e}") from e
+        raise ConfigError(f"{name}{f':{mark.line + 1}' if mark else ''}: is not valid YAML: {_first_line(e)}") from e
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]
 
 
 def _collect_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int]) -> None:
@@ -138,7 +142,7 @@ def _models(annotation: object, value: object) -> type[BaseModel] | None:
 
 def _leaves(annotation: object) -> list[object]:
     origin = get_origin(annotation)
-    if origin in (Union, types.UnionType, list, tuple, dict) or str(origin) == "typing.Annotated":
+    if origin in (Union, types.UnionType, Annotated, list, tuple, dict):
         return [leaf for a in get_args(annotation) for leaf in _leaves(a)]
     return [annotation]
 
