@@ -1,0 +1,76 @@
+"""Rigid transforms: unit quaternions (w, x, y, z), rotation matrices, rotation vectors, poses.
+
+A pose (position, orientation) of frame B in frame A takes coordinates in B to coordinates in A: p_A = R p_B + position.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .interfaces import Quaternion, Vector3
+
+Array = NDArray[np.float64]
+
+
+def matrix_from_quaternion(q: Quaternion) -> Array:
+    """Rotation matrix, shape (3, 3), of a quaternion of any length but 0."""
+    w, x, y, z = (part / math.hypot(*q) for part in q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_matrix(matrix: Array) -> Quaternion:
+    """Unit quaternion with w >= 0 of a rotation matrix.
+
+    The four squared parts follow from the diagonal; the largest is taken as divisor (Shepperd's method).
+    """
+    m = matrix
+    squares = [
+        1 + m[0, 0] + m[1, 1] + m[2, 2],
+        1 + m[0, 0] - m[1, 1] - m[2, 2],
+        1 - m[0, 0] + m[1, 1] - m[2, 2],
+        1 - m[0, 0] - m[1, 1] + m[2, 2],
+    ]
+    a, b, c = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    d, e, f = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    rows = [(squares[0], a, b, c), (a, squares[1], d, e), (b, d, squares[2], f), (c, e, f, squares[3])]
+    q = rows[int(np.argmax(squares))]
+    scale = math.copysign(math.hypot(*q), q[0])
+    return (float(q[0] / scale), float(q[1] / scale), float(q[2] / scale), float(q[3] / scale))
+
+
+def rotation_from_vector(vector: Sequence[float]) -> Array:
+    """Rotation matrix of a rotation by |vector| rad about the vector's direction (Rodrigues' formula)."""
+    x, y, z = vector
+    angle = math.hypot(x, y, z)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-9:
+        return np.eye(3) + cross
+    return np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)
+
+
+def compose(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The rotation b followed by a, as the matrix product A B."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def apply(position: Vector3, rotation: Array, point: Vector3) -> Vector3:
+    """`rotation` (3, 3) times `point`, plus `position`, m."""
+    x, y, z = rotation @ np.asarray(point) + np.asarray(position)
+    return (float(x), float(y), float(z))

@@ -1,0 +1,293 @@
+"""Fake OptiTrack Motive: a NatNet unicast server (bitstream 4.1, 3.1 by option) that tracks the virtual robot.
+
+Rigid bodies: Tip (1), Base (2), and M1..Mk (11..) at the robot's markers. Frames come at `rate` of host time at any speed
+of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats. A hidden
+tip keeps its last pose with the tracking bit cleared.
+
+Strict where the device is: frames leave from the data port, only to clients that connected and keep alive; a datagram
+whose length is not what its header says is dropped; keep-alive is not answered.
+
+Faults used: `silent` (nothing is sent), `truncate` (frames cut in half), `freeze` (poses stand still). By name in
+`faults.extra`:
+- "drop" (int): this many frames are counted and not sent.
+- "replay" (bool): the last frame is sent again and again.
+- "nan" (bool), "absurd" (bool): the tip's position is NaN, or 1000 km away, yet marked as tracked.
+- "zeros" (bool): a hidden tip is reported at zero instead of its last pose.
+- "no_body" (bool): the tip is missing in the frames.
+- "restart" (bool): frame numbers start again from 1.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import select
+import socket
+import struct
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .clock import SimClock
+from .plant import Plant
+from .pty_fake import Faults
+
+Array = NDArray[np.float64]
+Transform = tuple[tuple[float, float, float], tuple[float, float, float, float]]
+
+CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
+REQUEST_FRAME, FRAME, DISCONNECT, KEEPALIVE, ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED = 6, 7, 9, 10, 12, 13, 100
+TICKS = 10_000_000
+"""Clock frequency of the server's stamps, Hz."""
+CLIENT_TIMEOUT = 10.0
+"""A client that is silent this long is forgotten, s of host time."""
+TIP, BASE, FIRST_MARKER = 1, 2, 11
+HALF = math.sqrt(0.5)
+MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
+"""Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), quaternion wxyz."""
+
+
+def rotation_matrix(q: tuple[float, float, float, float]) -> Array:
+    """Of a unit quaternion w, x, y, z: (w^2 - v.v) 1 + 2 v v^T + 2 w [v]."""
+    w, v = q[0], np.array(q[1:])
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return (w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross
+
+
+def quaternion_xyzw(rotation: Array) -> Array:
+    """Unit quaternion x, y, z, w with w >= 0: the eigenvector of Bar-Itzhack's matrix with the largest eigenvalue."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    k = np.array(
+        [
+            [a - e - i, b + d, c + g, h - f],
+            [b + d, e - a - i, f + h, c - g],
+            [c + g, f + h, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
+    q: Array = np.linalg.eigh(k)[1][:, 3]
+    return q if q[3] >= 0 else -q
+
+
+@dataclass
+class Body:
+    """A rigid body as the cameras see it, in their world."""
+
+    id: int
+    name: str
+    position: Array
+    quaternion: Array
+    """x, y, z, w"""
+    tracked: bool = True
+
+
+class MotiveFake(threading.Thread):
+    """The server: command socket, data socket, and the cameras."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        clock: SimClock,
+        host: str = "127.0.0.1",
+        command_port: int = 1510,
+        data_port: int = 1511,
+        version: tuple[int, int] = (4, 1),
+        rate: float = 100.0,
+        mocap_to_base: Transform = MOCAP_TO_BASE,
+        markers: int = 3,
+        noise: float = 0.3e-3,
+        angle_noise: float = math.radians(0.2),
+        seed: int = 0,
+    ) -> None:
+        """`rate` in Hz of host time; `noise` (m) and `angle_noise` (rad) are one sigma per axis and frame."""
+        super().__init__(name="fake-motive", daemon=True)
+        self.plant, self.clock = plant, clock
+        self.host = host
+        self.version = version
+        self.rate = rate
+        self.markers = markers
+        self.noise, self.angle_noise = noise, angle_noise
+        self.faults = Faults()
+        self.frame = 0
+        self.messages: list[int] = []
+        """Ids of the messages received, keep-alive left out."""
+        self.mocap_to_base = {"position": list(mocap_to_base[0]), "quaternion": list(mocap_to_base[1])}
+        """The calibration that a person would write into rig.yaml."""
+        self._origin = np.array(mocap_to_base[0])
+        self._rotation = rotation_matrix(mocap_to_base[1])
+        self._random = np.random.default_rng(seed)
+        self._data_port = data_port
+        self._command = self._socket(command_port)
+        self._data = self._socket(data_port)
+        self._clients: dict[tuple[str, int], float] = {}
+        names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
+        self._bodies = [Body(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
+        self._last_frame = b""
+        self._running = True
+        self._look()
+
+    def stop(self) -> None:
+        """End the thread and close the sockets."""
+        self._running = False
+        if self.is_alive():
+            self.join(1.0)
+        self._command.close()
+        self._data.close()
+
+    def run(self) -> None:
+        due = time.monotonic()
+        while self._running:
+            ready, _, _ = select.select([self._command], [], [], max(0.0, min(0.05, due - time.monotonic())))
+            if ready:
+                self._serve()
+            now = time.monotonic()
+            if now >= due:
+                due = max(due + 1 / self.rate, now - 5 / self.rate)
+                self._stream(now)
+
+    # -- wire
+    def _socket(self, port: int) -> socket.socket:
+        s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        s.bind((self.host, port))
+        return s
+
+    def _send(self, via: socket.socket, client: tuple[str, int], message: int, payload: bytes) -> None:
+        if not self.faults.silent:
+            with contextlib.suppress(OSError):
+                via.sendto(struct.pack("<HH", message, len(payload)) + payload, client)
+
+    def _serve(self) -> None:
+        """Take one datagram and answer it."""
+        data, client = self._command.recvfrom(65536)
+        if len(data) < 4:
+            return
+        message, size = struct.unpack("<HH", data[:4])
+        payload = data[4:]
+        if size != len(payload):
+            return
+        if message == KEEPALIVE:
+            if client in self._clients:
+                self._clients[client] = time.monotonic()
+            return
+        self.messages.append(message)
+        if message == DISCONNECT:
+            self._clients.pop(client, None)
+            return
+        if message == CONNECT:
+            self._clients[client] = time.monotonic()
+        answer = self._answer(message, payload)
+        self._send(self._command, client, *answer)
+
+    def _answer(self, message: int, payload: bytes) -> tuple[int, bytes]:
+        if message == CONNECT:
+            return SERVERINFO, self._server_info()
+        if message == REQUEST_MODELDEF:
+            return MODELDEF, self._definitions()
+        if message == REQUEST_FRAME:
+            return FRAME, self._frame_payload()
+        if message == ECHO_REQUEST and len(payload) >= 8:
+            return ECHO_RESPONSE, payload[:8] + struct.pack("<Q", self._ticks())
+        if message == REQUEST:
+            command = payload.rstrip(b"\0")
+            known = {b"FrameRate": self.rate, b"UnitsToMillimeters": 1000.0}
+            return RESPONSE, struct.pack("<f", known[command]) if command in known else struct.pack("<i", -1)
+        return UNRECOGNIZED, b""
+
+    def _server_info(self) -> bytes:
+        versions = bytes((3, 1, 0, 0, *self.version, 0, 0))
+        tail = struct.pack("<QH?4s", TICKS, self._data_port, False, bytes(4))
+        return b"Motive".ljust(256, b"\0") + versions + tail
+
+    def _definitions(self) -> bytes:
+        payload = struct.pack("<i", len(self._bodies))
+        for body in self._bodies:
+            d = body.name.encode() + b"\0" + struct.pack("<ii3f", body.id, -1, 0, 0, 0)
+            d += struct.pack("<i3fi", 1, 0.01, 0.0, 0.0, 0)
+            if self.version >= (4, 0):
+                d += b"Marker1\0"
+            size = struct.pack("<i", len(d)) if self.version >= (4, 1) else b""
+            payload += struct.pack("<i", 1) + size + d
+        return payload
+
+    # -- frames
+    def _stream(self, now: float) -> None:
+        extra = self.faults.extra
+        if not (extra.get("replay") and self._last_frame):
+            self.frame = 1 if extra.pop("restart", False) else self.frame + 1
+            if not self.faults.freeze:
+                self._look()
+            self._last_frame = self._frame_payload()
+        drop = extra.get("drop", 0)
+        if isinstance(drop, int) and drop > 0:
+            extra["drop"] = drop - 1
+            return
+        payload = self._last_frame
+        if self.faults.truncate:
+            payload = payload[: len(payload) // 2]
+        self._clients = {c: t for c, t in self._clients.items() if now - t < CLIENT_TIMEOUT}
+        for client in self._clients:
+            self._send(self._data, client, FRAME, payload)
+
+    def _look(self) -> None:
+        """The cameras' view of the plant, with noise."""
+        with self.plant.lock:
+            tip, rotation = self.plant.tip_position.copy(), self.plant.tip_rotation.copy()
+            markers, visible = self.plant.markers.copy(), self.plant.tip_visible
+        for body in self._bodies:
+            if body.id == TIP:
+                self._see(body, tip, rotation, visible)
+            elif body.id == BASE:
+                self._see(body, np.zeros(3), np.eye(3), True)
+            else:
+                index = body.id - FIRST_MARKER
+                known = index < len(markers)
+                self._see(body, markers[index] if known else np.zeros(3), np.eye(3), known)
+
+    def _see(self, body: Body, position: Array, rotation: Array, visible: bool) -> None:
+        """Base frame -> world, plus noise; an unseen body keeps its pose."""
+        body.tracked = visible
+        if not visible:
+            return
+        shake = rotation_matrix(self._shake())
+        body.position = self._rotation.T @ (position - self._origin) + self.noise * self._random.standard_normal(3)
+        body.quaternion = quaternion_xyzw(self._rotation.T @ rotation @ shake)
+
+    def _shake(self) -> tuple[float, float, float, float]:
+        """A small random rotation."""
+        x, y, z = 0.5 * self.angle_noise * self._random.standard_normal(3)
+        scale = 1 / math.sqrt(1 + x * x + y * y + z * z)
+        return (scale, float(scale * x), float(scale * y), float(scale * z))
+
+    def _frame_payload(self) -> bytes:
+        shown = [b for b in self._bodies if not (b.id == TIP and self.faults.extra.get("no_body"))]
+        bodies = b"".join(self._body(body) for body in shown)
+        sections = [(0, b""), (0, b""), (len(shown), bodies), (0, b"")]
+        # marker sets, unlabelled markers, rigid bodies, skeletons; then assets (4.1), labelled markers, plates, devices
+        sections += [(0, b"")] * (4 if self.version >= (4, 1) else 3)
+        payload = struct.pack("<i", self.frame)
+        for count, content in sections:
+            size = struct.pack("<i", len(content)) if self.version >= (4, 1) else b""
+            payload += struct.pack("<i", count) + size + content
+        ticks = self._ticks()
+        payload += struct.pack("<IIdQQQ", 0, 0, self.clock.now(), ticks, ticks + 20_000, ticks + 30_000)
+        if self.version >= (4, 1):
+            payload += struct.pack("<II", 0, 0)
+        return payload + struct.pack("<hI", 0, 0)
+
+    def _body(self, body: Body) -> bytes:
+        extra = self.faults.extra
+        position, quaternion = body.position, body.quaternion
+        if body.id == TIP:
+            if extra.get("nan"):
+                position = np.full(3, np.nan)
+            if extra.get("absurd"):
+                position = np.full(3, 1e6)
+            if extra.get("zeros") and not body.tracked:
+                position, quaternion = np.zeros(3), np.zeros(4)
+        return struct.pack("<i3f4ffh", body.id, *position, *quaternion, self.noise, int(body.tracked))
+
+    def _ticks(self) -> int:
+        return int(self.clock.now() * TICKS)
