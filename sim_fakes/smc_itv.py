@@ -1,0 +1,126 @@
+"""Fake SMC ITV electro-pneumatic regulator with RS-232C: one unit on one pty.
+
+Stricter than the instrument: lines must end in CR LF, words must be exact (one space, upper case), and a poll (`MON`,
+`REQ`) that comes too soon after the last one is not answered.
+
+Faults of its own, in `faults.extra`:
+    refuse    a text answered to every command, such as "UNKNOWN COMMAND" or "OUT OF RANGE"
+    ignore    set-points are acknowledged with the old one
+    stuck     `MON` repeats the pressure that it gave when the fault began
+The back door `device` gives the unit's state: set-point in counts, range, highest count that it takes.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .clock import SimClock
+from .plant import Plant
+from .pty_fake import Device, PtyFake
+
+STEPS = 1023
+NOISE = 200.0
+"""Standard deviation of a reading, Pa."""
+
+
+@dataclass
+class ItvDevice(Device):
+    """One regulator without its wire; pressures are Pa."""
+
+    plant: Plant
+    chambers: tuple[int, ...]
+    full_scale: float
+    setpoint: int = 0
+    """Counts of 0..1023 over the full scale."""
+    highest: int = STEPS
+    """Largest set-point that it takes."""
+
+    def process(self, dt: float) -> None:
+        """Drive the chambers' regulators."""
+        with self.plant.lock:
+            for chamber in self.chambers:
+                self.plant.regulator[chamber - 1] = self.setpoint / STEPS * self.full_scale
+
+    @property
+    def pressure(self) -> float:
+        """Mean pressure of its chambers, without noise."""
+        with self.plant.lock:
+            return float(np.mean([self.plant.chamber_pressure[c - 1] for c in self.chambers]))
+
+
+class SmcItvFake(PtyFake):
+    """The unit on one pty; `chambers` are the plant's chambers (1..9) that it feeds."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        clock: SimClock,
+        chambers: Sequence[int],
+        seed: int = 0,
+        full_scale: float = 500e3,
+        poll_interval: float = 0.095,
+    ) -> None:
+        """`full_scale` in Pa; `poll_interval`: polls that come sooner are not answered, s of host time."""
+        super().__init__("smc_itv", clock, 9600, seed)
+        self.device = ItvDevice(plant, tuple(chambers), full_scale)
+        self._poll_interval = poll_interval
+        self._polled_at = -1.0
+        self._stuck: int | None = None
+
+    def process(self, dt: float) -> None:
+        """Advance the unit."""
+        self.device.process(dt)
+
+    def feed(self) -> bool:
+        """Answer one line."""
+        line, end, rest = self.buffer.partition(b"\r\n")
+        if not end:
+            return False
+        self.buffer = rest
+        self.requests.append(line + end)
+        text = line.decode("ascii", "replace")
+        if text in ("MON", "REQ") and self._too_soon():
+            return True
+        refuse = self.faults.extra.get("refuse")
+        answer = str(refuse) if refuse else self._answer(text)
+        # a set-point works on the plant before its answer is out
+        if not self.faults.freeze:
+            self.device.process(0.0)
+        self.send(answer.encode("ascii") + b"\r\n")
+        return True
+
+    def _too_soon(self) -> bool:
+        last, self._polled_at = self._polled_at, time.monotonic()
+        return self._polled_at - last < self._poll_interval
+
+    def _answer(self, text: str) -> str:
+        if match := re.fullmatch(r"SET (\d+)", text):
+            return self._set(int(match[1]))
+        if text in ("INC", "DEC"):
+            return self._set(self.device.setpoint + (2 if text == "INC" else -2))
+        if text == "REQ":
+            return str(self.device.setpoint)
+        if text == "MON":
+            return str(self._measured())
+        return "UNKNOWN COMMAND"
+
+    def _set(self, counts: int) -> str:
+        if not 0 <= counts <= self.device.highest:
+            return "OUT OF RANGE"
+        if not self.faults.extra.get("ignore"):
+            self.device.setpoint = counts
+        return str(self.device.setpoint)
+
+    def _measured(self) -> int:
+        reading = self.random.gauss(self.device.pressure, NOISE) / self.device.full_scale * STEPS
+        counts = max(0, min(STEPS, round(reading)))
+        if self.faults.extra.get("stuck"):
+            counts = self._stuck = counts if self._stuck is None else self._stuck
+        else:
+            self._stuck = None
+        return counts
