@@ -3,6 +3,7 @@
     RecordingError                      anything that went wrong with a recording or a table of trials
     |-- NotARecording    (ValueError)      the file is not an MCAP file, or not one of this house
     |-- Truncated        (EOFError)        the file ends before its end mark
+    |-- Damaged          (ValueError)      bytes of the file changed since they were written
     |-- MissingStream    (LookupError)     a topic that the file does not hold
     |-- OtherVersion     (ValueError)      messages of a schema version this software does not read
     |-- BadMessage       (ValueError)      a message or state that does not fit its definition; it was not recorded
@@ -26,6 +27,10 @@ class NotARecording(RecordingError, ValueError):
 
 class Truncated(RecordingError, EOFError):
     """The file ends before its end mark."""
+
+
+class Damaged(RecordingError, ValueError):
+    """Bytes of the file changed since they were written."""
 
 
 class MissingStream(RecordingError, LookupError):

@@ -16,24 +16,22 @@ import os
 import queue
 import threading
 import time
-from array import array
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
 from . import events
 from .buffer import KEEP, Buffers
+from .counts import StreamCounts, Tally
 from .disk import Disk
 from .errors import BadMessage, RecordingError, WriteFailed
 from .messages import SCHEMA_VERSION, MessageType, streams
 from .states import State
-from .timing import timing
 from .trials import TrialRow
 
 FLUSH_PERIOD = 0.1
@@ -48,47 +46,8 @@ POSE_PERIOD = 1 / 30
 LIBRARY = "softlab recordings"
 
 
-@dataclass(frozen=True)
-class StreamCounts:
-    """What became of a topic's messages.
-
-    `generated` = `written` + `dropped`; `dropped` were refused here (malformed, out of order, queue full, disk failed);
-    `lost` never arrived and were reported by the driver. Times in s, rate in Hz; see `timing`.
-    """
-
-    generated: int
-    written: int
-    dropped: int
-    lost: int
-    rate: float
-    jitter: float
-    gaps: int
-    longest: float
-
-    @property
-    def complete(self) -> bool:
-        """Nothing was lost on the way."""
-        return self.dropped == 0 and self.lost == 0
-
-
-@dataclass
-class _Topic:
-    """Book-keeping of one topic; `lock` keeps its stamps, its buffer and the queue in one order."""
-
-    channel: int = 0
-    lock: threading.Lock = field(default_factory=threading.Lock)
-    generated: int = 0
-    pending: int = 0
-    written: int = 0
-    lost: int = 0
-    last: int = -1
-    stamps: array[int] = field(default_factory=lambda: array("q"))
-    complained: bool = False
-
-
-@dataclass(frozen=True)
-class _Item:
-    topic: _Topic
+class _Item(NamedTuple):
+    topic: Tally
     log_time: int
     sequence: int
     payload: bytes
@@ -116,7 +75,7 @@ class Recorder:
         self.start_wall_ns = start_wall_ns
         self.messages: dict[str, MessageType] = streams(chambers, markers)
         self.buffers = Buffers(self.messages, keep)
-        self._topics = {topic: _Topic() for topic in (*self.messages, *events.EVENTS)}
+        self._topics = {topic: Tally() for topic in (*self.messages, *events.EVENTS)}
         self._queue: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
@@ -153,8 +112,10 @@ class Recorder:
         for event in events.EVENTS.values():
             schema = mcap.register_schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
             self._register(event.topic, schema, event.metadata)
-        # Schemas and channels reach the file with the first message's chunk. self._write(self._item("/log", 0,
-        events.encode_log(self.start_wall_ns, "info", "recording starts", "recorder"))) self._flush()
+        # Schemas and channels reach the file with the first message's chunk.
+        first = events.encode_log(self.start_wall_ns, "info", "recording starts", "recorder")
+        self._write(self._item("/log", 0, first))
+        self._flush()
         self._disk.sync_name()
 
     def _register(self, topic: str, schema: int, metadata: dict[str, str]) -> None:
@@ -205,9 +166,9 @@ class Recorder:
             raise BadMessage(f"{topic}: t = {t!r} is not a rig time in seconds")
         return round(t * 1e9)
 
-    def _accepts(self, entry: _Topic, ns: int) -> bool:
-        return self._failure is None and self._outcome is None and ns >= entry.last and self._queue.qsize() <
-        QUEUE_LIMIT
+    def _accepts(self, entry: Tally, ns: int) -> bool:
+        open_ = self._failure is None and self._outcome is None
+        return open_ and ns >= entry.last and self._queue.qsize() < QUEUE_LIMIT
 
     def _item(self, topic: str, ns: int, payload: bytes) -> _Item:
         """Count a message and number it; the topic's lock is held."""
@@ -249,7 +210,7 @@ class Recorder:
             entry.lost += count
 
     def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
-        """A line on /log; `level` is one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp."""
+        """A line on /log; `level` one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp."""
         if level not in events.LEVELS:
             raise BadMessage(f"log level {level!r} is unknown; one of {', '.join(events.LEVELS)}")
         ns = self._newest() if t is None else self._nanoseconds("/log", t)
@@ -342,14 +303,7 @@ class Recorder:
 
     def counts(self) -> dict[str, StreamCounts]:
         """What became of each topic's messages so far."""
-        out = {}
-        for name, topic in self._topics.items():
-            at = timing(np.array(topic.stamps[: topic.written], dtype=np.int64) / 1e9)
-            dropped = topic.generated - topic.written
-            out[name] = StreamCounts(
-                topic.generated, topic.written, dropped, topic.lost, at.rate, at.jitter, at.gaps, at.longest
-            )
-        return out
+        return {name: topic.counts() for name, topic in self._topics.items()}
 
     def close(self, outcome: str, detail: str = "") -> dict[str, StreamCounts]:
         """Write counts and outcome, finish the file, return the counts. A second call returns them again.
@@ -374,6 +328,7 @@ class Recorder:
             self.close("completed")
             return
         try:
-            self.close("stopped" if isinstance(error, KeyboardInterrupt) else "failed", f"{type(error).__name__}: {error}")
+            outcome = "stopped" if isinstance(error, KeyboardInterrupt) else "failed"
+            self.close(outcome, f"{type(error).__name__}: {error}")
         except RecordingError as second:
             error.add_note(str(second))
