@@ -1,16 +1,16 @@
 """`lab paper`: the paper's tables in, its model curves out, and how much of its error is the integrator's own.
 
-Table I and II and the calibrated area factors are in examples/paper/robot.yaml; Table III (the error of the paper's model against
-its measurements) is quoted here, because the measured tips themselves were not published.
+Table I and II and the calibrated area factors are in examples/paper/robot.yaml; Table III (the error of the paper's
+model against its measurements) is quoted here, because the measured tips themselves were not published.
 
-Axes: the robot bends in the x-z plane of the base frame, away from the chambers at azimuth 0. The paper's X is that direction, so
-its curves show -x; its Y runs along the hanging rod and is z.
+Axes: the robot bends in the x-z plane of the base frame, away from the chambers at azimuth 0. The paper's X is that
+direction, so its curves show -x; its Y runs along the hanging rod and is z.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from lab.paper_figures import draw_all
 from model.calibration import fit_area_factor_by_length
 from model.compare import ErrorTable, error_table
 from model.condition import Condition, conditions
@@ -27,9 +26,12 @@ from model.robot import Robot, load_robot
 from model.rod import solve
 from model.section import combined_modulus
 
+from . import paper_figures
+from .console import out as screen
+from .example import paper_robot
+
 Array = NDArray[np.float64]
 
-ROBOT_FILE = Path(__file__).parents[1] / "examples" / "paper" / "robot.yaml"
 SPINE_LENGTHS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 """m, as in Fig. 5."""
 PRESSURES = (50e3, 100e3, 150e3, 200e3, 250e3)
@@ -74,7 +76,7 @@ class PaperReport:
     """(l,) A_effect / A_norm as published."""
     converged_factor: Array
     """(l,) the factor with which the converged rod comes closest to the paper's own curves."""
-    figures: tuple[Path, ...]
+    figures: tuple[Path, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """JSON-able; lengths in m, pressures and moduli in Pa."""
@@ -144,12 +146,29 @@ class PaperReport:
         return table
 
 
-def run(out: Path, robot_file: Path = ROBOT_FILE, steps: int = PUBLISHED_STEPS) -> PaperReport:
+def bending_states(robot: Robot) -> Condition:
+    """The 35 states of Fig. 5: spine lengths (slow) by pressures (fast), three chambers inflated."""
+    length, pressure = (a.ravel() for a in np.meshgrid(SPINE_LENGTHS, PRESSURES, indexing="ij"))
+    chambers = np.zeros((length.size, len(robot.chambers.azimuths_deg)))
+    chambers[:, PRESSURISED] = pressure[:, None]
+    return conditions(robot, length, chambers)
+
+
+def run(out: Path, robot_file: Path | None = None, steps: int = PUBLISHED_STEPS) -> PaperReport:
     """Compute everything, write the figures (PNG) and paper.json into `out`, and return the report.
 
-    Raises `model.errors.BadRobot` for a bad robot file, `SolveFailed` when a state of the paper has no trusted equilibrium.
+    `robot_file` is the paper's robot when None. Raises `model.errors.BadRobot` for a bad robot file, `SolveFailed`
+    when a state of the paper has no trusted equilibrium.
     """
-    robot = load_robot(robot_file)
+    report = reproduce(load_robot(robot_file or paper_robot()), steps)
+    out.mkdir(parents=True, exist_ok=True)
+    report = replace(report, figures=_draw(report, out))
+    (out / "paper.json").write_text(json.dumps(report.as_dict(), indent=1) + "\n", encoding="utf-8")
+    return report
+
+
+def reproduce(robot: Robot, steps: int = PUBLISHED_STEPS) -> PaperReport:
+    """The numbers alone."""
     states = bending_states(robot)
     highest = states[states.pressure.max(axis=1) == max(PRESSURES)]
     converged = solve(robot, states).trusted().tip
@@ -158,8 +177,7 @@ def run(out: Path, robot_file: Path = ROBOT_FILE, steps: int = PUBLISHED_STEPS) 
     refitted = fit_area_factor_by_length(robot, states, euler)
     lengths = np.array(SPINE_LENGTHS)
     grid = (len(SPINE_LENGTHS), len(PRESSURES), 3)
-    out.mkdir(parents=True, exist_ok=True)
-    report = PaperReport(
+    return PaperReport(
         robot=robot,
         steps=steps,
         spine_lengths=lengths,
@@ -173,6 +191,28 @@ def run(out: Path, robot_file: Path = ROBOT_FILE, steps: int = PUBLISHED_STEPS) 
         published_error=np.column_stack([PUBLISHED_ERROR_X, PUBLISHED_ERROR_Y]),
         published_factor=robot.area_factor_at(lengths),
         converged_factor=np.array([fit.factor.value for fit in refitted.values()]),
-        figures=(),
     )
-    return report
+
+
+def main(out: Path, as_json: bool) -> int:
+    """The verb: reproduce into `out`, print tables or JSON."""
+    report = run(out)
+    if as_json:
+        print(json.dumps(report.as_dict(), indent=1))
+        return 0
+    report.print(screen)
+    for path in report.figures:
+        screen.print(f"figure: {path}")
+    return 0
+
+
+def _draw(r: PaperReport, out: Path) -> tuple[Path, ...]:
+    integrator = np.array([[row.mean_abs_x, row.mean_abs_z] for row in r.integrator.rows])
+    arcs = SHAPE_ARCS * r.robot.length
+    lengths, factors = r.spine_lengths, (r.published_factor, r.converged_factor)
+    return (
+        paper_figures.curves(lengths, r.pressures, r.converged, r.euler, r.steps, out / "model_curves.png"),
+        paper_figures.backbones(lengths, r.shapes, arcs, r.pressures[-1], out / "backbones.png"),
+        paper_figures.errors(lengths, r.published_error, integrator, r.steps, out / "integrator_error.png"),
+        paper_figures.area_factors(lengths, *factors, r.steps, out / "area_factors.png"),
+    )

@@ -96,8 +96,10 @@ def _march(
     n, m = n0.copy(), m0.copy()
     v, u, slope = np.empty(3), np.empty(3), np.empty(3)
     turn = np.zeros((3, 3))
+    # A step that starts at the joint is outside, whatever the last bit of i * ds says.
+    last = joint - 1e-9 * length
     for i in range(steps):
-        inside = i * ds < joint
+        inside = i * ds < last
         stretch = stretch_in if inside else stretch_out
         bend = bend_in if inside else bend_out
         for k in range(3):
