@@ -1,0 +1,131 @@
+"""Averages whose result depends on the numbers alone: the same to the last bit whenever and wherever they are computed.
+
+Sums are `math.fsum` (correctly rounded, so neither order nor memory layout matters); rotations are averaged in plain
+floats.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Quaternion = tuple[float, float, float, float]
+Vector3 = tuple[float, float, float]
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and the standard deviation of the samples about it; NaN where there are too few to tell."""
+
+    value: float
+    sd: float
+
+
+class Estimator(Protocol):
+    """How one number is made of a quantity's samples."""
+
+    def __call__(self, t: Numbers, x: Numbers) -> Estimate:
+        """`t` stamps (s) and `x` values, both shape (n,); samples that are NaN do not count."""
+
+
+@dataclass(frozen=True)
+class Mean:
+    """The mean, for a quantity at rest."""
+
+    def __call__(self, t: Numbers, x: Numbers) -> Estimate:
+        values = x[np.isfinite(x)].tolist()
+        n = len(values)
+        if not n:
+            return Estimate(math.nan, math.nan)
+        mean = math.fsum(values) / n
+        squares = math.fsum((v - mean) ** 2 for v in values)
+        return Estimate(mean, math.sqrt(squares / (n - 1)) if n > 1 else math.nan)
+
+
+@dataclass(frozen=True)
+class Line:
+    """The least-squares line through the samples, taken at time `at` (s), for a quantity that ramps."""
+
+    at: float
+
+    def __call__(self, t: Numbers, x: Numbers) -> Estimate:
+        use = np.isfinite(x)
+        values, times = x[use].tolist(), [stamp - self.at for stamp in t[use].tolist()]
+        n = len(values)
+        if not n:
+            return Estimate(math.nan, math.nan)
+        mean, middle = math.fsum(values) / n, math.fsum(times) / n
+        spread = math.fsum((s - middle) ** 2 for s in times)
+        slope = 0.0
+        if spread > 0:
+            slope = math.fsum((s - middle) * (v - mean) for s, v in zip(times, values, strict=True)) / spread
+        residual = math.fsum((v - mean - slope * (s - middle)) ** 2 for s, v in zip(times, values, strict=True))
+        return Estimate(mean - slope * middle, math.sqrt(residual / (n - 2)) if n > 2 else math.nan)
+
+
+def mean_quaternion(quaternions: Sequence[Sequence[float]]) -> Quaternion:
+    """Mean rotation of unit quaternions (w, x, y, z), where q and -q are the same; the result has w >= 0.
+
+    The eigenvector of the largest eigenvalue of sum q q^T (F. L. Markley et al., "Averaging quaternions", J. Guid.
+    Control Dyn. 30, 2007), by power iteration. Raises ValueError when there is none to average.
+    """
+    if not quaternions:
+        raise ValueError("no quaternion to average")
+    n = len(quaternions)
+    matrix = [[math.fsum(q[i] * q[j] for q in quaternions) / n for j in range(4)] for i in range(4)]
+    mean = _unit(list(quaternions[0]))
+    for _ in range(200):
+        after = _unit([math.fsum(matrix[i][j] * mean[j] for j in range(4)) for i in range(4)])
+        change = max(abs(a - b) for a, b in zip(after, mean, strict=True))
+        mean = after
+        if change < 1e-15:
+            break
+    return _positive(mean)
+
+
+def line_quaternion(at: float, t: Numbers, quaternions: NDArray[np.float64]) -> Quaternion:
+    """The rotation at time `at` (s) of quaternions (n, 4) that turn slowly: a line through each component, made unit.
+
+    Good to the square of the angle turned within the samples, which is small while ramping.
+    """
+    first = quaternions[0]
+    side = quaternions @ first < 0
+    aligned = np.where(side[:, None], -quaternions, quaternions)
+    return _positive(_unit([Line(at)(t, aligned[:, i]).value for i in range(4)]))
+
+
+def _unit(q: Sequence[float]) -> Quaternion:
+    length = math.sqrt(math.fsum(c * c for c in q))
+    if not length > 0:
+        raise ValueError(f"{tuple(q)} is no rotation")
+    return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
+
+
+def _positive(q: Quaternion) -> Quaternion:
+    return q if q[0] >= 0 else (-q[0], -q[1], -q[2], -q[3])
+
+
+def from_rotation_vector(vector: Sequence[float]) -> Quaternion:
+    """Quaternion (w, x, y, z) of a rotation vector (rad)."""
+    angle = math.sqrt(math.fsum(c * c for c in vector))
+    if angle == 0:
+        return (1.0, 0.0, 0.0, 0.0)
+    scale = math.sin(angle / 2) / angle
+    return (math.cos(angle / 2), vector[0] * scale, vector[1] * scale, vector[2] * scale)
+
+
+def turned_back(q: Quaternion, v: Sequence[float]) -> Vector3:
+    """The vector v of the outer frame, seen in the frame whose orientation is q: R(q)^T v."""
+    w, x, y, z = q
+    a, b, c = v
+    return (
+        (1 - 2 * (y * y + z * z)) * a + 2 * (x * y + w * z) * b + 2 * (x * z - w * y) * c,
+        2 * (x * y - w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z + w * x) * c,
+        2 * (x * z + w * y) * a + 2 * (y * z - w * x) * b + (1 - 2 * (x * x + y * y)) * c,
+    )

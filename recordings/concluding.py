@@ -1,0 +1,145 @@
+"""The single way from samples to a row of the table: `conclude`, used by the protocols while they run and by replay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .averaging import (
+    Estimate,
+    Estimator,
+    Line,
+    Mean,
+    from_rotation_vector,
+    line_quaternion,
+    mean_quaternion,
+    turned_back,
+)
+from .buffer import Streams
+from .errors import NotSettled
+from .reading import Span, crossing_window, fixed_window, settled_window, tracked
+from .states import Crossing, Probe, Settled, State, Window
+from .trials import TrialRow
+
+Samples = NDArray[np.void]
+
+
+def conclude(streams: Streams, state: State) -> TrialRow | None:
+    """Read a state: its row, or None while samples are missing that may still come.
+
+    Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
+    Raises `NotSettled` when the rule can no longer be met.
+    """
+    where = f"trial {state.trial} step {state.step}"
+    watermark = min(streams.newest(topic) for topic in state.topics)
+    if not watermark > state.t_start:
+        return None
+    try:
+        span = _span(streams, state, watermark)
+        return None if span is None else _row(streams, state, span)
+    except NotSettled as error:
+        raise NotSettled(f"{where}: {error}") from error
+
+
+def _span(streams: Streams, state: State, watermark: float) -> Span | None:
+    rule, start = state.rule, state.t_start
+    if isinstance(rule, Window):
+        return fixed_window(rule, start, watermark)
+    until = min(watermark, start + rule.timeout)
+    pressure = streams.window("/pressure", start, until)
+    if isinstance(rule, Crossing):
+        return crossing_window(pressure, rule, start, state.ramp_end, watermark)
+    others = [streams.window(topic, start, until)["t"] for topic in state.topics if topic not in ("/pressure", "/tip")]
+    tip = streams.window("/tip", start, until)
+    return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
+
+
+def _row(streams: Streams, state: State, span: Span) -> TrialRow:
+    """Average every stream that the state relies on over the span."""
+    rule = state.rule
+    estimate: Estimator = Line(span.at) if isinstance(rule, Crossing) else Mean()
+    samples = {topic: streams.window(topic, span.t0, span.t1) for topic in state.topics}
+    if "/tip" in samples:
+        samples["/tip"] = tracked(samples["/tip"])
+    for topic, found in samples.items():
+        if len(found) < rule.min_samples:
+            raise NotSettled(
+                f"{len(found)} usable samples of {topic} from {span.t0:.2f} to {span.t1:.2f} s, needed "
+                f"{rule.min_samples}; check the instrument's rate, or average longer"
+            )
+    measured: dict[str, Estimate] = {}
+    pressures = state.targets
+    if (pressure := samples.get("/pressure")) is not None:
+        of_chambers = _each(estimate, pressure, "measured")
+        pressures = tuple(e.value for e in of_chambers)
+        measured |= {f"p{i}": e for i, e in enumerate(of_chambers, 1)}
+    tip = samples.get("/tip")
+    if tip is not None:
+        measured |= dict(zip("xyz", _each(estimate, tip, "position"), strict=True))
+    if (spine := samples.get("/spine")) is not None:
+        measured["spine_length"] = estimate(spine["t"], spine["length"])
+    if (vacuum := samples.get("/vacuum")) is not None:
+        absolute = estimate(vacuum["t"], vacuum["absolute"])
+        measured["vacuum"] = Estimate(state.ambient - absolute.value, absolute.sd)
+    if state.probe is not None:
+        force, deflection = _push(estimate, state.probe, samples["/force"], samples["/arm"])
+        measured |= {"force": force, "deflection": deflection}
+    value = {name: e.value for name, e in measured.items()}
+    return TrialRow(
+        trial=state.trial,
+        step=state.step,
+        protocol=state.protocol,
+        repeat=state.repeat,
+        branch=state.branch,
+        t=span.at,
+        rate=state.rate,
+        hold=0.0 if isinstance(rule, Crossing) else max(0.0, span.at - state.ramp_end),
+        spine_length=value.get("spine_length", state.spine_length),
+        vacuum=value.get("vacuum"),
+        tip_mass=state.tip_mass,
+        roll_deg=state.roll_deg,
+        pressures=pressures,
+        tip=None if tip is None else (value["x"], value["y"], value["z"]),
+        orientation=None if tip is None else _orientation(rule, span, tip),
+        markers=() if tip is None else _markers(estimate, tip),
+        specimen=state.specimen,
+        force=value.get("force"),
+        deflection=value.get("deflection"),
+        sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
+    )
+
+
+def _each(estimate: Estimator, samples: Samples, field: str) -> list[Estimate]:
+    """One estimate for each column of an array field."""
+    return [estimate(samples["t"], samples[field][:, i]) for i in range(samples[field].shape[1])]
+
+
+def _orientation(rule: Settled | Window | Crossing, span: Span, tip: Samples) -> tuple[float, float, float, float]:
+    turns = tip["orientation"]
+    if isinstance(rule, Crossing):
+        return line_quaternion(span.at, tip["t"], turns)
+    return mean_quaternion(turns.tolist())
+
+
+def _markers(estimate: Estimator, tip: Samples) -> tuple[tuple[float, float, float], ...]:
+    places: Any = tip["markers"]
+    out = []
+    for i in range(places.shape[1]):
+        x, y, z = (estimate(tip["t"], places[:, i, axis]).value for axis in range(3))
+        out.append((x, y, z))
+    return tuple(out)
+
+
+def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:
+    """Force on the specimen along the push (N) and the TCP's way along it from the origin (m)."""
+    tcp = mean_quaternion([from_rotation_vector(pose) for pose in arm["tcp_pose"][:, 3:].tolist()])
+    in_tcp = turned_back(tcp, probe.direction)
+    in_sensor = turned_back(from_rotation_vector(probe.sensor_rotation), in_tcp)
+    wrench = force["raw"] - force["zero"]
+    along = -(wrench[:, 0] * in_sensor[0] + wrench[:, 1] * in_sensor[1] + wrench[:, 2] * in_sensor[2])
+    pushed = estimate(force["t"], along - probe.force_offset)
+    moved = arm["tcp_pose"][:, :3] - np.array(probe.origin)
+    way = moved[:, 0] * probe.direction[0] + moved[:, 1] * probe.direction[1] + moved[:, 2] * probe.direction[2]
+    return pushed, estimate(arm["t"], way)

@@ -1,0 +1,194 @@
+"""When a state is read: pure functions of samples and rules, for the live run and for replay alike.
+
+All are causal. A window is found as soon as its last sample is there and does not depend on anything later, so it does
+not matter when, or how often, one asks. `watermark` is the stamp (s) before which every stream relied on is complete:
+the oldest of the streams' newest stamps. A window must end before it.
+
+Samples are arrays as `recordings.messages` decodes them, oldest first, from `t_start` on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import NotSettled
+from .states import Crossing, Settled, Window
+
+Samples = NDArray[np.void]
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Span:
+    """The samples to average: t0 <= t <= t1 (s); for a crossing also the moment `at` (s) the reading is for."""
+
+    t0: float
+    t1: float
+    at: float
+
+
+def tracked(tip: Samples) -> Samples:
+    """The tip samples that may be used: tracking valid and a position there."""
+    return tip[tip["valid"] & np.isfinite(tip["position"]).all(axis=1)]
+
+
+def settled_window(
+    pressure: Samples,
+    tip: Samples,
+    others: Sequence[Numbers],
+    targets: Sequence[float],
+    rule: Settled,
+    t_start: float,
+    watermark: float,
+) -> Span | None:
+    """The first window in which the robot is at rest (see `Settled`); None while it may still come.
+
+    `targets`: Pa by chamber. `others`: stamps (s) of further streams that the window must hold samples of. Windows end
+    at a tracked tip sample; of those ending there the shortest long enough counts. Raises `NotSettled` after the time-
+    out.
+    """
+    end = t_start + rule.timeout
+    tip = tracked(tip)
+    ends = tip["t"][(tip["t"] < watermark) & (tip["t"] <= end)]
+    far = ~(np.abs(pressure["measured"] - np.asarray(targets)) <= rule.band).all(axis=1)
+    stamps = [pressure["t"], tip["t"], *others]
+    need = [rule.min_samples, max(rule.min_samples, rule.smooth)] + [rule.min_samples] * len(others)
+
+    begins = ends - max(rule.still, rule.average)
+    good = np.ones(len(ends), dtype=bool)
+    for times, count in zip(stamps, need, strict=True):
+        last = np.searchsorted(times, ends, side="right")
+        good &= last >= count
+        if good.any():
+            begins = np.minimum(begins, times[np.maximum(last - count, 0)])
+    good &= begins >= t_start
+    if good.any():
+        ends, begins = ends[good], begins[good]
+        good = np.ones(len(ends), dtype=bool)
+        for times in stamps:
+            good &= _longest_pause_ok(times, begins, ends, rule.max_gap)
+        good &= _count(far, pressure["t"], begins, ends) == 0
+        good &= _extent(tip, begins, ends, rule.smooth) <= rule.still_distance
+    if good.any():
+        first = int(np.argmax(good))
+        t0, t1 = float(begins[first]), float(ends[first])
+        return Span(t0, t1, (t0 + t1) / 2)
+    if watermark > end:
+        raise NotSettled(_why_not(pressure, tip, targets, rule, end))
+    return None
+
+
+def fixed_window(rule: Window, t_start: float, watermark: float) -> Span | None:
+    """The window at a fixed time after `t_start` (s); None while it is not over."""
+    t0 = t_start + rule.delay
+    t1 = t0 + rule.average
+    return Span(t0, t1, (t0 + t1) / 2) if t1 < watermark else None
+
+
+def crossing_window(
+    pressure: Samples, rule: Crossing, t_start: float, ramp_end: float, watermark: float
+) -> Span | None:
+    """The window around the first crossing of the level, cut to the ramp (it ends at `ramp_end`, s); None while it may
+    come.
+
+    Raises `NotSettled` when the level was passed before `t_start` or is not crossed within the time-out.
+    """
+    t = pressure["t"]
+    mean = np.zeros(len(t))
+    for chamber in rule.chambers:
+        mean += pressure["measured"][:, chamber]
+    mean /= len(rule.chambers)
+    over = mean >= rule.level if rule.rising else mean <= rule.level
+    way = "above" if rule.rising else "below"
+    if len(over) and over[0]:
+        raise NotSettled(
+            f"chambers {_names(rule.chambers)}: {mean[0]:.0f} Pa is already {way} the level {rule.level:.0f} Pa at "
+            f"t = {t[0]:.2f} s; start looking before the ramp reaches it"
+        )
+    i = int(np.argmax(over)) if over.any() else -1
+    if i < 0 or t[i] > t_start + rule.timeout:
+        if watermark > t_start + rule.timeout:
+            raise NotSettled(
+                f"chambers {_names(rule.chambers)} did not get {way} {rule.level:.0f} Pa within {rule.timeout:g} s; "
+                "check supply and ramp, or raise the time-out"
+            )
+        return None
+    share = (rule.level - mean[i - 1]) / (mean[i] - mean[i - 1])
+    at = float(t[i - 1] + share * (t[i] - t[i - 1]))
+    t0, t1 = max(t_start, at - rule.average / 2), at + rule.average / 2
+    if ramp_end > at:
+        t1 = min(t1, ramp_end)
+    # The crossing itself is known from the sample after it, which the window need not hold.
+    return Span(t0, t1, at) if max(t1, float(t[i])) < watermark else None
+
+
+def _names(chambers: Sequence[int]) -> str:
+    return ", ".join(f"p{chamber + 1}" for chamber in chambers)
+
+
+def _bounds(times: Numbers, begins: Numbers, ends: Numbers) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Samples first..last-1 lie in each window."""
+    return np.searchsorted(times, begins), np.searchsorted(times, ends, side="right")
+
+
+def _count(flags: NDArray[np.bool_], times: Numbers, begins: Numbers, ends: Numbers) -> NDArray[np.int64]:
+    """How many flagged samples lie in each window."""
+    total = np.concatenate(([0], np.cumsum(flags)))
+    first, last = _bounds(times, begins, ends)
+    return np.asarray(total[last] - total[first])
+
+
+def _longest_pause_ok(times: Numbers, begins: Numbers, ends: Numbers, limit: float) -> NDArray[np.bool_]:
+    """Whether no pause between samples, nor at either end of a window, is longer than `limit` (s)."""
+    first, last = _bounds(times, begins, ends)
+    long = np.concatenate(([0], np.cumsum(np.diff(times) > limit)))
+    inside = long[last - 1] == long[first]
+    return np.asarray(inside & (times[first] - begins <= limit) & (ends - times[last - 1] <= limit))
+
+
+def _extent(tip: Samples, begins: Numbers, ends: Numbers, smooth: int) -> Numbers:
+    """Peak to peak (m) of the tip's moving average in each window, the largest of the three axes."""
+    total = np.concatenate((np.zeros((1, 3)), np.cumsum(tip["position"], axis=0)))
+    average = (total[smooth:] - total[:-smooth]) / smooth
+    first, last = _bounds(tip["t"], begins, ends)
+    last = last - smooth + 1
+    # Tables of the extremes over 1, 2, 4, .. samples answer any window by two look-ups.
+    highs, lows = [average], [average]
+    while 2 ** len(highs) <= len(average):
+        half = 2 ** (len(highs) - 1)
+        highs.append(np.maximum(highs[-1][:-half], highs[-1][half:]))
+        lows.append(np.minimum(lows[-1][:-half], lows[-1][half:]))
+    out = np.empty(len(ends))
+    level = np.floor(np.log2(last - first)).astype(int)
+    for k in np.unique(level):
+        here = level == k
+        a, b = first[here], last[here] - 2**k
+        high, low = np.maximum(highs[k][a], highs[k][b]), np.minimum(lows[k][a], lows[k][b])
+        out[here] = (high - low).max(axis=1)
+    return out
+
+
+def _why_not(pressure: Samples, tip: Samples, targets: Sequence[float], rule: Settled, end: float) -> str:
+    """What stood in the way in the last `still` seconds before the time-out."""
+    since = end - rule.still
+    late: Any = pressure[(pressure["t"] >= since) & (pressure["t"] <= end)]
+    seen: Any = tip[(tip["t"] >= since) & (tip["t"] <= end)]
+    parts = [f"not settled within {rule.timeout:g} s"]
+    if not len(late):
+        parts.append(f"no pressure sample in the last {rule.still:g} s")
+    else:
+        off = np.abs(late["measured"] - np.asarray(targets)).max(axis=0)
+        worst = int(np.argmax(off))
+        if not off[worst] <= rule.band:
+            parts.append(f"p{worst + 1} is {off[worst]:.0f} Pa off its target, allowed {rule.band:.0f} Pa")
+    if len(seen) < max(rule.min_samples, rule.smooth):
+        parts.append(f"the tip was tracked in {len(seen)} frames of the last {rule.still:g} s; check the cameras' view")
+    else:
+        extent = float(np.ptp(seen["position"], axis=0).max())
+        parts.append(f"the tip moved {extent * 1e3:.2f} mm, allowed {rule.still_distance * 1e3:.2f} mm after smoothing")
+    return "; ".join(parts)
