@@ -51,7 +51,8 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
     pressure = streams.window("/pressure", start, until)
     if isinstance(rule, Crossing):
         return crossing_window(pressure, rule, start, state.ramp_end, watermark)
-    others = [streams.window(topic, start, until)["t"] for topic in state.topics if topic not in ("/pressure", "/tip")]
+    further = [topic for topic in state.topics if topic not in ("/pressure", "/tip")]
+    others = {topic: streams.window(topic, start, until)["t"] for topic in further}
     tip = streams.window("/tip", start, until)
     return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
 

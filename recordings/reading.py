@@ -9,7 +9,7 @@ Samples are arrays as `recordings.messages` decodes them, oldest first, from `t_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +40,7 @@ def tracked(tip: Samples) -> Samples:
 def settled_window(
     pressure: Samples,
     tip: Samples,
-    others: Sequence[Numbers],
+    others: Mapping[str, Numbers],
     targets: Sequence[float],
     rule: Settled,
     t_start: float,
@@ -48,20 +48,20 @@ def settled_window(
 ) -> Span | None:
     """The first window in which the robot is at rest (see `Settled`); None while it may still come.
 
-    `targets`: Pa by chamber. `others`: stamps (s) of further streams that the window must hold samples of. Windows end
-    at a tracked tip sample; of those ending there the shortest long enough counts. Raises `NotSettled` after the time-
-    out.
+    `targets`: Pa by chamber. `others`: stamps (s) of further streams, by topic, that the window must hold samples of.
+    Windows end at a tracked tip sample; of those ending there the shortest long enough counts. Raises `NotSettled`
+    after the time- out.
     """
     end = t_start + rule.timeout
     tip = tracked(tip)
     ends = tip["t"][(tip["t"] < watermark) & (tip["t"] <= end)]
     far = ~(np.abs(pressure["measured"] - np.asarray(targets)) <= rule.band).all(axis=1)
-    stamps = [pressure["t"], tip["t"], *others]
-    need = [rule.min_samples, max(rule.min_samples, rule.smooth)] + [rule.min_samples] * len(others)
+    stamps = {"/pressure": pressure["t"], "/tip": tip["t"], **others}
 
     begins = ends - max(rule.still, rule.average)
     good = np.ones(len(ends), dtype=bool)
-    for times, count in zip(stamps, need, strict=True):
+    for topic, times in stamps.items():
+        count = max(rule.min_samples, rule.smooth) if topic == "/tip" else rule.min_samples
         last = np.searchsorted(times, ends, side="right")
         good &= last >= count
         if good.any():
@@ -70,7 +70,7 @@ def settled_window(
     if good.any():
         ends, begins = ends[good], begins[good]
         good = np.ones(len(ends), dtype=bool)
-        for times in stamps:
+        for times in stamps.values():
             good &= _longest_pause_ok(times, begins, ends, rule.max_gap)
         good &= _count(far, pressure["t"], begins, ends) == 0
         good &= _extent(tip, begins, ends, rule.smooth) <= rule.still_distance
@@ -79,7 +79,7 @@ def settled_window(
         t0, t1 = float(begins[first]), float(ends[first])
         return Span(t0, t1, (t0 + t1) / 2)
     if watermark > end:
-        raise NotSettled(_why_not(pressure, tip, targets, rule, end))
+        raise NotSettled(_why_not(pressure, tip, stamps, targets, rule, end))
     return None
 
 
@@ -173,22 +173,27 @@ def _extent(tip: Samples, begins: Numbers, ends: Numbers, smooth: int) -> Number
     return out
 
 
-def _why_not(pressure: Samples, tip: Samples, targets: Sequence[float], rule: Settled, end: float) -> str:
-    """What stood in the way in the last `still` seconds before the time-out."""
-    since = end - rule.still
-    late: Any = pressure[(pressure["t"] >= since) & (pressure["t"] <= end)]
-    seen: Any = tip[(tip["t"] >= since) & (tip["t"] <= end)]
+def _why_not(
+    pressure: Samples, tip: Samples, stamps: Mapping[str, Numbers], targets: Sequence[float], rule: Settled, end: float
+) -> str:
+    """What stood in the way in the last seconds before the time-out."""
+    lasting = max(rule.still, rule.average)
+    since = end - lasting
     parts = [f"not settled within {rule.timeout:g} s"]
-    if not len(late):
-        parts.append(f"no pressure sample in the last {rule.still:g} s")
-    else:
-        off = np.abs(late["measured"] - np.asarray(targets)).max(axis=0)
+    for topic, times in stamps.items():
+        late = times[(times >= since) & (times <= end)]
+        pause = float(np.diff(late, prepend=since, append=end).max())
+        if pause > rule.max_gap:
+            hint = "; check the cameras' view" if topic == "/tip" else ""
+            parts.append(f"{topic} pauses for {pause:.2f} s, allowed {rule.max_gap:g} s{hint}")
+    pressures: Any = pressure["measured"][(pressure["t"] >= since) & (pressure["t"] <= end)]
+    if len(pressures):
+        off = np.abs(pressures - np.asarray(targets)).max(axis=0)
         worst = int(np.argmax(off))
         if not off[worst] <= rule.band:
             parts.append(f"p{worst + 1} is {off[worst]:.0f} Pa off its target, allowed {rule.band:.0f} Pa")
-    if len(seen) < max(rule.min_samples, rule.smooth):
-        parts.append(f"the tip was tracked in {len(seen)} frames of the last {rule.still:g} s; check the cameras' view")
-    else:
-        extent = float(np.ptp(seen["position"], axis=0).max())
+    places: Any = tip["position"][(tip["t"] >= since) & (tip["t"] <= end)]
+    if len(places):
+        extent = float(np.ptp(places, axis=0).max())
         parts.append(f"the tip moved {extent * 1e3:.2f} mm, allowed {rule.still_distance * 1e3:.2f} mm after smoothing")
     return "; ".join(parts)

@@ -31,7 +31,7 @@ from .counts import StreamCounts, Tally
 from .disk import Disk
 from .errors import BadMessage, RecordingError, WriteFailed
 from .messages import SCHEMA_VERSION, MessageType, streams
-from .states import State
+from .states import Crossing, State
 from .trials import TrialRow
 
 FLUSH_PERIOD = 0.1
@@ -217,7 +217,15 @@ class Recorder:
         self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, text, name))
 
     def state(self, t: float, state: State) -> int:
-        """Record what is asked for, before it is read; returns the state's number in this recording."""
+        """Record what is asked for, before it is read; returns the state's number in this recording.
+
+        Raises `BadMessage` when the state does not fit the number of chambers.
+        """
+        chambers = self.messages["/pressure"].dtype["measured"].shape[0]
+        if len(state.targets) != chambers:
+            raise BadMessage(f"/state: {len(state.targets)} target pressures for {chambers} chambers")
+        if isinstance(state.rule, Crossing) and not all(0 <= chamber < chambers for chamber in state.rule.chambers):
+            raise BadMessage(f"/state: crossing of chambers {state.rule.chambers}, there are 0 .. {chambers - 1}")
         with self._event_lock:
             self._states += 1
             number = self._states
