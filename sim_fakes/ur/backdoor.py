@@ -3,7 +3,7 @@
 Requests, `do` and its other keys:
 - state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1); forget (empties the logs)
 - protective_stop; emergency_stop; clear; power (on)
-- drop (cuts all connections); freeze (seconds); dashboard (silent); stuck (variables: names whose values stay as they are)
+- drop (cuts all connections); freeze (seconds); dashboard (silent); stuck (variables: names whose values stay)
 Every answer is the state, or {"error": why}.
 """
 

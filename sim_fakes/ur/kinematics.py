@@ -1,8 +1,8 @@
 """Kinematics of the UR5: where the flange is for given joint angles, and back.
 
-Poses are 4x4 matrices or (x, y, z [m], rotation vector [rad]); joint angles rad; everything in the arm's base frame. The
-Denavit-Hartenberg parameters are the nominal ones that Universal Robots publishes for the UR5 (CB3) and the UR5e; a real
-arm deviates by its calibration.
+Poses are 4x4 matrices or (x, y, z [m], rotation vector [rad]); joint angles rad; everything in the arm's base frame.
+The Denavit-Hartenberg parameters are the nominal ones that Universal Robots publishes for the UR5 (CB3) and the UR5e; a
+real arm deviates by its calibration.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ class Motion:
 
 
 class JointMove(Motion):
-    """movej: all joints start and end together; speed (rad/s) and acceleration (rad/s^2) of the one that goes farthest."""
+    """movej: all joints start and end together; speed (rad/s), acceleration (rad/s^2) of the one that goes farthest."""
 
     def __init__(self, arm: Arm, goal: Sequence[float] | Array, speed: float, acceleration: float) -> None:
         self.arm, self.start = arm, arm.q.copy()

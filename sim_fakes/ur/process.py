@@ -1,6 +1,6 @@
 """Start the controller in a process of its own and talk to its back door.
 
-A process, because the constructors of the real client library hold the interpreter's lock while they wait for an answer.
+A process, because the constructors of the real client library hold the interpreter's lock while they wait.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class UrProcess:
             raise RuntimeError(f"the controller at {self.host} did not start within {START_TIMEOUT:g} s")
 
     def backdoor(self, do: str = "state", **values: object) -> dict[str, Any]:
-        """Send a request to the back door (see `sim_fakes.ur.backdoor`), return its answer; ValueError for a bad one."""
+        """Ask the back door (see `sim_fakes.ur.backdoor`) and return its answer; ValueError for a bad request."""
         if self._line is None:
             self._line = socket.create_connection((self.host, backdoor.DEFAULT_PORT), timeout=5.0)
         self._line.sendall(json.dumps({"do": do, **values}).encode() + b"\n")

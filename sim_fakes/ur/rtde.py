@@ -1,7 +1,7 @@
 """RTDE, port 30004: packets of u16 length (header included), u8 type and a body, big-endian.
 
-Protocol version 2 only. Stricter than the device: lengths, recipe ids, register ownership, the order of requests and the
-frequency are all checked, and every breach is noted.
+Protocol version 2 only. Stricter than the device: lengths, recipe ids, register ownership, the order of requests and
+the frequency are all checked, and every breach is noted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What all ports of the controller share: connections that can be dropped or frozen, and a list of clients' breaches."""
+"""What all ports of the controller share: connections to drop or freeze, and a list of clients' breaches."""
 
 from __future__ import annotations
 
