@@ -23,7 +23,7 @@ from natnet.data_frame import DataFrame, RigidBody
 from natnet.exceptions import NatNetError
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from .errors import DeviceFault, InstrumentError, NotReady, StaleReading, Unreachable, WrongDevice
+from .errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from .frames import apply, compose, matrix_from_quaternion
 from .interfaces import BodySample, Clock, Identity, Quaternion, Sink, Vector3
 
@@ -211,7 +211,8 @@ class NatNetMocap:
             ) from e
         except (OSError, NatNetError) as e:
             raise Unreachable(
-                self.name, f"cannot talk from {config.local} to {where} ({e}); check both addresses in rig.yaml"
+                self.name,
+                f"cannot talk from {config.local or 'here'} to {where} ({e}); check both addresses in rig.yaml",
             ) from e
         except Exception as e:  # whatever the client makes of a datagram that is not NatNet
             raise WrongDevice(self.name, f"what answers at {where} is not a NatNet server ({e!r})") from e
@@ -258,8 +259,6 @@ class NatNetMocap:
         """Take what has arrived. A damaged datagram is dropped; the count of frames will show it."""
         try:
             client.update_sync()
-        except InstrumentError:
-            raise
         except Exception:  # the client raises whatever unpacking raises, and the network whatever it likes
             time.sleep(POLL)
         time.sleep(POLL)

@@ -1,8 +1,8 @@
 """Fake OptiTrack Motive: a NatNet unicast server (bitstream 4.1, 3.1 by option) that tracks the virtual robot.
 
-Rigid bodies: Tip (1), Base (2), and M1..Mk (11..) at the robot's markers. Frames come at `rate` of host time at any speed
-of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats. A hidden
-tip keeps its last pose with the tracking bit cleared.
+Rigid bodies: Tip (1), Base (2), and M1..Mk (11..) at the robot's markers. Frames come at `rate` of host time at any
+speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats.
+A hidden tip keeps its last pose with the tracking bit cleared.
 
 Strict where the device is: frames leave from the data port, only to clients that connected and keep alive; a datagram
 whose length is not what its header says is dropped; keep-alive is not answered.
@@ -47,7 +47,7 @@ CLIENT_TIMEOUT = 10.0
 TIP, BASE, FIRST_MARKER = 1, 2, 11
 HALF = math.sqrt(0.5)
 MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
-"""Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), quaternion wxyz."""
+"""Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), w, x, y, z."""
 
 
 def rotation_matrix(q: tuple[float, float, float, float]) -> Array:

@@ -1,0 +1,287 @@
+"""Fake Trinamic TMCM-1260 (TMCL) with encoder, that winds the spine's cord on a drum; switch at the retracted end.
+
+Stricter than the device: unknown parameters and read-only ones are refused, error flags are cleared by reading.
+
+Faults by name in `faults.extra`:
+- "stuck" (bool): the shaft does not turn, as with a broken coupling; the steps are counted all the same.
+- "nak" (int): every command is refused with this status.
+- "wrong_address" (bool): answers carry the next module's address.
+- "wrong_command" (bool): answers carry another command's number.
+- "driver" (int): bits shown in the motor driver's status.
+- "restart" (bool): the supply fails for an instant: parameters and position forgotten.
+- "no_switch" (bool): the limit switch never closes.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+
+from .clock import SimClock
+from .plant import Plant
+from .pty_fake import Device, PtyFake
+
+FRAME = struct.Struct(">BBBBi")
+MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 3, 4, 5, 6, 9, 10, 13, 136
+OK, CHECKSUM, COMMAND, TYPE, VALUE = 100, 1, 2, 3, 4
+TARGET, ACTUAL, TARGET_SPEED, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 2, 3, 4, 5
+REACHED, HOME_SWITCH, RIGHT_SWITCH, LEFT_SWITCH = 8, 9, 10, 11
+SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
+ERRORS, DRIVER, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
+SERIAL_ADDRESS, HEARTBEAT, HOST_ADDRESS = 66, 68, 76
+DEVIATED = 2
+STANDSTILL = 1 << 7
+MICROSTEPS = 51200
+FASTEST = 16_777_215
+STEP = 0.005
+"""Longest step of the physics, s."""
+GAP_TIME = 0.05
+"""An incomplete frame is forgotten after this silence, s of host time."""
+WRITABLE = {
+    TARGET: (-(2**31), 2**31 - 1), ACTUAL: (-(2**31), 2**31 - 1), MAX_SPEED: (0, FASTEST), ACCELERATION: (0, FASTEST),
+    SEARCH_MODE: (1, 255), SEARCH_SPEED: (0, FASTEST), SWITCH_SPEED: (0, FASTEST), ENCODER: (-(2**31), 2**31 - 1),
+    MAX_DEVIATION: (0, 2**31 - 1),
+}  # fmt: skip
+START = {MAX_SPEED: 51200, ACCELERATION: 51200, SEARCH_MODE: 1, SEARCH_SPEED: 1000, SWITCH_SPEED: 100, MAX_DEVIATION: 0}
+
+
+class StepperDrum(Device):
+    """Stepper, encoder, drum, switches."""
+
+    def __init__(
+        self, plant: Plant, metres_per_turn: float, direction: int, start_length: float, mechanical_length: float
+    ) -> None:
+        self.plant = plant
+        self.length = start_length
+        """Cord paid out, m; the switch at the retracted end closes at 0."""
+        self.mechanical_length = mechanical_length
+        self.stuck = False
+        self.no_switch = False
+        self.parameters = dict(START)
+        self.errors = 0
+        self.searching = False
+        self.heartbeat = 0.0
+        """s of host time; 0 = off."""
+        self.last_command = time.monotonic()
+        self._direction = direction
+        self._per_metre = direction * MICROSTEPS / metres_per_turn
+        self._encoder_offset = -start_length * self._per_metre
+        self.steps = 0.0
+        self.target = 0.0
+        self._moving = False
+        self.speed = 0.0
+        plant.spine_drive = start_length
+
+    @property
+    def encoder(self) -> int:
+        """Position of the shaft, microsteps."""
+        return round(self.length * self._per_metre + self._encoder_offset)
+
+    def set_encoder(self, value: int) -> None:
+        """Let the encoder count from `value`."""
+        self._encoder_offset = value - self.length * self._per_metre
+
+    @property
+    def at_switch(self) -> bool:
+        """Whether the switch at the retracted end is closed."""
+        return self.length <= 0 and not self.no_switch
+
+    def go(self, target: float) -> None:
+        """Start moving to a position, microsteps."""
+        self.target = target
+        self._moving = True
+
+    def halt(self) -> None:
+        """Stop; also ends a search."""
+        self._moving = self.searching = False
+        self.speed = 0.0
+
+    def restart(self) -> None:
+        """Everything volatile back to its start value."""
+        self.halt()
+        self.parameters = dict(START)
+        self.errors = 0
+        self.heartbeat = 0.0
+        self.steps = self.target = 0.0
+        self.set_encoder(0)
+
+    def process(self, dt: float) -> None:
+        """Advance by dt seconds of rig time; the heartbeat looks at host time."""
+        if self.heartbeat and time.monotonic() - self.last_command > self.heartbeat:
+            self.halt()
+        remaining = dt
+        while remaining > 0:
+            self._step(min(STEP, remaining))
+            remaining -= STEP
+        self.plant.spine_drive = self.length
+
+    def _step(self, dt: float) -> None:
+        before = self.steps
+        if self.searching:
+            if self._home_reached():
+                return
+            self.steps -= self._direction * self.parameters[SEARCH_SPEED] * dt
+        elif self._moving:
+            reach = self.parameters[MAX_SPEED] * dt
+            self.steps += min(max(self.target - self.steps, -reach), reach)
+            self._moving = self.steps != self.target
+        moved = self.steps - before
+        if self.at_switch and moved * self._direction < 0:
+            self.steps = before
+            moved = 0.0
+            self.halt()
+        self.speed = moved / dt
+        if not (self.stuck or self.plant.spine_blocked):
+            self.length = min(max(self.length + moved / self._per_metre, 0.0), self.mechanical_length)
+        limit = self.parameters[MAX_DEVIATION]
+        if limit and abs(self.steps - self.encoder) > limit:
+            self.errors |= DEVIATED
+            self.halt()
+
+    def _home_reached(self) -> bool:
+        """At the switch that the search mode names, steps and encoder start from 0."""
+        right = bool(self.parameters[SEARCH_MODE] & 64)
+        if not self.at_switch or right != (self._direction < 0):
+            return False
+        self.halt()
+        self.steps = self.target = 0.0
+        self.set_encoder(0)
+        return True
+
+
+class TmclFake(PtyFake):
+    """The module's wire: nine-byte frames."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        clock: SimClock,
+        metres_per_turn: float = 0.1,
+        direction: int = 1,
+        start_length: float = 0.03,
+        mechanical_length: float = 0.4,
+        module: int = 1260,
+        address: int = 1,
+        host: int = 2,
+        baud: int = 115200,
+        seed: int = 0,
+    ) -> None:
+        """Lengths in m; `direction` 1 when the steps count up as the spine grows."""
+        super().__init__("tmcl", clock, baud, seed)
+        self.drum = StepperDrum(plant, metres_per_turn, direction, start_length, mechanical_length)
+        self.module = module
+        self.address, self.host = address, host
+        self._heard = time.monotonic()
+
+    def process(self, dt: float) -> None:
+        extra = self.faults.extra
+        self.drum.stuck = bool(extra.get("stuck"))
+        self.drum.no_switch = bool(extra.get("no_switch"))
+        if extra.pop("restart", False):
+            self.drum.restart()
+        self.drum.process(dt)
+
+    def idle(self) -> float | None:
+        if self.buffer and time.monotonic() - self._heard > GAP_TIME:
+            self.buffer = b""
+        return None
+
+    def feed(self) -> bool:
+        self._heard = time.monotonic()
+        if len(self.buffer) < 9:
+            return False
+        frame, self.buffer = self.buffer[:9], self.buffer[9:]
+        self.requests.append(frame)
+        address, command, kind, motor, value = FRAME.unpack(frame[:8])
+        if address != self.address:
+            return True
+        self.drum.last_command = time.monotonic()
+        nak = self.faults.extra.get("nak")
+        if isinstance(nak, int):
+            status, result = nak, value
+        elif sum(frame[:8]) & 0xFF != frame[8]:
+            status, result = CHECKSUM, value
+        else:
+            status, result = self._execute(command, kind, motor, value)
+        self._reply(status, command, result)
+        return True
+
+    def _reply(self, status: int, command: int, value: int) -> None:
+        sender = self.address + bool(self.faults.extra.get("wrong_address"))
+        command += bool(self.faults.extra.get("wrong_command"))
+        frame = FRAME.pack(self.host, sender, status, command, value)
+        self.send(frame + bytes([sum(frame) & 0xFF]))
+
+    def _execute(self, command: int, kind: int, motor: int, value: int) -> tuple[int, int]:
+        """Status and value of the answer."""
+        drum = self.drum
+        if command == VERSION and kind == 1:
+            return OK, self.module << 16 | 1 << 8 | 16
+        if command in (SGP, GGP):
+            return self._global(command, kind, motor, value)
+        if motor != 0:
+            return VALUE, value
+        if command == MST:
+            drum.halt()
+        elif command == MVP and kind == 0:
+            drum.go(value)
+        elif command == SAP:
+            return self._set(kind, value)
+        elif command == GAP:
+            return self._get(kind)
+        elif command == RFS and kind in (0, 1, 2):
+            if kind == 2:
+                return OK, int(drum.searching)
+            drum.halt()
+            drum.searching = kind == 0
+        else:
+            return (TYPE if command in (MVP, RFS, VERSION) else COMMAND), value
+        return OK, value
+
+    def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
+        fixed = {SERIAL_ADDRESS: self.address, HOST_ADDRESS: self.host}
+        if bank != 0 or kind not in (HEARTBEAT, *fixed):
+            return TYPE, value
+        if command == GGP:
+            return OK, fixed.get(kind, round(1000 * self.drum.heartbeat))
+        if kind != HEARTBEAT or not 0 <= value <= 65535:
+            return VALUE, value
+        self.drum.heartbeat = value / 1000
+        return OK, value
+
+    def _set(self, kind: int, value: int) -> tuple[int, int]:
+        if kind not in WRITABLE:
+            return TYPE, value
+        low, high = WRITABLE[kind]
+        if not low <= value <= high:
+            return VALUE, value
+        if kind == TARGET:
+            self.drum.go(value)
+        elif kind == ACTUAL:
+            self.drum.steps = float(value)
+        elif kind == ENCODER:
+            self.drum.set_encoder(value)
+        else:
+            self.drum.parameters[kind] = value
+        return OK, value
+
+    def _get(self, kind: int) -> tuple[int, int]:
+        drum = self.drum
+        if kind == ERRORS:
+            flags, drum.errors = drum.errors, 0
+            return OK, flags
+        driver = self.faults.extra.get("driver")
+        values = {
+            TARGET: round(drum.target),
+            ACTUAL: round(drum.steps),
+            TARGET_SPEED: 0,
+            SPEED: round(drum.speed),
+            REACHED: int(drum.steps == drum.target),
+            HOME_SWITCH: 0,
+            RIGHT_SWITCH: 0,
+            LEFT_SWITCH: int(drum.at_switch),
+            DRIVER: (driver if isinstance(driver, int) else 0) | (STANDSTILL if drum.speed == 0 else 0),
+            ENCODER: drum.encoder,
+            **drum.parameters,
+        }
+        return (OK, values[kind]) if kind in values else (TYPE, 0)
