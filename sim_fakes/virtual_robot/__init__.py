@@ -1,0 +1,20 @@
+"""The robot behind the fake instruments: a discrete rod with physics of its own, see docs/virtual-robot.md."""
+
+from .catalogue import EffectInfo, list_effects
+from .effects import Effect, draw_effect
+from .robot import VirtualRobot
+from .rod import NoEquilibrium
+from .schedule import Condition, Reading
+from .truth import RobotTruth
+
+__all__ = [
+    "Condition",
+    "Effect",
+    "EffectInfo",
+    "NoEquilibrium",
+    "Reading",
+    "RobotTruth",
+    "VirtualRobot",
+    "draw_effect",
+    "list_effects",
+]

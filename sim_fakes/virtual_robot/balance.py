@@ -1,0 +1,261 @@
+"""Equilibrium of a chain: the out-of-balance forces of its nodes, and Newton's method.
+
+A segment's stress gives a world force n and moment m at the mean point of its arc, which lies o = -h^2/12 R (curvature
+x e3) beside the middle of the chord d. Each node is in balance under its segments and its loads:
+
+    F_i = f_i + n_i - n_(i-1)
+    M_i = l_i + m_i - m_(i-1) + (d_i/2 + o_i) x n_i + (d_(i-1)/2 - o_(i-1)) x n_(i-1)
+
+Newton's matrix is block-tridiagonal (blocks of 6). The derivative of o is left out: it is small, no iteration more.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from .blocks import add_skew, cross_matrix, matrix_cross, rotation, solve_chain, turn
+from .chain import Chain, Loads, relative_rotation, segment_strain
+from .material import History, Sections, respond
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-7
+"""Largest last correction of a node, m and rad; convergence is faster than linear, so the error left is far smaller."""
+MAX_ITERATIONS = 30
+MAX_TURN = 0.25
+MAX_MOVE = 0.04
+"""Largest correction of a node in one iteration, rad and m: keeps Newton on the branch it started on."""
+COMPLIANCE_STIFFENING = 0.12
+"""Angle (rad) at which a compliant base has become twice as stiff."""
+
+
+@numba.njit(cache=True, nogil=True)
+def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) -> tuple[float, float]:
+    """Force (N) and stiffness (N/m) at a depth (m): nothing, a soft layer, then stiff with a start rounded over 1
+    um."""
+    if depth <= 0.0:
+        return 0.0, 0.0
+    force = soft * depth if soft_depth > 0.0 else 0.0
+    slope = soft if soft_depth > 0.0 else 0.0
+    g = depth - soft_depth
+    width = 1e-6
+    if g > 0.0:
+        if g < width:
+            return force + stiff * g * g / (2 * width), slope + stiff * g / width
+        return force + stiff * (g - width / 2), slope + stiff
+    return force, slope
+
+
+@numba.njit(cache=True, nogil=True)
+def _balance(
+    chain: Chain, s: Sections, hist: History, loads: Loads, low: Array, diag: Array, up: Array, g: Array
+) -> None:
+    """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix."""
+    n = chain.h.shape[0]
+    low[:] = 0.0
+    diag[:] = 0.0
+    up[:] = 0.0
+    g[:] = 0.0
+    mid = np.empty(4)
+    frame = np.empty((3, 3))
+    d = np.empty(3)
+    strain = np.empty(6)
+    stress = np.empty(6)
+    elastic = np.empty(6)
+    t = np.empty(9)
+    nw = np.empty(3)
+    mw = np.empty(3)
+    bow = np.empty(3)
+    knn = np.empty((3, 3))
+    kmn = np.empty((3, 3))
+    kmm = np.empty((3, 3))
+    p = np.empty((3, 3))
+    w = np.empty((3, 3))
+    tr = np.empty((3, 3))
+    fi = np.empty((3, 3))
+    fj = np.empty((3, 3))
+    ti = np.empty((3, 3))
+    tj = np.empty((3, 3))
+    for k in range(n):
+        segment_strain(chain, k, mid, frame, d, strain)
+        respond(s, hist, k, strain, stress, t, elastic, False)
+        h = chain.h[k]
+        for i in range(3):
+            a, b, c = frame[i, 0], frame[i, 1], frame[i, 2]
+            nw[i] = a * stress[0] + b * stress[1] + c * stress[2]
+            mw[i] = a * stress[3] + b * stress[4] + c * stress[5]
+            bend = (a * t[3] + b * t[4]) / h
+            for j in range(3):
+                knn[i, j] = (a * t[0] * frame[j, 0] + b * t[1] * frame[j, 1] + c * t[2] * frame[j, 2]) / h
+                kmn[i, j] = bend * frame[j, 2]
+                kmm[i, j] = (
+                    (a * t[5] + b * t[6]) * frame[j, 0] + (a * t[6] + b * t[7]) * frame[j, 1] + c * t[8] * frame[j, 2]
+                ) / h
+        matrix_cross(knn, d, 0.5, p)
+        add_skew(nw, -0.5, p)
+        matrix_cross(kmn, d, 0.5, w)
+        add_skew(mw, -0.5, w)
+        cross_matrix(d, knn, 0.5, tr)
+        add_skew(nw, -0.5, tr)
+        for i in range(3):
+            lengthen = h / 12 * (knn[i, 0] * d[0] + knn[i, 1] * d[1] + knn[i, 2] * d[2])
+            bow[i] = -h * h / 12 * (frame[i, 0] * strain[4] - frame[i, 1] * strain[3])
+            for j in range(3):
+                turned = frame[j, 0] * strain[3] + frame[j, 1] * strain[4] + frame[j, 2] * strain[5]
+                fi[i, j] = p[i, j] - kmn[j, i] - lengthen * turned
+                fj[i, j] = p[i, j] + kmn[j, i] + lengthen * turned
+        cross_matrix(d, fi, 0.5, ti)
+        cross_matrix(d, fj, 0.5, tj)
+        arm = (
+            0.5 * (d[1] * nw[2] - d[2] * nw[1]),
+            0.5 * (d[2] * nw[0] - d[0] * nw[2]),
+            0.5 * (d[0] * nw[1] - d[1] * nw[0]),
+        )
+        da = diag[k]
+        db = diag[k + 1]
+        u = up[k]
+        l = low[k + 1]
+        for i in range(3):
+            g[k, i] -= nw[i]
+            aside = bow[(i + 1) % 3] * nw[(i + 2) % 3] - bow[(i + 2) % 3] * nw[(i + 1) % 3]
+            g[k, 3 + i] -= mw[i] + arm[i] + aside
+            g[k + 1, i] += nw[i]
+            g[k + 1, 3 + i] += mw[i] - arm[i] + aside
+            for j in range(3):
+                da[i, j] -= knn[i, j]
+                u[i, j] += knn[i, j]
+                l[i, j] += knn[i, j]
+                db[i, j] -= knn[i, j]
+                da[i, 3 + j] += fi[i, j]
+                u[i, 3 + j] += fj[i, j]
+                l[i, 3 + j] -= fi[i, j]
+                db[i, 3 + j] -= fj[i, j]
+                da[3 + i, j] -= kmn[i, j] + tr[i, j]
+                u[3 + i, j] += kmn[i, j] + tr[i, j]
+                l[3 + i, j] += kmn[i, j] - tr[i, j]
+                db[3 + i, j] += tr[i, j] - kmn[i, j]
+                da[3 + i, 3 + j] += w[i, j] - kmm[i, j] + ti[i, j]
+                u[3 + i, 3 + j] += w[i, j] + kmm[i, j] + tj[i, j]
+                l[3 + i, 3 + j] += ti[i, j] - w[i, j] + kmm[i, j]
+                db[3 + i, 3 + j] += tj[i, j] - w[i, j] - kmm[i, j]
+    _external(chain, loads, diag, up, low, g, frame, nw, mw)
+
+
+@numba.njit(cache=True, nogil=True)
+def _external(
+    chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array
+) -> None:
+    """Add the loads of the nodes and their derivatives; `frame`, `f`, `m` are scratch space."""
+    n = chain.h.shape[0]
+    for k in range(1, n + 1):
+        for i in range(3):
+            g[k, i] -= loads.force[k, i]
+        b = loads.follower_moment[k]
+        if b[0] != 0.0 or b[1] != 0.0 or b[2] != 0.0:
+            rotation(chain.q[k], frame)
+            for i in range(3):
+                m[i] = frame[i, 0] * b[0] + frame[i, 1] * b[1] + frame[i, 2] * b[2]
+                g[k, 3 + i] -= m[i]
+            add_skew(m, -1.0, diag[k, 3:, 3:])
+    b = loads.follower_force
+    rotation(chain.q[n], frame)
+    for i in range(3):
+        f[i] = frame[i, 0] * b[0] + frame[i, 1] * b[1] + frame[i, 2] * b[2]
+        g[n, i] -= f[i] + loads.spring[0] * (loads.spring[1 + i] - chain.r[n, i])
+        diag[n, i, i] -= loads.spring[0]
+    add_skew(f, -1.0, diag[n, :3, 3:])
+    for c in range(loads.contacts.shape[0]):
+        row = loads.contacts[c]
+        k = int(row[0])
+        w = row[1]
+        at = 0.0
+        for i in range(3):
+            at += row[2 + i] * ((1 - w) * chain.r[k, i] + w * chain.r[k + 1, i])
+        force, slope = contact_force(row[5] - at, row[6], row[7], row[8])
+        for i in range(3):
+            g[k, i] -= (1 - w) * force * row[2 + i]
+            g[k + 1, i] -= w * force * row[2 + i]
+            for j in range(3):
+                s = slope * row[2 + i] * row[2 + j]
+                diag[k, i, j] -= (1 - w) * (1 - w) * s
+                up[k, i, j] -= (1 - w) * w * s
+                low[k + 1, i, j] -= (1 - w) * w * s
+                diag[k + 1, i, j] -= w * w * s
+    compliance = loads.base[4]
+    if compliance > 0.0:
+        # the base turns in the frame of the world against a stiffening rotational spring, its position stays
+        relative_rotation(loads.base[:4], chain.q[0], f)
+        rotation(loads.base[:4], frame)
+        angle2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+        stiff = (1.0 + angle2 / COMPLIANCE_STIFFENING**2) / compliance
+        for i in range(3):
+            m[i] = frame[i, 0] * f[0] + frame[i, 1] * f[1] + frame[i, 2] * f[2]
+        for i in range(3):
+            g[0, 3 + i] += stiff * m[i]
+            g[0, i] = 0.0
+            diag[0, 3 + i, 3 + i] -= stiff
+            for j in range(3):
+                diag[0, 3 + i, 3 + j] -= 2.0 / (compliance * COMPLIANCE_STIFFENING**2) * m[i] * m[j]
+            for j in range(6):
+                diag[0, i, j] = 0.0
+                up[0, i, j] = 0.0
+            diag[0, i, i] = 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> tuple[int, float]:
+    """Move the chain to equilibrium; returns the iterations used (-1: not found) and how far the node that
+    moved most has moved (m).
+
+    The history is read, not changed. On failure the chain is left where the last iteration put it.
+    """
+    n = chain.h.shape[0]
+    low = np.empty((n + 1, 6, 6))
+    diag = np.empty((n + 1, 6, 6))
+    up = np.empty((n + 1, 6, 6))
+    g = np.empty((n + 1, 6))
+    compliant = loads.base[4] > 0.0
+    if not compliant:
+        for i in range(4):
+            chain.q[0, i] = loads.base[i]
+    start = chain.r.copy()
+    for iteration in range(MAX_ITERATIONS):
+        _balance(chain, s, hist, loads, low, diag, up, g)
+        solve_chain(low, diag, up, g, not compliant)
+        move = 0.0
+        angle = 0.0
+        for k in range(n + 1):
+            for i in range(3):
+                move = max(move, abs(g[k, i]))
+                angle = max(angle, abs(g[k, 3 + i]))
+        if not (move < 1e3 and angle < 1e5):
+            return -1, 0.0
+        scale = min(1.0, MAX_MOVE / max(move, 1e-30), MAX_TURN / max(angle, 1e-30))
+        for k in range(n + 1):
+            for i in range(3):
+                chain.r[k, i] += scale * g[k, i]
+            turn(chain.q[k], scale * g[k, 3], scale * g[k, 4], scale * g[k, 5])
+        if max(move, angle) < TOLERANCE:
+            moved = 0.0
+            for k in range(n + 1):
+                for i in range(3):
+                    moved = max(moved, abs(chain.r[k, i] - start[k, i]))
+            return iteration + 1, moved
+    return -1, 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def commit(chain: Chain, s: Sections, hist: History) -> None:
+    """Let the history move on to the present shape."""
+    mid = np.empty(4)
+    frame = np.empty((3, 3))
+    d = np.empty(3)
+    strain = np.empty(6)
+    stress = np.empty(6)
+    elastic = np.empty(6)
+    t = np.empty(9)
+    for k in range(chain.h.shape[0]):
+        segment_strain(chain, k, mid, frame, d, strain)
+        respond(s, hist, k, strain, stress, t, elastic, True)

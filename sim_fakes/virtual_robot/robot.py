@@ -1,0 +1,201 @@
+"""The virtual robot: reads what the actuators do, moves, and says what the sensors would see.
+
+`advance` serves a plant that fake instruments share; `settle` walks a list of states without any wire. Both use the
+same parts and the same clock of their own, so a robot should be driven one way or the other between two `reset`s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..plant import AMBIENT, Plant
+from .body import Body
+from .directions import draw_directions
+from .effects import Effect, laws
+from .pneumatics import Pneumatics
+from .rod import NoEquilibrium
+from .schedule import Condition, Reading, walk
+from .seen import Cameras, Delay, TipView, pack, unpack
+from .spine import Spine
+from .stand import NO_CONTACT, BareSpine, Stand
+from .truth import RobotTruth
+
+Array = NDArray[np.float64]
+
+MOUNTS = ("robot", "body", "spine")
+LONG_AGO = 1e9
+"""s: a step in which everything comes to rest."""
+UNSEEN_MOTION = 2e-6
+"""m that the shape may be expected to move before it is computed again while no input changes."""
+LONGEST_REST = 0.5
+"""s after which it is computed again in any case."""
+INPUT_STEPS = np.array([*[1e-4] * 9, 1e-7, 1e-6, 1e-6, 1e-6, 1e-7, 1e-4])
+"""Changes that count: nine chamber forces (N), spine length (m), jamming, tip mass (kg), roll (rad), probe level and
+place (m)."""
+
+
+@dataclass
+class Hands:
+    """What is set by hand or by the arm, beside chambers and spine."""
+
+    mount: str = "robot"
+    tip_mass: float = 0.053
+    roll: float = 0.0
+    probe: tuple[float, float] | None = None
+    """Level (m, specimen x of the axis where the probe would hold it) and arc length (m) of the contact."""
+
+
+class VirtualRobot:
+    """One robot with its truth, its effects and its memory.
+
+    `effects`: sizes by id, or `Effect` objects (see `list_effects`). `seed` decides directions of effects and trial-
+    to-trial scatter.
+    """
+
+    def __init__(
+        self, truth: RobotTruth | None = None, effects: Mapping[str, float] | Iterable[Effect] = (), seed: int = 0
+    ) -> None:
+        self.truth = truth or RobotTruth()
+        self.laws = laws(effects)
+        self.directions = draw_directions(self.truth, seed)
+        self.pneumatics = Pneumatics(self.truth, self.laws, self.directions)
+        self.spine = Spine(self.truth, self.laws, self.directions, seed)
+        self.stand = Stand(self.truth, self.laws)
+        self._cameras = Cameras(self.truth.markers, self.laws, self.directions)
+        self._tip_delay = Delay(self.laws.time_offset)
+        self._pressure_delay = Delay(-self.laws.time_offset)
+        self.reset()
+
+    def reset(self) -> None:
+        """Vented, no spine, hanging at rest, time zero."""
+        self.time = 0.0
+        self.solves = 0
+        self.failures = 0
+        """Steps that found no equilibrium and left the shape as it was."""
+        self.pneumatics.reset()
+        self.spine.reset()
+        self.stand.reset()
+        self._tip_delay.clear()
+        self._pressure_delay.clear()
+        self.hands = Hands()
+        self.remount(self.hands)
+
+    def remount(self, hands: Hands) -> None:
+        """Put up a fresh specimen and let it come to rest. Raises ValueError for an unknown mount."""
+        if hands.mount not in MOUNTS:
+            raise ValueError(f"virtual robot: mount {hands.mount!r} is none of {', '.join(MOUNTS)}")
+        self.hands = hands
+        self.specimen: Body | BareSpine = (
+            BareSpine(self.truth, self.laws)
+            if hands.mount == "spine"
+            else Body(self.truth, self.laws, self.directions, hanging=hands.mount == "robot")
+        )
+        self._pending = 0.0
+        self._speed = 0.0
+        self._contacts = NO_CONTACT
+        self._solve(LONG_AGO)
+        self._inputs = self._input_vector()
+
+    # -- one step
+    def move(self, dt: float) -> None:
+        """Let the rod follow its inputs for dt seconds; nothing is computed while neither they nor the rod move.
+        Raises `NoEquilibrium`."""
+        self.time += dt
+        self._pending += dt
+        inputs = self._input_vector()
+        still = bool(np.all(np.abs(inputs - self._inputs) <= INPUT_STEPS))
+        if still and self._speed * self._pending < UNSEEN_MOTION and self._pending < LONGEST_REST:
+            return
+        step, self._pending, self._inputs = self._pending, 0.0, inputs
+        self._solve(step)
+
+    def _input_vector(self) -> Array:
+        tip = self.specimen.rod.chain.r[-1, 0]
+        # a probe that stays clear of the specimen is no input
+        level, at = self.hands.probe if self.hands.probe and self.hands.probe[0] > tip - 0.002 else (-1.0, 0.0)
+        pressure = float(np.mean(self.pneumatics.pressures))
+        rest = (self.spine.true_length, self.spine.jamming(pressure), self.hands.tip_mass, self.hands.roll, level, at)
+        return np.concatenate([self.pneumatics.forces(), rest])
+
+    def _solve(self, dt: float) -> None:
+        hands, body = self.hands, self.specimen
+        body.fit(self.spine)
+        chain = body.rod.chain
+        self._contacts = NO_CONTACT
+        if hands.probe and hands.mount != "robot" and not (isinstance(body, BareSpine) and not body.present):
+            self._contacts = self.stand.contacts(chain, *hands.probe)
+        if isinstance(body, Body):
+            pressure = float(np.mean(self.pneumatics.pressures))
+            sections = body.sections(self.spine, pressure, hands.roll, self.time, dt)
+            force, moment = self.pneumatics.wrench(hands.roll, chain.h)
+            loads = body.loads(force, moment, hands.tip_mass, hands.roll, self._contacts)
+        else:
+            sections, loads = body.sections(self.spine, dt), body.loads(self._contacts)
+        self.solves += 1
+        self._speed = body.rod.relax(sections, loads) / dt
+
+    # -- what can be seen
+    def view(self) -> TipView:
+        """The tip as the cameras see it, without latency."""
+        return self._cameras.look(self.specimen.rod.chain, self.hands.roll)
+
+    def published_view(self) -> TipView:
+        """The tip as it is published now; call once per step."""
+        view = self.view()
+        return unpack(self._tip_delay.pass_through(self.time, pack(view))) if self.laws.time_offset > 0 else view
+
+    def published_pressures(self) -> Array:
+        """Chamber pressures as the sensors publish them now, Pa; call once per step."""
+        return self._pressure_delay.pass_through(self.time, self.pneumatics.seen)
+
+    def contact(self) -> float:
+        """Force between probe and specimen, N."""
+        return self.stand.force(self.specimen.rod.chain, self._contacts)
+
+    # -- two ways to drive it
+    def advance(self, plant: Plant, dt: float) -> None:
+        """Read the plant's inputs, move for dt seconds of rig time, write its outputs.
+
+        `tip_visible` is left to whoever hides the tip. Without equilibrium the shape stays and `failures` counts.
+        Raises ValueError for an unknown mount.
+        """
+        if dt <= 0:
+            return
+        with plant.lock:
+            regulator, drive, valve = plant.regulator.copy(), plant.spine_drive, plant.valve_on
+            probe = plant.probe_position.copy()
+            hands = Hands(plant.mount, plant.tip_mass, plant.roll)
+        self.pneumatics.step(regulator, dt)
+        self.spine.step(drive, valve, dt)
+        if hands.mount != self.hands.mount or hands.roll != self.hands.roll:
+            self.remount(hands)
+        radius = self.truth.spine_radius if hands.mount == "spine" else self.truth.outer_radius
+        if hands.mount != "robot":
+            hands.probe = self.stand.reaches(self.specimen.rod.chain, radius, probe)
+        self.hands = hands
+        try:
+            self.move(dt)
+        except NoEquilibrium:
+            self.failures += 1
+        view = self.published_view()
+        pressures = self.published_pressures()
+        force = self.stand.on_probe(self.stand.sensed(self.contact(), dt))
+        with plant.lock:
+            plant.time = self.time
+            plant.chamber_pressure = pressures.copy()
+            plant.spine_length = self.spine.length
+            plant.spine_blocked = self.spine.blocked
+            plant.vacuum_absolute = AMBIENT - self.spine.vacuum
+            plant.probe_force = force
+            plant.tip_position = view.position
+            plant.tip_rotation = view.rotation
+            plant.markers = view.markers
+
+    def settle(self, conditions: Sequence[Condition]) -> list[Reading]:
+        """Walk a schedule of states in order, with history, and read each one before sensor noise. Raises
+        `NoEquilibrium`."""
+        return walk(self, conditions)

@@ -1,0 +1,91 @@
+"""A rod that keeps its shape and memory from step to step, on a mesh with a node at the spine's end."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .balance import commit, equilibrium
+from .chain import Chain, Loads, straight, strains
+from .material import History, Sections, fresh_history
+
+Array = NDArray[np.float64]
+
+FALLBACK_VISCOSITY = (30.0, 10.0, 10.0, 3.0, 3.0, 1.0, 1.0, 0.3, 0.1)
+"""Viscosity of the intermediate steps when a step is too large for Newton: the rod creeps towards its equilibrium."""
+FROZEN_CREEP = np.array([[1.0, 0.0], [1.0, 0.0]])
+
+
+class NoEquilibrium(RuntimeError):
+    """No equilibrium was found under these loads; the rod was left in its last one."""
+
+
+def mesh(length: float, segments: int, spine: float) -> tuple[Array, Array]:
+    """Segment lengths (m) and the share of each segment that a spine of that length (m) covers.
+
+    The node nearest to the spine's end is moved onto it, so that no segment is part spine, part not; segments are
+    between 0.5 and 1.5 times the even length. A spine shorter than half a segment covers a share of the first one.
+    """
+    even = length / segments
+    nodes = np.arange(segments + 1) * even
+    nearest = min(max(round(spine / even), 1), segments - 1)
+    nodes[nearest] = min(max(spine, even / 2), length - even / 2)
+    cover = np.zeros(segments)
+    cover[:nearest] = 1.0
+    if spine < even / 2:
+        cover[0] = spine / (even / 2)
+    elif spine > length - even / 2:
+        cover[-1] = min((spine - nodes[-2]) / (even / 2), 1.0)
+    return np.diff(nodes), cover
+
+
+class Rod:
+    """Chain and history of one specimen."""
+
+    def __init__(self, h: Array) -> None:
+        self.chain: Chain = straight(h)
+        self.history: History = fresh_history(len(h))
+
+    def remesh(self, h: Array) -> None:
+        """Move the nodes along the present shape to new segment lengths; the memory stays with its segment."""
+        if np.array_equal(h, self.chain.h):
+            return
+        old, new = (np.concatenate([[0.0], np.cumsum(x)]) for x in (self.chain.h, h))
+        r = np.stack([np.interp(new, old, self.chain.r[:, i]) for i in range(3)], axis=1)
+        q = np.stack([np.interp(new, old, self.chain.q[:, i]) for i in range(4)], axis=1)
+        q /= np.linalg.norm(q, axis=1)[:, None]
+        self.chain = Chain(np.ascontiguousarray(r), np.ascontiguousarray(q), np.ascontiguousarray(h))
+
+    def strains(self) -> Array:
+        """Strain of each segment, (n, 6)."""
+        out = np.empty((len(self.chain.h), 6))
+        strains(self.chain, out)
+        return out
+
+    def relax(self, sections: Sections, loads: Loads) -> float:
+        """Go to the equilibrium of this step; returns the largest motion of a node, m. Raises `NoEquilibrium`."""
+        r, q = self.chain.r.copy(), self.chain.q.copy()
+        iterations, moved = equilibrium(self.chain, sections, self.history, loads)
+        if iterations < 0:
+            self.chain.r[:], self.chain.q[:] = r, q
+            self._creep_there(sections, loads)
+            moved = float(np.abs(self.chain.r - r).max())
+        commit(self.chain, sections, self.history)
+        return moved
+
+    def _creep_there(self, sections: Sections, loads: Loads) -> None:
+        memory = [a.copy() for a in (self.chain.r, self.chain.q, *self.history)]
+        stages = (*FALLBACK_VISCOSITY, 0.0)
+        for stage in stages:
+            last = stage == 0.0
+            brake = sections if last else sections._replace(viscosity=stage, creep=FROZEN_CREEP)
+            iterations, _ = equilibrium(self.chain, brake, self.history, loads)
+            if iterations < 0:
+                for array, kept in zip((self.chain.r, self.chain.q, *self.history), memory, strict=True):
+                    array[:] = kept
+                raise NoEquilibrium(
+                    f"virtual robot: no equilibrium under a tip force of {loads.follower_force[2]:.1f} N; "
+                    "lower the chamber pressures"
+                )
+            if not last:
+                commit(self.chain, brake, self.history)

@@ -1,0 +1,178 @@
+"""Direct driving of a virtual robot: a list of states, walked in order, each read at its end.
+
+A state that changes spine length, mount or roll, or asks for it, is reached as at the rig: vent, un-jam, grow or re-
+mount, jam. Then the pressures ramp at the state's rate and are held. With hold 0 the state is read while the pressures
+are still ramping.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .robot import VirtualRobot
+
+Array = NDArray[np.float64]
+
+VENT_RATE = 100e3
+"""Pa/s while venting for a new spine length."""
+GROW_SPEED = 0.02
+JAM_TIME = 10.0
+FINE_STEP, COARSE_STEP = 8e3, 60e3
+"""Pa of pressure change per step of a ramp, with and without effects that depend on the way."""
+HOLD_EDGES = (0.02, 0.1, 0.3, 0.6, 1.0)
+APPROACH_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One state to go to: lengths m, pressures Pa gauge (chamber 1..9), vacuum Pa below ambient, mass kg, roll rad,
+    hold s, rate Pa/s."""
+
+    spine_length: float
+    pressures: tuple[float, ...] = (0.0,) * 9
+    vacuum: float = 80e3
+    tip_mass: float = 0.053
+    roll: float = 0.0
+    hold: float = 5.0
+    rate: float = 20e3
+    rejam: bool = False
+    """Vent, un-jam and jam again even when the length stays: a new trial."""
+    mount: str = "robot"
+    deflection: float = 0.0
+    """Stiffness stand: travel of the probe after it touched the resting specimen at its tip, m."""
+
+    def __post_init__(self) -> None:
+        if len(self.pressures) != 9 or min(self.pressures) < 0:
+            raise ValueError(f"pressures {self.pressures} Pa: give nine, none below 0")
+        if self.rate <= 0 or self.hold < 0 or self.spine_length < 0 or self.vacuum < 0:
+            raise ValueError(
+                f"rate {self.rate} Pa/s must be above 0; hold {self.hold} s, spine_length {self.spine_length} m "
+                f"and vacuum {self.vacuum} Pa not below 0"
+            )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What would be measured in one state, before noise; base frame, SI."""
+
+    t: float
+    spine_length: float
+    """As the length unit reads it."""
+    vacuum: float
+    """Below ambient, as the gauge sees it."""
+    pressures: tuple[float, ...]
+    position: Array
+    rotation: Array
+    markers: Array
+    force: float
+    """On the probe, N; 0 when hanging."""
+    deflection: float
+
+
+def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
+    """Drive the robot through the states; see `VirtualRobot.settle`."""
+    readings = []
+    touch = 0.0
+    for state in conditions:
+        if _prepare(robot, state):
+            touch = float(robot.specimen.rod.chain.r[-1, 0])
+        _ramp(robot, np.array(state.pressures), state.rate)
+        if state.mount != "robot":
+            _push(robot, touch + state.deflection)
+        _hold(robot, state.hold)
+        force = robot.stand.sensed(robot.contact(), max(state.hold, 1e-3)) if state.mount != "robot" else 0.0
+        view = robot.published_view()
+        readings.append(
+            Reading(
+                t=robot.time,
+                spine_length=robot.spine.length,
+                vacuum=robot.spine.vacuum,
+                pressures=tuple(float(p) for p in robot.published_pressures()),
+                position=view.position,
+                rotation=view.rotation,
+                markers=view.markers,
+                force=force,
+                deflection=state.deflection,
+            )
+        )
+    return readings
+
+
+def _prepare(robot: VirtualRobot, state: Condition) -> bool:
+    """Bring spine, mount, roll and mass to the state; True when the specimen was taken down or jammed anew."""
+    from .robot import Hands
+
+    hands, spine = robot.hands, robot.spine
+    remount = state.mount != hands.mount or state.roll != hands.roll
+    regrow = abs(state.spine_length - spine.length) > 1e-9
+    if not (remount or regrow or state.rejam):
+        hands.tip_mass = state.tip_mass
+        if state.vacuum and not spine.vacuum:
+            spine.place(state.spine_length, state.vacuum)
+        else:
+            spine.draw(state.vacuum)
+        return False
+    hands.probe = None
+    _ramp(robot, np.zeros(9), VENT_RATE)
+    if remount:
+        robot.remount(Hands(state.mount, state.tip_mass, state.roll))
+    hands = robot.hands
+    hands.tip_mass = state.tip_mass
+    travel = abs(state.spine_length - spine.length)
+    spine.place(state.spine_length, 0.0)
+    robot.move(travel / GROW_SPEED + JAM_TIME)
+    spine.place(state.spine_length, state.vacuum)
+    robot.move(JAM_TIME)
+    _sample(robot)
+    return True
+
+
+def _ramp(robot: VirtualRobot, goal: Array, rate: float) -> None:
+    start = robot.pneumatics.seen.copy()
+    change = float(np.abs(goal - start).max())
+    if change == 0.0:
+        return
+    steps = math.ceil(change / (FINE_STEP if _watched(robot) else COARSE_STEP))
+    for i in range(1, steps + 1):
+        robot.pneumatics.seen = start + (goal - start) * (i / steps)
+        robot.move(change / rate / steps)
+        if i < steps:
+            _sample(robot)
+
+
+def _push(robot: VirtualRobot, level: float) -> None:
+    length = float(robot.specimen.rod.chain.h.sum())
+    start = robot.hands.probe[0] if robot.hands.probe else level
+    for i in range(1, APPROACH_STEPS + 1):
+        robot.hands.probe = (start + (level - start) * i / APPROACH_STEPS, length)
+        robot.move(0.25)
+
+
+def _hold(robot: VirtualRobot, hold: float) -> None:
+    if hold == 0.0:
+        return
+    before = 0.0
+    for edge in HOLD_EDGES if _watched(robot) else (1.0,):
+        if before:
+            _sample(robot)
+        robot.move(hold * (edge - before))
+        before = edge
+
+
+def _watched(robot: VirtualRobot) -> bool:
+    """True when the shape depends on the way or on when it is looked at, so that small steps are needed."""
+    return robot.laws.history or robot.laws.time_offset != 0.0
+
+
+def _sample(robot: VirtualRobot) -> None:
+    """Let the cameras and pressure sensors see the state in between, for the sake of their latency."""
+    if robot.laws.time_offset:
+        robot.published_view()
+        robot.published_pressures()

@@ -1,0 +1,146 @@
+"""The growing spine: its length, its vacuum, how stiff it is jammed.
+
+vacuum            relaxes exponentially towards the pump (pump_time) or ambient (release_time)
+jamming(v)        s (1 + c) / (s + c),  s = v / nominal vacuum,  c = 0.9: 1 at nominal, near a square root in between
+modulus           Table II at the true length, times jamming, times what this jamming event drew
+blocked           vacuum above the jam threshold holds the spine where it is
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .directions import Directions
+from .effects import Laws
+from .truth import RobotTruth
+
+JAM_CURVE = 0.9
+SINGLE_MODULUS = 6.6e6
+SHEAR_STIFFNESS = 0.09e6
+"""Pa: the one modulus of the spine and its shear modulus times shear factor, at full `spine_shear`."""
+GAUGE_SHARE = 0.8
+"""Share of a vacuum leak that the gauge at the unit sees; the rest is lost along the spine."""
+FOLLOW_SPEED = 0.15
+"""m/s at which the spine catches up with the drive once it is free."""
+FREE_SLACK = 5e-4
+"""m of drive travel beyond a held spine before the motor counts as stalled."""
+
+
+def table_modulus(truth: RobotTruth, length: float) -> float:
+    """Apparent modulus of the spine at nominal vacuum, Pa, at a length in m."""
+    lengths = sorted(truth.spine_modulus)
+    values = [truth.spine_modulus[x] for x in lengths]
+    if length < lengths[0]:
+        return values[0] * (max(length, 0.0) / lengths[0]) ** 2
+    if length > lengths[-1]:
+        slope = (values[-1] - values[-2]) / (lengths[-1] - lengths[-2])
+        return values[-1] + slope * (length - lengths[-1])
+    return float(np.interp(length, lengths, values))
+
+
+class Spine:
+    """State of the spine; lengths in m, vacuum in Pa below ambient."""
+
+    def __init__(self, truth: RobotTruth, laws: Laws, directions: Directions, seed: int) -> None:
+        self._truth = truth
+        self._laws = laws
+        self._bad_jam = directions.bad_jam
+        self._seed = seed
+        self.reset()
+
+    def reset(self) -> None:
+        """No spine out, no vacuum, and the same scatter to come as after construction."""
+        self._rng = np.random.default_rng([self._seed, 2])
+        self.length = 0.0
+        self.vacuum = 0.0
+        self.blocked = False
+        self.jams = 0
+        self._jammed = False
+        self._length_error = 0.0
+        self._stiffness_factor = 1.0
+
+    def step(self, drive: float, valve_on: bool, dt: float) -> None:
+        """Follow the unit (drive: m paid out) and the valve for dt seconds."""
+        t = self._truth
+        goal, time = (self._pumped(), t.pump_time) if valve_on else (0.0, t.release_time)
+        self.vacuum = goal + (self.vacuum - goal) * math.exp(-dt / time)
+        self._notice()
+        drive = max(0.0, drive)
+        if self._jammed:
+            self.blocked = abs(drive - self.length) > FREE_SLACK
+        else:
+            self.blocked = False
+            step = FOLLOW_SPEED * dt
+            self.length += min(max(drive - self.length, -step), step)
+
+    def place(self, length: float, vacuum: float) -> None:
+        """Grow to a length without vacuum, then jam at a vacuum, at once."""
+        self.vacuum = 0.0
+        self._notice()
+        self.length = length
+        self.draw(vacuum)
+
+    def draw(self, vacuum: float) -> None:
+        """Bring a spine of the present length to a vacuum, at once; a leak keeps it from getting there."""
+        self.vacuum = vacuum if self._laws.vacuum_leak == 0.0 else vacuum * (1 - GAUGE_SHARE * self._leak())
+        self._notice()
+
+    def _notice(self) -> None:
+        """Draw this jamming's scatter when the granules lock; forget that they were locked when the vacuum is gone."""
+        threshold = self._truth.jam_threshold
+        if not self._jammed and self.vacuum > threshold:
+            length, stiffness = self._rng.normal(size=2)
+            self._length_error = self._truth.scatter_length * float(length)
+            self._stiffness_factor = max(0.3, 1 + self._truth.scatter_stiffness * float(stiffness))
+            if self.jams == self._bad_jam:
+                self._stiffness_factor *= 1 - self._laws.bad_trial
+            self.jams += 1
+            self._jammed = True
+        elif self._jammed and self.vacuum < 0.7 * threshold:
+            self._jammed = False
+            self._length_error, self._stiffness_factor = 0.0, 1.0
+
+    def _leak(self) -> float:
+        """Lost share of the vacuum; a longer spine leaks more, the effect's size holds at 15 cm."""
+        return min(self._laws.vacuum_leak * (0.7 + 0.3 * self.true_length / 0.15), 0.95)
+
+    def _pumped(self) -> float:
+        """Vacuum the pump reaches at the gauge, Pa."""
+        return (
+            self._truth.nominal_vacuum * (1 - GAUGE_SHARE * self._leak())
+            if self._laws.vacuum_leak
+            else self._truth.nominal_vacuum
+        )
+
+    @property
+    def jammed(self) -> bool:
+        """True while the granules are locked."""
+        return self._jammed
+
+    @property
+    def true_length(self) -> float:
+        """Length inside the body, m; a length offset fades out below 1 cm, where there is no spine to speak of."""
+        offset = self._laws.spine_length_offset * (1 - math.exp(-((self.length / 0.01) ** 2)))
+        return max(0.0, self.length + offset + (self._length_error if self.length > 0 else 0.0))
+
+    def jamming(self, pressure: float) -> float:
+        """Jammed stiffness relative to nominal; `pressure` is the mean of all nine chambers, Pa."""
+        share = self.vacuum / self._truth.nominal_vacuum
+        if self._laws.vacuum_leak:
+            share *= (1 - self._leak()) / (1 - GAUGE_SHARE * self._leak())
+        squeeze = 1 + self._laws.pressure_jamming * pressure / (250e3 / 3)
+        return share * (1 + JAM_CURVE) / (share + JAM_CURVE) * self._stiffness_factor * squeeze
+
+    @property
+    def modulus(self) -> float:
+        """Bending modulus at nominal vacuum, Pa."""
+        table, blend = table_modulus(self._truth, self.true_length), self._laws.spine_shear
+        return table if blend == 0.0 or table == 0.0 else 1 / ((1 - blend) / table + blend / SINGLE_MODULUS)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus times shear factor inside the body at nominal vacuum, Pa."""
+        stiff, blend = self._truth.shear_ratio * table_modulus(self._truth, self.true_length), self._laws.spine_shear
+        return stiff if blend == 0.0 or stiff == 0.0 else 1 / ((1 - blend) / stiff + blend / SHEAR_STIFFNESS)

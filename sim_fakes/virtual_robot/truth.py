@@ -1,0 +1,114 @@
+"""What the virtual robot really is: geometry, materials, time constants, the stand. SI units throughout.
+
+The defaults are the robot of the Wang & Rojas paper (its Tables I and II) with one effective-area factor for all spine
+lengths. Whoever analyses the recordings is not shown this file's values: they are the truth behind the fake
+instruments.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.763e6, 0.30: 4.389e6}
+"""Apparent modulus of the jammed spine (Pa) over its length (m), Table II of the paper."""
+
+HANGING_STAND = (
+    (1.0, 0.0, 0.0, 0.50),
+    (0.0, -1.0, 0.0, 0.0),
+    (0.0, 0.0, -1.0, 0.70),
+    (0.0, 0.0, 0.0, 1.0),
+)
+"""A specimen clamped 0.7 m above the arm's base, hanging down; its x axis is the arm's x axis."""
+
+
+class RobotTruth(BaseModel):
+    """Constants of one virtual robot; frozen, no unknown keys, readable from YAML."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    # body
+    length: float = Field(default=0.40, gt=0.05, le=2, json_schema_extra={"unit": "m"})
+    outer_radius: float = Field(default=0.05, gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    inner_radius: float = Field(default=0.029, gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    density: float = Field(default=1300.0, ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3"})
+    youngs_modulus: float = Field(default=0.507147e6, gt=1e3, le=1e9, json_schema_extra={"unit": "Pa"})
+    shear_ratio: float = Field(default=1 / 3, gt=0, le=1)
+    """Shear modulus / Young's modulus, body and jammed spine alike."""
+    gravity: tuple[float, float, float] = (0.0, 0.0, 9.81)
+    """m/s^2, robot base frame (z from base to tip)."""
+    markers: tuple[float, ...] = (0.1, 0.2, 0.3)
+    """Arc lengths of the body markers, m."""
+
+    # chambers
+    chamber_radius: float = Field(default=0.005, gt=0, le=0.1, json_schema_extra={"unit": "m"})
+    chamber_path_radius: float = Field(default=0.04, gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    chamber_azimuths_deg: tuple[float, ...] = tuple(40.0 * i for i in range(9))
+    area_factor: float = Field(default=1.6, gt=0, le=10)
+    """Effective chamber area / (pi chamber_radius^2), one number for all spine lengths."""
+    fill_time: float = Field(default=0.25, gt=0, le=60, json_schema_extra={"unit": "s"})
+    supply_pressure: float = Field(default=400e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+
+    # spine
+    spine_modulus: dict[float, float] = Field(default_factory=lambda: dict(TABLE_II))
+    """Apparent modulus (Pa) at nominal vacuum over spine length (m): linear between points, as the square of the
+    length below the first point, straight on beyond the last one."""
+    spine_radius: float = Field(default=0.029, gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    nominal_vacuum: float = Field(default=80e3, gt=1e3, lt=101e3, json_schema_extra={"unit": "Pa"})
+    pump_time: float = Field(default=1.5, gt=0, le=600, json_schema_extra={"unit": "s"})
+    release_time: float = Field(default=0.7, gt=0, le=600, json_schema_extra={"unit": "s"})
+    jam_threshold: float = Field(default=15e3, gt=0, lt=101e3, json_schema_extra={"unit": "Pa"})
+    """Vacuum above which the granules hold the spine so that the unit cannot move it."""
+    scatter_length: float = Field(default=0.0, ge=0, le=0.02, json_schema_extra={"unit": "m"})
+    """Standard deviation of the true length, drawn anew at each jamming."""
+    scatter_stiffness: float = Field(default=0.0, ge=0, le=0.2)
+    """Relative standard deviation of the jammed modulus, drawn anew at each jamming."""
+
+    # how it is simulated and held
+    segments: int = Field(default=40, ge=8, le=400)
+    settling_time: float = Field(default=0.06, ge=0, le=5, json_schema_extra={"unit": "s"})
+    """Time constant of the overdamped approach to equilibrium."""
+    stand: tuple[tuple[float, float, float, float], ...] = HANGING_STAND
+    """Specimen base frame in the arm base frame, homogeneous 4 x 4. The probe pushes along the specimen's +x."""
+    stand_gravity: tuple[float, float, float] = (0.0, 0.0, 9.81)
+    """m/s^2, specimen frame; acts on the body only (the bare spine is taken as weightless)."""
+    contact_stiffness: float = Field(default=1e7, gt=1e3, le=1e10, json_schema_extra={"unit": "N/m"})
+    canonical_directions: bool = False
+    """Effects that have a direction act along x (or about y) instead of in a direction drawn from the seed."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RobotTruth:
+        if self.inner_radius >= self.outer_radius:
+            raise ValueError(f"inner_radius {self.inner_radius} m must be below outer_radius {self.outer_radius} m")
+        if len(self.chamber_azimuths_deg) != 9:
+            raise ValueError(f"chamber_azimuths_deg has {len(self.chamber_azimuths_deg)} entries, 9 are needed")
+        if any(not 0 < s < self.length for s in self.markers):
+            raise ValueError(f"markers {self.markers} m must lie inside the body of {self.length} m")
+        if len(self.stand) != 4 or self.stand[3] != (0.0, 0.0, 0.0, 1.0):
+            raise ValueError("stand must be a homogeneous 4 x 4 matrix, last row 0 0 0 1")
+        if len(self.spine_modulus) < 2 or min(self.spine_modulus) <= 0 or min(self.spine_modulus.values()) <= 0:
+            raise ValueError("spine_modulus needs two or more lengths (m), all above 0, with moduli (Pa) above 0")
+        return self
+
+    @classmethod
+    def from_yaml(cls, path: Path) -> RobotTruth:
+        """Read a file whose keys are the fields of this class, values in SI."""
+        return cls.model_validate(yaml.safe_load(path.read_text()) or {})
+
+    @property
+    def area(self) -> float:
+        """Cross-section of the annulus, m^2 (chambers not subtracted)."""
+        return math.pi * (self.outer_radius**2 - self.inner_radius**2)
+
+    @property
+    def spine_area(self) -> float:
+        """Cross-section of the spine, m^2."""
+        return math.pi * self.spine_radius**2
+
+    @property
+    def chamber_area(self) -> float:
+        """Effective area of one chamber, m^2."""
+        return self.area_factor * math.pi * self.chamber_radius**2
