@@ -163,6 +163,11 @@ class _Child:
         moving = driver.moving()
         return not moving, "moving" if moving else "at rest"
 
+    def close_one(self, name: str) -> None:
+        with self.locks[name]:
+            self.opened = [n for n in self.opened if n != name]
+            self.drivers[name].close()
+
     def close(self) -> None:
         self.running = False
         for name in reversed(self.opened):
@@ -170,27 +175,33 @@ class _Child:
                 self.drivers[name].close()
 
 
-def _serve(rig: RigFile, start: float, commands: Connection, samples: Connection) -> None:
+def _serve(rig_json: str, start: float, commands: Connection, samples: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    rig = RigFile.model_validate_json(rig_json)
     child = _Child(rig, RigClock(rig.clock.speed, start))
     poller = threading.Thread(target=child.poll, args=(samples,), name="poll", daemon=True)
     poller.start()
     try:
         while True:
             name, method, args = commands.recv()
-            if method == "close":
+            if method == "end":
                 break
             try:
+                answer: Any
                 if method == "open":
                     answer = child.open(name)
+                elif method == "close":
+                    answer = child.close_one(name)
                 elif method == "safe":
                     answer = child.safe()
                 else:
                     answer = child.call(name, method, args)
                 commands.send((True, answer))
             except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
-                commands.send((False, e if isinstance(e, InstrumentError) else RuntimeError(f"{type(e).__name__}: {e}")))
+                commands.send(
+                    (False, e if isinstance(e, InstrumentError) else RuntimeError(f"{type(e).__name__}: {e}"))
+                )
     except (EOFError, OSError):
         child.safe()
     finally:
@@ -212,7 +223,7 @@ class Actuators:
         self._commands, theirs = context.Pipe()
         self._samples, their_samples = context.Pipe(duplex=False)
         self._process = context.Process(
-            target=_serve, args=(rig, clock.start, theirs, their_samples), name="actuators", daemon=True
+            target=_serve, args=(rig.model_dump_json(), clock.start, theirs, their_samples), name="actuators", daemon=True
         )
         self._process.start()
         theirs.close()
@@ -234,7 +245,9 @@ class Actuators:
             try:
                 self._commands.send((name, method, args))
                 if not self._commands.poll(ANSWER_WITHIN):
-                    raise ActuatorsLost(f"no answer to {name}.{method} within {ANSWER_WITHIN:g} s; vent and stop by hand")
+                    raise ActuatorsLost(
+                        f"no answer to {name}.{method} within {ANSWER_WITHIN:g} s; vent and stop by hand"
+                    )
                 ok, answer = self._commands.recv()
             except (EOFError, OSError) as e:
                 raise ActuatorsLost(f"the actuator process ended during {name}.{method}; vent and stop by hand") from e
@@ -256,7 +269,7 @@ class Actuators:
         """Land safe and end the process; kills it when it does not end by itself."""
         with contextlib.suppress(ActuatorsLost):
             if self._process.is_alive():
-                self.call("", "close")
+                self.call("", "end")
         self._process.join(ANSWER_WITHIN)
         if self._process.is_alive():
             self._process.kill()
@@ -264,107 +277,115 @@ class Actuators:
         self._commands.close()
 
 
-class Pressure:
+class Remote:
+    """One instrument behind the process boundary."""
+
+    name = ""
+
+    def __init__(self, actuators: Actuators) -> None:
+        self._actuators = actuators
+
+    def _call(self, method: str, *args: Any) -> Any:
+        return self._actuators.call(self.name, method, *args)
+
+    def open(self) -> Identity:
+        """Connect."""
+        return self._actuators.open(self.name)
+
+    def close(self) -> None:
+        """Land safe and disconnect."""
+        self._call("close")
+
+
+class Pressure(Remote):
     """PressureRegulators, by way of the actuator process."""
 
     name = "pressure"
 
     def __init__(self, actuators: Actuators, channels: int) -> None:
-        self._call = actuators.call
+        super().__init__(actuators)
         self.channels = channels
 
     def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
         """See PressureRegulators.set."""
-        answer: tuple[float, ...] = self._call(self.name, "set", tuple(pressures))
+        answer: tuple[float, ...] = self._call("set", tuple(pressures))
         return answer
 
     def read(self) -> PressureSample:
         """See PressureRegulators.read."""
-        answer: PressureSample = self._call(self.name, "read")
+        answer: PressureSample = self._call("read")
         return answer
 
     def vent(self) -> None:
         """See PressureRegulators.vent."""
-        self._call(self.name, "vent")
+        self._call("vent")
 
 
-class Spine:
+class Spine(Remote):
     """LengthUnit, by way of the actuator process."""
 
     name = "spine"
 
-    def __init__(self, actuators: Actuators) -> None:
-        self._call = actuators.call
-
     def home(self) -> None:
         """See LengthUnit.home."""
-        self._call(self.name, "home")
+        self._call("home")
 
     def move_to(self, length: float, speed: float) -> float:
         """See LengthUnit.move_to."""
-        answer: float = self._call(self.name, "move_to", length, speed)
+        answer: float = self._call("move_to", length, speed)
         return answer
 
     def stop(self) -> None:
         """See LengthUnit.stop."""
-        self._call(self.name, "stop")
+        self._call("stop")
 
     def read(self) -> SpineSample:
         """See LengthUnit.read."""
-        answer: SpineSample = self._call(self.name, "read")
+        answer: SpineSample = self._call("read")
         return answer
 
 
-class Valve:
+class Valve(Remote):
     """JammingValve, by way of the actuator process."""
 
     name = "valve"
 
-    def __init__(self, actuators: Actuators) -> None:
-        self._call = actuators.call
-
     def set(self, on: bool) -> bool:
         """See JammingValve.set."""
-        answer: bool = self._call(self.name, "set", on)
+        answer: bool = self._call("set", on)
         return answer
 
     def read(self) -> ValveSample:
         """See JammingValve.read."""
-        answer: ValveSample = self._call(self.name, "read")
+        answer: ValveSample = self._call("read")
         return answer
 
 
-class Gauge:
+class Gauge(Remote):
     """VacuumGauge, by way of the actuator process."""
 
     name = "gauge"
 
-    def __init__(self, actuators: Actuators) -> None:
-        self._call = actuators.call
-
     def read(self) -> GaugeSample:
         """See VacuumGauge.read."""
-        answer: GaugeSample = self._call(self.name, "read")
+        answer: GaugeSample = self._call("read")
         return answer
 
 
-class ArmMotion:
+class ArmMotion(Remote):
     """Arm, by way of the actuator process."""
 
     name = "arm"
 
-    def __init__(self, actuators: Actuators) -> None:
-        self._call = actuators.call
-
     def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
         """See Arm.move_to."""
-        self._call(self.name, "move_to", tuple(pose), speed, acceleration)
+        self._call("move_to", tuple(pose), speed, acceleration)
 
     def moving(self) -> bool:
         """See Arm.moving."""
-        answer: bool = self._call(self.name, "moving")
+        answer: bool = self._call("moving")
         return answer
 
     def stop(self) -> None:
         """See Arm.stop."""
-        self._call(self.name, "stop")
+        self._call("stop")

@@ -47,7 +47,12 @@ def check(rig_path: Path, seconds: float, as_json: bool) -> int:
 
 
 def _row(
-    rig: Rig, name: str, result: Identity | InstrumentError, before: dict[str, int], lost_before: dict[str, int], span: float
+    rig: Rig,
+    name: str,
+    result: Identity | InstrumentError,
+    before: dict[str, int],
+    lost_before: dict[str, int],
+    span: float,
 ) -> dict[str, Any]:
     if isinstance(result, InstrumentError):
         return {"instrument": name, "ok": False, "problem": result.message}
@@ -73,7 +78,9 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
             continue
         identity = " ".join(x for x in (r["maker"], r["model"], r["serial"], r["firmware"]) if x)
         rate = f"{r['rate_hz']:g} Hz" if r.get("rate_hz") is not None else ""
-        limits = ", ".join(f"{k.removeprefix('max_')} {v:g}" for k, v in r["limits"].items() if isinstance(v, (int, float)))
+        limits = ", ".join(
+            f"{k.removeprefix('max_')} {v:g}" for k, v in r["limits"].items() if isinstance(v, (int, float))
+        )
         table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
     return table
 
@@ -100,7 +107,7 @@ def safe(rig_path: Path, as_json: bool) -> int:
     else:
         for step in report.steps:
             out.print(f"  {step.instrument}: {'safe' if step.confirmed else '[red]NOT CONFIRMED[/red]'} ({step.text})")
-        for e in unreachable:
-            out.print(f"  {e.instrument}: [red]NOT REACHED[/red] ({e.message})")
+        for lost in unreachable:
+            out.print(f"  {lost.instrument}: [red]NOT REACHED[/red] ({lost.message})")
         out.print("Safe." if confirmed else "[red]Not confirmed safe: use the vent valve and the emergency stop.[/red]")
     return 0 if confirmed else 1

@@ -88,7 +88,9 @@ def _demo(a: argparse.Namespace) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """All verbs and their options."""
-    top = argparse.ArgumentParser(prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model.")
+    top = argparse.ArgumentParser(
+        prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model."
+    )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
     def verb(name: str, handler: Handler, text: str, reads: bool = False) -> argparse.ArgumentParser:
@@ -105,7 +107,9 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("check", _check, "connect to each instrument: identity, rate, age, limits", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
-    p.add_argument("--seconds", type=float, default=2.0, help="host seconds over which stream rates and losses are counted")
+    p.add_argument(
+        "--seconds", type=float, default=2.0, help="host seconds over which stream rates and losses are counted"
+    )
 
     for name, handler, text in (("plan", _plan, "steps, duration and limits of a protocol; nothing moves"),
                                 ("run", _run, "run a protocol and record it")):  # fmt: skip
@@ -121,7 +125,9 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("fakes", _fakes, "start the fake instruments and print the rig.yaml that reaches them")
     p.add_argument("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)")
-    p.add_argument("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)")
+    p.add_argument(
+        "--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"
+    )
     p.add_argument("--seed", type=int, default=0, help="seed of all noise")
     p.add_argument("--regulators", choices=("alicat", "smc_itv"), default="alicat")
     p.add_argument("--spine", choices=("dynamixel", "tmcl"), default="dynamixel")
@@ -131,7 +137,12 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("info", _info, "what a recording holds: streams, rates, losses, provenance, outcome", reads=True)
     p.add_argument("file", type=Path)
-    p = verb("replay", _replay, "conclude the trials again from the recording alone and compare with the live run", reads=True)
+    p = verb(
+        "replay",
+        _replay,
+        "conclude the trials again from the recording alone and compare with the live run",
+        reads=True,
+    )
     p.add_argument("file", type=Path)
     p = verb("export", _export, "recording to CSV files or to a case folder")
     p.add_argument("file", type=Path, nargs="+")

@@ -179,10 +179,7 @@ def _own_loc(loc: Loc, data: object) -> Loc:
     own: list[str | int] = []
     for i, step in enumerate(loc):
         last = i == len(loc) - 1
-        if isinstance(data, dict) and step in data:
-            data = data[step]
-            own.append(step)
-        elif isinstance(data, list) and isinstance(step, int) and step < len(data):
+        if isinstance(data, dict) and step in data or isinstance(data, list) and isinstance(step, int) and step < len(data):
             data = data[step]
             own.append(step)
         elif isinstance(data, dict) and last:
@@ -210,7 +207,9 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind in ("union_tag_invalid", "literal_error"):
         allowed = str(context.get("expected_tags") or context.get("expected", ""))
         tag = context.get("tag", error["input"])
-        near = difflib.get_close_matches(str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")], n=1)
+        near = difflib.get_close_matches(
+            str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")], n=1
+        )
         return f"{key} = {_short(tag)}: must be one of {allowed}" + (f"; did you mean '{near[0]}'?" if near else "")
     if kind == "union_tag_not_found":
         return f"{key}: needs a key {context.get('discriminator', '')} that says which kind it is"
@@ -219,7 +218,11 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind == "finite_number":
         return f"{key} = {number}: must be a finite number"
     message = error["msg"].removeprefix("Value error, ")
-    return f"{key} = {number}: {message}" if key and not isinstance(error["input"], dict) else f"{key or 'the file'}: {message}"
+    return (
+        f"{key} = {number}: {message}"
+        if key and not isinstance(error["input"], dict)
+        else f"{key or 'the file'}: {message}"
+    )
 
 
 def _find(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:

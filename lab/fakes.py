@@ -23,7 +23,12 @@ def serve(a: argparse.Namespace) -> int:
             out.print(f"{e.id:24s} {e.scale:10.4g} {e.unit:12s} {e.physics}")
         return 0
     rig = FakeRig(
-        speed=a.speed, effects=effects(a.effect), seed=a.seed, regulators=a.regulators, spine=a.spine, channels=int(a.channels)
+        speed=a.speed,
+        effects=effects(a.effect),
+        seed=a.seed,
+        regulators=a.regulators,
+        spine=a.spine,
+        channels=int(a.channels),
     )
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

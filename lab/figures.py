@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from .compare import Comparison
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
     "figure.dpi": 110, "savefig.dpi": 150, "legend.frameon": False, "axes.titlesize": 10,
 }  # fmt: skip
@@ -51,7 +51,12 @@ def tip_curves(c: Comparison, path: Path) -> Path:
                 for branch, mark in (("load", "^"), ("unload", "v")):
                     rows = own & (c.branch == branch)
                     axis.plot(
-                        pressure[rows], c.measured[rows, k] * 1e3, mark, ms=4, color=colour, mfc="none" if branch == "unload" else colour
+                        pressure[rows],
+                        c.measured[rows, k] * 1e3,
+                        mark,
+                        ms=4,
+                        color=colour,
+                        mfc="none" if branch == "unload" else colour,
                     )
             axes[0].plot([], [], color=colour, label=f"{length * 100:.0f} cm")
         _label(axes[0], "tip x, mm (bending)")

@@ -64,7 +64,9 @@ def calibrate(case: Case) -> Calibration:
     spine = _spine_modulus(case)
     if spine and robot.spine is not None:
         modulus = {**robot.spine.modulus, **{k: e.value for k, e in spine.items()}}
-        robot = robot.model_copy(update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})})
+        robot = robot.model_copy(
+            update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})}
+        )
     body = _body_modulus(case)
     one, by_length = None, dict[float, AreaFit]()
     if any(r.tip is not None and r.protocol != "stiffness" for r in case.table):
@@ -80,7 +82,9 @@ def _spine_modulus(case: Case) -> dict[float, Estimate]:
     if not rows or case.robot.spine is None:
         return {}
     nominal = np.round([r.spine_length for r in rows], 3)
-    lengths = {x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)}
+    lengths = {
+        x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)
+    }
     return fit_spine_modulus(
         case.robot.spine.radius, [lengths[x] for x in nominal], [r.deflection for r in rows], [r.force for r in rows],
         trial=[r.trial for r in rows],
@@ -121,11 +125,25 @@ def sheet(c: Calibration) -> Sheet:
     for length, e in c.spine_modulus.items():
         t.add_row("E of the spine", f"{length * 100:.1f} cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N")
     if c.body_modulus:
-        t.add_row("E of the body (eq. 8)", "0 cm", _mpa(c.body_modulus), str(c.body_modulus.n), f"{c.body_modulus.rms_residual:.3f} N")
+        t.add_row(
+            "E of the body (eq. 8)",
+            "0 cm",
+            _mpa(c.body_modulus),
+            str(c.body_modulus.n),
+            f"{c.body_modulus.rms_residual:.3f} N",
+        )
     for length, a in c.area_factor_by_length.items():
-        t.add_row("A_eff / A", f"{length * 100:.1f} cm", _plain(a.factor), str(a.factor.n), f"{a.rmse * 1e3:.2f} mm rms")
+        t.add_row(
+            "A_eff / A", f"{length * 100:.1f} cm", _plain(a.factor), str(a.factor.n), f"{a.rmse * 1e3:.2f} mm rms"
+        )
     if c.area_factor:
-        t.add_row("A_eff / A, one for all", "all", _plain(c.area_factor.factor), str(c.area_factor.factor.n), f"{c.area_factor.rmse * 1e3:.2f} mm rms")
+        t.add_row(
+            "A_eff / A, one for all",
+            "all",
+            _plain(c.area_factor.factor),
+            str(c.area_factor.factor.n),
+            f"{c.area_factor.rmse * 1e3:.2f} mm rms",
+        )
     return t
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from model.condition import Condition, conditions
 from model.robot import Robot
 from recordings.reader import Recording
+from recordings.replay import table_of
 from recordings.table_file import read_csv
 from recordings.trials import Table, TrialRow
 
@@ -71,6 +72,8 @@ def _folder(path: Path) -> tuple[Robot, Table]:
 
 
 def _recording(path: Path) -> tuple[Robot, Table]:
-    with Recording.open(path) as recording:
-        text = recording.attachment("robot.yaml").decode()
-        return check(parse_yaml(text, f"{path}:robot.yaml"), Robot), recording.table()
+    recording = Recording.open(path)
+    robot = recording.attachments.get("robot.yaml")
+    if robot is None:
+        raise ConfigError(f"{path}: has no robot.yaml attached; give one with --robot")
+    return check(parse_yaml(robot.decode(), f"{path}:robot.yaml"), Robot), table_of(recording)

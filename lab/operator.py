@@ -48,7 +48,9 @@ class Program:
                 line = connection.makefile().readline()
             answer = json.loads(line)
         except (OSError, ValueError) as e:
-            raise ProtocolError(f"{where}: no usable answer ({e}); start it, or set operator: console in rig.yaml") from e
+            raise ProtocolError(
+                f"{where}: no usable answer ({e}); start it, or set operator: console in rig.yaml"
+            ) from e
         if not isinstance(answer, dict) or answer.get("ok") is not True:
             raise ProtocolError(f"{where}: refused to prepare {setup}: {answer}")
 

@@ -10,7 +10,18 @@ from pathlib import Path
 
 from drivers.interfaces import Identity
 
-PACKAGES = ("softlab", "ur_rtde", "pyserial", "pymodbus", "natnet", "dynamixel-sdk", "pytrinamic", "numpy", "scipy", "mcap")
+PACKAGES = (
+    "softlab",
+    "ur_rtde",
+    "pyserial",
+    "pymodbus",
+    "natnet",
+    "dynamixel-sdk",
+    "pytrinamic",
+    "numpy",
+    "scipy",
+    "mcap",
+)
 
 
 def provenance(identities: Mapping[str, Identity]) -> dict[str, dict[str, str]]:
@@ -19,7 +30,9 @@ def provenance(identities: Mapping[str, Identity]) -> dict[str, dict[str, str]]:
         "versions": {"python": platform.python_version(), **{p: _version(p) for p in PACKAGES}},
         "source": _git(),
         "host": {"system": platform.platform(), "name": platform.node()},
-        "instruments": {n: " ".join(x for x in (i.maker, i.model, i.serial, i.firmware) if x) for n, i in identities.items()},
+        "instruments": {
+            n: " ".join(x for x in (i.maker, i.model, i.serial, i.firmware) if x) for n, i in identities.items()
+        },
     }
 
 
@@ -36,9 +49,14 @@ def _git() -> dict[str, str]:
 
     def ask(*arguments: str) -> str:
         try:
-            done = subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=5, check=True)
+            done = subprocess.run(
+                ["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=5, check=True
+            )
         except (OSError, subprocess.SubprocessError):
             return ""
         return done.stdout.strip()
 
-    return {"commit": ask("rev-parse", "HEAD"), "changed": "yes" if ask("status", "--porcelain", "--untracked-files=no") else "no"}
+    return {
+        "commit": ask("rev-parse", "HEAD"),
+        "changed": "yes" if ask("status", "--porcelain", "--untracked-files=no") else "no",
+    }

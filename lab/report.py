@@ -61,7 +61,9 @@ class Report:
 
     def write(self, path: Path) -> Path:
         """Write the page."""
-        environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=select_autoescape(["j2", "html"]))
+        environment = Environment(
+            loader=FileSystemLoader(Path(__file__).parent), autoescape=select_autoescape(["j2", "html"])
+        )
         page = environment.get_template("report.html.j2").render(
             title=self.title, subtitle=self.subtitle, lead=self.lead, sections=[vars(s) for s in self.sections]
         )

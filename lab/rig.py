@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
-from drivers import ft300s, natnet_mocap, ur5
+from drivers import ft300s, natnet_mocap, ur5_state
 from drivers.chambers import ChamberMap
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
@@ -37,8 +37,7 @@ class Rig:
         self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()
         instruments = file.instruments
-        channels = instruments.pressure.chambers if instruments.pressure else []
-        self.chambers = ChamberMap(channels)
+        self.chambers = ChamberMap(instruments.pressure.chambers if instruments.pressure else ())
         self.actuators = act.Actuators(file, self.clock, self._polled)
         self.streams: dict[str, Any] = {}
         if instruments.force:
@@ -46,7 +45,8 @@ class Rig:
         if instruments.mocap:
             self.streams["mocap"] = natnet_mocap.NatNetMocap("mocap", instruments.mocap, self.clock, self._sink)
         if instruments.arm:
-            self.streams["arm_state"] = ur5.UR5State("arm_state", instruments.arm, self.clock, self._sink)
+            state = ur5_state.Config(host=instruments.arm.host, max_age=instruments.arm.max_age)
+            self.streams["arm_state"] = ur5_state.UR5State("arm_state", state, self.clock, self._sink)
 
     @property
     def names(self) -> list[str]:
@@ -110,7 +110,9 @@ class Rig:
             narrator=narrator,
             stopping=stopping,
             chambers=self.chambers,
-            stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff) if stand else None,
+            stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
+            if stand
+            else None,
             pressure=act.Pressure(self.actuators, len(self.chambers.channels)) if has("pressure") else None,
             spine=act.Spine(self.actuators) if has("spine") else None,
             valve=act.Valve(self.actuators) if has("valve") else None,
@@ -138,5 +140,7 @@ class Rig:
     def __enter__(self) -> Rig:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()

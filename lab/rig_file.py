@@ -20,12 +20,14 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def named(driver: str, config: type[BaseModel]) -> Any:
-    """The driver's own Config plus the key `driver` that chooses it."""
-    return create_model(config.__name__, __base__=config, driver=(Literal[driver], ...))
+def named(driver: str, config: type[BaseModel], **more: Any) -> Any:
+    """The driver's own Config plus the key `driver` that chooses it, and fields that only the rig needs."""
+    return create_model(config.__name__, __base__=config, driver=(Literal[driver], ...), **more)
 
 
-ArmConfig = named("ur5", ur5.Config)
+STATE_AGE: Any = (float, Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"}))
+"""How old the arm's streamed state may be, host time."""
+ArmConfig = named("ur5", ur5.Config, max_age=STATE_AGE)
 ForceConfig = named("ft300s", ft300s.Config)
 AlicatConfig, ItvConfig = named("alicat", alicat.Config), named("smc_itv", smc_itv.Config)
 DynamixelConfig, TmclConfig = named("dynamixel", dynamixel.Config), named("tmcl", tmcl.Config)
@@ -113,5 +115,7 @@ def load_rig(path: Path) -> RigFile:
     rig = check(read_yaml(path), RigFile)
     robot = (path.parent / rig.robot).resolve()
     if not robot.is_file():
-        raise ConfigError(f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file")
+        raise ConfigError(
+            f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file"
+        )
     return rig.model_copy(update={"robot": robot})

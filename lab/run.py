@@ -56,7 +56,9 @@ def job(protocol: str, rig_path: Path, settings: list[str]) -> Job:
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
     if name not in EXPERIMENTS:
-        raise ConfigError(f"{source.name}: protocol = {name!r}: must be one of {', '.join(EXPERIMENTS)}, or a protocol file")
+        raise ConfigError(
+            f"{source.name}: protocol = {name!r}: must be one of {', '.join(EXPERIMENTS)}, or a protocol file"
+        )
     experiment = EXPERIMENTS[name]
     values = {k: v for k, v in table.items() if k != "protocol"}
     parameters = check(Source(source.name, values, source.lines), experiment.parameters)
@@ -74,7 +76,9 @@ def _source(protocol: str) -> Source:
     path = Path(protocol)
     if path.suffix in (".yaml", ".yml"):
         return read_yaml(path)
-    raise ConfigError(f"{protocol!r} is no protocol; use {', '.join(EXPERIMENTS)}, or the path of a protocol file (.yaml)")
+    raise ConfigError(
+        f"{protocol!r} is no protocol; use {', '.join(EXPERIMENTS)}, or the path of a protocol file (.yaml)"
+    )
 
 
 def _with(source: Source, settings: list[str]) -> Source:
@@ -231,7 +235,10 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
     """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
     try:
-        recorder.log("info" if safe else "error", f"safe state {'confirmed' if safe else 'NOT confirmed'}; {outcome} {detail}".strip())
+        recorder.log(
+            "info" if safe else "error",
+            f"safe state {'confirmed' if safe else 'NOT confirmed'}; {outcome} {detail}".strip(),
+        )
         counts = recorder.close(outcome, detail)
     except RecordingError as e:
         err.print(str(e))

@@ -44,7 +44,11 @@ def release(bench: Bench, jam: Jam) -> float:
     def at_rest() -> float | None:
         last.append(gauge.read().absolute)
         recent = last[-5:]
-        return last[-1] if len(recent) == 5 and max(recent) - min(recent) < jam.released_below / 2 and recent[-1] > 80e3 else None
+        return (
+            last[-1]
+            if len(recent) == 5 and max(recent) - min(recent) < jam.released_below / 2 and recent[-1] > 80e3
+            else None
+        )
 
     return bench.wait("vacuum released", at_rest, jam.within)
 

@@ -92,12 +92,18 @@ def plan(p: Bending, name: str = "bending") -> Plan:
     length = 0.0
     for repeat, vacuum, spine in _sweeps(p):
         reach = f"spine {spine * 100:g} cm, {vacuum / 1e3:g} kPa, repeat {repeat}"
-        steps.append(Step(f"vent, release, grow and jam: {reach}", 8.0 + abs(spine - length) / p.spine.speed + p.spine.settle))
+        steps.append(
+            Step(f"vent, release, grow and jam: {reach}", 8.0 + abs(spine - length) / p.spine.speed + p.spine.settle)
+        )
         length, before = spine, 0.0
         for level in levels(p):
             climb = abs(level.pressure - before) / p.rate
             before = level.pressure
-            stay = {"settled": p.settle.still + p.settle.average + 1.5, "sweep": 0.0, "hold": p.hold_times[-1] if p.hold_times else 0}
+            stay = {
+                "settled": p.settle.still + p.settle.average + 1.5,
+                "sweep": 0.0,
+                "hold": p.hold_times[-1] if p.hold_times else 0,
+            }
             steps.append(Step(f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}", climb + stay[p.reading]))
     limits = {
         "pressure_pa": max(p.pressures), "pressure_rate_pa_s": p.rate, "spine_length_m": max(p.spine_lengths),
@@ -119,7 +125,9 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
         home(bench)
         for repeat, _, spine in sweeps:
             bench.check_stop()
-            bench.say(f"Spine to {spine * 100:g} cm, jammed at {vacuum / 1e3:g} kPa below ambient (repeat {repeat} of {p.repeats})")
+            bench.say(
+                f"Spine to {spine * 100:g} cm, jammed at {vacuum / 1e3:g} kPa below ambient (repeat {repeat} of {p.repeats})"
+            )
             ambient = set_spine(bench, spine, vacuum, p.spine, p.jam)
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
@@ -144,7 +152,9 @@ def _sweep(bench: Bench, p: Bending, trial: Trial, trials: Trials) -> None:
         trials.step_done()
 
 
-def _readings(p: Bending, level: Level, begin: float, arrived: float) -> list[tuple[Settled | Window | Crossing, float, float]]:
+def _readings(
+    p: Bending, level: Level, begin: float, arrived: float
+) -> list[tuple[Settled | Window | Crossing, float, float]]:
     """How a level is read: (rule, rig time from which it looks, time allowed)."""
     if p.reading == "hold":
         window = p.settle.average

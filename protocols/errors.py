@@ -1,10 +1,10 @@
 """What can end a protocol early.
 
-    ProtocolError
-    |-- MissingInstrument   the rig has not all the instruments this protocol needs; nothing moved
-    |-- WrongWiring         the regulators' wiring cannot make the pattern asked for; nothing moved
-    |-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
-    `-- Stopped             a person asked to stop
+ProtocolError
+|-- MissingInstrument   the rig has not all the instruments this protocol needs; nothing moved
+|-- WrongWiring         the regulators' wiring cannot make the pattern asked for; nothing moved
+|-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
+`-- Stopped             a person asked to stop
 """
 
 from __future__ import annotations

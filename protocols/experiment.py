@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from recordings.concluding import conclude
 from recordings.errors import NotSettled
-from recordings.reading import conclude
 from recordings.states import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.trials import TrialRow
 

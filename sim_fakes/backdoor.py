@@ -38,7 +38,9 @@ class BackDoor:
         self._rig = rig
         self._server = Server((host, 0), Handler)
         self.address: tuple[str, int] = (host, self._server.server_address[1])
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), name="fake-backdoor", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.05,), name="fake-backdoor", daemon=True
+        )
 
     def start(self) -> None:
         """Accept connections."""

@@ -21,22 +21,21 @@ from .backdoor import BackDoor
 from .clock import SimClock
 from .dynamixel import DynamixelFake
 from .ft300s import Ft300sFake
-from .motive import MotiveFake
+from .motive import MOCAP_TO_BASE, MotiveFake
 from .numato import NumatoFake
 from .pfeiffer import PfeifferFake
 from .plant import Plant
 from .pty_fake import PtyFake
 from .smc_itv import SmcItvFake
 from .tmcl import TmclFake
+from .ur.kinematics import rotation_matrix
 from .ur.process import UrProcess, free_host
-from .ur.rotations import matrix_of
 from .virtual_robot import RobotTruth, VirtualRobot
 
 PLANT_PERIOD = 0.01
 """Host seconds between two steps of the plant."""
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 NINE = tuple((i,) for i in range(1, 10))
-MOCAP_TO_BASE = {"position": [0.0, 0.0, 0.0], "quaternion": [0.5, -0.5, 0.5, -0.5]}
 
 
 class FakeRig:
@@ -72,7 +71,7 @@ class FakeRig:
         else:
             units = tuple("ABCDEFGHI"[: len(self.wiring)])
             self.lines["pressure"] = AlicatFake(self.plant, self.clock, units, self.wiring, seed=seed + 5)
-        self.mocap = MotiveFake(self.plant, self.clock, self.host, seed=seed + 6)
+        self.mocap = MotiveFake(self.plant, self.clock, self.host, markers=len(self.truth.markers), seed=seed + 6)
         self.door = BackDoor(self, self.host)
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._poses.bind((self.host, 0))
@@ -147,7 +146,7 @@ class FakeRig:
                 return
             with self.plant.lock:
                 self.plant.probe_position = np.array(pose[:3])
-                self.plant.probe_rotation = matrix_of(np.array(pose[3:]))
+                self.plant.probe_rotation = rotation_matrix(pose[3:])
 
     # -- rig.yaml
     def rig_file(self, robot: str = "robot.yaml") -> dict[str, Any]:
@@ -176,7 +175,9 @@ class FakeRig:
                 "valve": {"driver": "numato", "port": self.lines["valve"].port},
                 "gauge": {"driver": "pfeiffer", "port": self.lines["gauge"].port},
                 "mocap": {
-                    "driver": "natnet", "server": self.host, "body": "Tip", "markers": ["M1", "M2", "M3"],
+                    "driver": "natnet", "server": self.host, "body": "Tip",
+                    "markers": [f"M{i + 1}" for i in range(len(self.truth.markers))],
+                    "mocap_to_base": {"position": list(MOCAP_TO_BASE[0]), "quaternion": list(MOCAP_TO_BASE[1])},
                 },
             },
             "stand": {

@@ -1,0 +1,97 @@
+"""`lab info`, `export` and `replay`: what can be done with a recording alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.table import Table as Sheet
+
+from recordings.export import export_case, export_streams
+from recordings.info import info as summary
+from recordings.reader import Recording
+from recordings.replay import Comparison, replay_states, table_of
+from recordings.replay import compare as hold_against
+from recordings.trials import Table, TrialRow
+
+from .config import ConfigError
+from .console import out
+
+
+def info(file: Path, as_json: bool) -> int:
+    """Print what a recording holds; 3 when it ended abruptly or samples were lost."""
+    s = summary(file)
+    if as_json:
+        print(json.dumps(s.to_dict(), indent=1))
+        return 0 if s.complete else 3
+    t = Sheet(title=str(file), title_justify="left")
+    for column in ("topic", "messages", "rate", "gaps", "longest", "dropped", "lost"):
+        t.add_column(column, justify="right")
+    for topic, stream in s.streams.items():
+        at = stream.timing
+        t.add_row(topic, str(at.count), f"{at.rate:.1f} Hz", str(at.gaps), f"{at.longest:.3f} s",
+                  *("?" if n is None else str(n) for n in (stream.dropped, stream.lost)))  # fmt: skip
+    out.print(t)
+    ended = s.outcome or f"ended abruptly; {s.readable} of {s.size} bytes are whole"
+    out.print(
+        f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
+    )
+    out.print(f"attached: {', '.join(s.attachments)}")
+    return 0 if s.complete else 3
+
+
+def export(files: Sequence[Path], folder: Path, case: bool) -> int:
+    """CSV files of each stream, or one case folder from all files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    recordings = [Recording.open(f) for f in files]
+    if case:
+        first = recordings[0]
+        for other in recordings[1:]:
+            if other.attachments.get("robot.yaml") != first.attachments.get("robot.yaml"):
+                raise ConfigError(
+                    f"{other.path}: was recorded with another robot.yaml than {first.path}; export them apart"
+                )
+        export_case(first, folder, joined([table_of(r) for r in recordings]))
+        out.print(f"{folder}/robot.yaml and {folder}/trials.csv")
+        return 0
+    for recording in recordings:
+        for path in export_streams(recording, folder / recording.path.stem if len(files) > 1 else folder):
+            out.print(str(path))
+    return 0
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Tables one after the other, trials numbered on."""
+    rows: list[TrialRow] = []
+    for table in tables:
+        before = max((r.trial for r in rows), default=0)
+        rows += [replace(r, trial=r.trial + before) for r in table]
+    return Table(tuple(rows))
+
+
+def replayed(file: Path) -> tuple[Comparison, str]:
+    """Conclude every state of a recording again; the comparison with the live rows, and a digest of the rows."""
+    recording = Recording.open(file)
+    rows = [r.row.to_json() for r in replay_states(recording) if r.row is not None]
+    return hold_against(recording), hashlib.sha256("\n".join(rows).encode()).hexdigest()
+
+
+def replay(file: Path, as_json: bool) -> int:
+    """Print whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
+    result, digest = replayed(file)
+    if as_json:
+        print(json.dumps({"live": result.live, "replayed": result.replayed, "equal": result.equal, "sha256": digest,
+                          "differences": result.differences}, indent=1))  # fmt: skip
+    else:
+        for line in result.differences[:20]:
+            out.print(line)
+        word = (
+            "equal to the live run's to the last bit"
+            if result.equal
+            else f"{len(result.differences)} differ from the live run's"
+        )
+        out.print(f"{result.replayed} rows concluded again, {word}; sha256 {digest}")
+    return 0 if result.equal else 1
