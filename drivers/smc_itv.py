@@ -141,7 +141,7 @@ class SmcItv:
             for channel in done:
                 self._limits.sent(channel, 0.0)
             if errors:
-                ports = "; ".join(f"channel {channel + 1}: {e.message}" for channel, e in errors.items())
+                ports = "; ".join(f"channel {channel + 1}: {e.message}" for channel, e in sorted(errors.items()))
                 raise InstrumentError(self.name, f"did not vent {ports}. Shut the supply and vent those by hand")
 
     def close(self) -> None:

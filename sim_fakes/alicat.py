@@ -6,6 +6,7 @@ before 8v00 (8v00 on: `?` until 9v00 and 10v05), FPF is known from 6v00 on.
 
 Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     dead      these units do not answer
+    miss      {"B": n}: this unit does not answer its next n requests
     stuck     these units repeat the pressure that they showed when the fault began
     ignore    these units keep their set-point whatever is sent
     refuse    these units answer everything with `?`
@@ -124,7 +125,7 @@ class AlicatFake(PtyFake):
         text = line.decode("ascii", "replace")
         letter, words = text[:1].upper(), text[1:].strip().upper()
         unit = self.device.get(letter)
-        if unit is None or self._has("dead", letter):
+        if unit is None or self._has("dead", letter) or self._misses(letter):
             return True
         answer = "?" if self._has("refuse", letter) else self._answer(letter, unit, words)
         if answer != "?":
@@ -223,6 +224,13 @@ class AlicatFake(PtyFake):
         """A pressure (Pa) as the display shows it: sign, three digits at least, the unit's decimals."""
         value = round(pressure / PA_PER_UNIT[unit.unit_code], unit.decimals)
         return f"{value:+0{5 + unit.decimals}.{unit.decimals}f}"
+
+    def _misses(self, letter: str) -> bool:
+        left = self.faults.extra.get("miss")
+        if not isinstance(left, dict) or not left.get(letter):
+            return False
+        left[letter] -= 1
+        return True
 
     def _has(self, fault: str, letter: str) -> bool:
         return letter in str(self.faults.extra.get(fault, ""))

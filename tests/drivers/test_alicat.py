@@ -1,0 +1,406 @@
+"""The Alicat driver through pyserial, against the fake units on a pty.
+
+With LAB_TEST_ALICAT_PORT=/dev/ttyUSB0 (and LAB_TEST_ALICAT_UNITS=ABC, LAB_TEST_ALICAT_BAUD, LAB_TEST_ALICAT_FULL_SCALE
+in Pa) the tests that need no fault run against real units. Those that pressurise, to 30 kPa at most, want
+LAB_TEST_ALLOW_MOTION=1 as well.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from drivers.alicat import Alicat, Config
+from drivers.errors import (
+    BadReply,
+    DeviceFault,
+    InstrumentError,
+    LimitExceeded,
+    NoReply,
+    NotReady,
+    StaleReading,
+    Unreachable,
+    WrongDevice,
+)
+from drivers.interfaces import PressureRegulators
+from sim_fakes.alicat import AlicatFake
+from sim_fakes.clock import SimClock
+from sim_fakes.ft300s import Ft300sFake
+from sim_fakes.plant import Plant
+
+HARDWARE = os.environ.get("LAB_TEST_ALICAT_PORT")
+UNITS = tuple(os.environ.get("LAB_TEST_ALICAT_UNITS", "ABC"))
+BAUD: Any = int(os.environ.get("LAB_TEST_ALICAT_BAUD", "115200"))
+FULL_SCALE = float(os.environ.get("LAB_TEST_ALICAT_FULL_SCALE", "400e3"))
+DIGIT = 10.0
+"""Last digit of the display, Pa."""
+
+
+@pytest.fixture
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def clock() -> SimClock:
+    return SimClock(speed=1.0 if HARDWARE else 20.0)
+
+
+@pytest.fixture
+def fake(plant: Plant, clock: SimClock) -> Iterator[AlicatFake]:
+    if HARDWARE:
+        pytest.skip("needs the fake units")
+    fake = AlicatFake(plant, clock, seed=2)
+    fake.start()
+    yield fake
+    fake.stop()
+
+
+@pytest.fixture
+def make(request: pytest.FixtureRequest, clock: SimClock) -> Iterator[Callable[..., Alicat]]:
+    made: list[Alicat] = []
+
+    def make(**changes: Any) -> Alicat:
+        port = HARDWARE or request.getfixturevalue("fake").port
+        wiring = tuple((i + 1,) for i in range(len(UNITS)))
+        values: dict[str, Any] = {
+            "port": port, "baud": BAUD, "units": UNITS, "chambers": wiring, "full_scale": FULL_SCALE, "timeout": 0.15,
+        }  # fmt: skip
+        made.append(Alicat("pressure", Config(**(values | changes)), clock))
+        return made[-1]
+
+    yield make
+    for regulators in made:
+        regulators.close()
+
+
+@pytest.fixture
+def regulators(make: Callable[..., Alicat]) -> Alicat:
+    regulators = make()
+    regulators.open()
+    return regulators
+
+
+@pytest.fixture
+def may_pressurise() -> None:
+    if HARDWARE and os.environ.get("LAB_TEST_ALLOW_MOTION") != "1":
+        pytest.skip("pressurises: set LAB_TEST_ALLOW_MOTION=1 when nobody is at the robot")
+
+
+def raise_to(regulators: Alicat, clock: SimClock, pressures: tuple[float, ...]) -> tuple[float, ...]:
+    """Set again and again, as a ramp does, until the rate limit lets the last value through."""
+    for _ in range(200):
+        confirmed = regulators.set(pressures)
+        if max(abs(c - p) for c, p in zip(confirmed, pressures, strict=True)) <= DIGIT:
+            return confirmed
+        clock.sleep(0.2)
+    raise AssertionError(f"{confirmed} did not come to {pressures}")
+
+
+# -- these run on hardware too
+def test_opening_tells_the_model_serial_number_and_firmware_of_the_units(make: Callable[..., Alicat]) -> None:
+    identity = make().open()
+    assert identity.maker == "Alicat"
+    assert "PC" in identity.model
+    assert [part.split(":")[0] for part in identity.serial.split(", ")] == list(UNITS)
+    assert "v" in identity.firmware
+
+
+def test_reading_gives_a_value_a_unit_near_ambient_when_vented(regulators: Alicat) -> None:
+    regulators.vent()
+    sample = regulators.read()
+    assert sample.setpoint == (0.0,) * len(UNITS)
+    assert len(sample.measured) == len(UNITS)
+    assert max(map(abs, sample.measured)) < 2e3
+
+
+@pytest.mark.usefixtures("may_pressurise")
+def test_setting_returns_what_the_units_confirmed_and_reading_shows_it(regulators: Alicat, clock: SimClock) -> None:
+    wanted = tuple(10e3 + 2e3 * i for i in range(len(UNITS)))
+    assert raise_to(regulators, clock, wanted) == pytest.approx(wanted, abs=DIGIT)
+    assert regulators.read().setpoint == pytest.approx(wanted, abs=DIGIT)
+
+
+@pytest.mark.usefixtures("may_pressurise")
+def test_venting_is_not_held_back_by_the_rate_limit(make: Callable[..., Alicat], clock: SimClock) -> None:
+    regulators = make(max_rate=5e3)
+    regulators.open()
+    raise_to(regulators, clock, (10e3,) * len(UNITS))
+    regulators.vent()
+    assert regulators.read().setpoint == (0.0,) * len(UNITS)
+
+
+@pytest.mark.usefixtures("may_pressurise")
+def test_closing_leaves_the_units_vented_and_may_be_repeated(
+    make: Callable[..., Alicat], regulators: Alicat, clock: SimClock
+) -> None:
+    raise_to(regulators, clock, (10e3,) * len(UNITS))
+    regulators.close()
+    regulators.close()
+    again = make()
+    again.open()
+    assert again.read().setpoint == (0.0,) * len(UNITS)
+
+
+def test_before_opening_and_after_closing_nothing_is_sent(make: Callable[..., Alicat]) -> None:
+    regulators = make()
+    for call in (regulators.read, regulators.vent, lambda: regulators.set((0.0,) * len(UNITS))):
+        with pytest.raises(NotReady, match="open"):
+            call()
+
+
+def test_the_driver_is_a_set_of_pressure_regulators(make: Callable[..., Alicat]) -> None:
+    regulators: PressureRegulators = make()
+    assert regulators.channels == len(UNITS)
+
+
+# -- these need the fake
+def test_set_points_reach_the_chambers_of_the_channel_in_pascal(
+    make: Callable[..., Alicat], fake: AlicatFake, plant: Plant, clock: SimClock
+) -> None:
+    regulators = make(chambers=((9, 1, 2), (3, 4, 5), (6, 7, 8)))
+    regulators.open()
+    raise_to(regulators, clock, (50e3, 0.0, 30e3))
+    assert plant.regulator.tolist() == pytest.approx([50e3, 50e3, 0, 0, 0, 30e3, 30e3, 30e3, 50e3], abs=DIGIT)
+    plant.chamber_pressure[:] = [48e3, 50e3, 1e3, 1e3, 1e3, 30e3, 30e3, 30e3, 52e3]
+    assert regulators.read().measured == pytest.approx((50e3, 1e3, 30e3), abs=500)
+
+
+def test_nine_units_make_nine_channels(plant: Plant, clock: SimClock) -> None:
+    nine = AlicatFake(plant, clock, "ABCDEFGHI", [(i,) for i in range(1, 10)])
+    nine.start()
+    config = Config(port=nine.port, units=tuple("ABCDEFGHI"), chambers=tuple((i,) for i in range(1, 10)))
+    regulators = Alicat("pressure", config, clock)
+    regulators.open()
+    clock.sleep(1.0)
+    wanted = tuple(1e3 * i for i in range(1, 10))
+    assert regulators.set(wanted) == pytest.approx(wanted)
+    assert plant.regulator.tolist() == pytest.approx(wanted)
+    regulators.close()
+    assert plant.regulator.tolist() == [0.0] * 9
+    nine.stop()
+
+
+def test_what_is_above_the_limit_is_clipped_and_never_sent(
+    make: Callable[..., Alicat], fake: AlicatFake, clock: SimClock
+) -> None:
+    regulators = make(max_pressure=20_004.0)
+    regulators.open()
+    confirmed = [regulators.set((1e6, -5e3, 20e3)) for _ in range(20) if clock.sleep(0.2) is None][-1]
+    assert confirmed == (20e3, 0.0, 20e3)
+    sent = [float(request[2:]) for request in fake.requests if request[1:2] == b"S"]
+    assert max(sent) == 20.0
+    assert min(sent) == 0.0
+
+
+def test_a_step_is_cut_to_the_rate_and_the_caller_sees_it(
+    make: Callable[..., Alicat], fake: AlicatFake, plant: Plant
+) -> None:
+    slow = Alicat("pressure", Config(port=fake.port, max_rate=10e3), stopped := StoppedClock())
+    slow.open()
+    stopped.time += 0.5
+    assert slow.set((50e3, 1e3, 0.0)) == (5e3, 1e3, 0.0)
+    assert plant.regulator.max() == 5e3
+    stopped.time += 0.1
+    assert slow.set((50e3, 1e3, 0.0)) == (6e3, 1e3, 0.0)
+    slow.close()
+
+
+class StoppedClock:
+    """A clock that a test turns."""
+
+    time = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep(self, duration: float) -> None:
+        self.time += duration
+
+
+def test_a_pressure_that_is_no_number_is_refused_before_anything_is_sent(regulators: Alicat, fake: AlicatFake) -> None:
+    before = len(fake.requests)
+    with pytest.raises(LimitExceeded, match="channel 2: nan"):
+        regulators.set((0.0, float("nan"), 0.0))
+    assert len(fake.requests) == before
+
+
+def test_a_dead_unit_does_not_keep_the_others_from_venting_and_is_named(
+    regulators: Alicat, fake: AlicatFake, clock: SimClock
+) -> None:
+    raise_to(regulators, clock, (20e3, 20e3, 20e3))
+    fake.faults.extra["dead"] = "A"
+    with pytest.raises(InstrumentError, match="did not vent A: .*by hand"):
+        regulators.vent()
+    assert [fake.device[u].setpoint for u in "ABC"] == [20e3, 0.0, 0.0]
+
+
+def test_a_unit_that_fails_once_is_vented_in_the_second_round(
+    regulators: Alicat, fake: AlicatFake, clock: SimClock
+) -> None:
+    raise_to(regulators, clock, (20e3, 20e3, 20e3))
+    fake.faults.extra["miss"] = {"B": 1}
+    regulators.vent()
+    assert fake.device["B"].setpoint == 0.0
+
+
+def test_venting_lets_a_held_valve_go(regulators: Alicat, fake: AlicatFake, plant: Plant, clock: SimClock) -> None:
+    raise_to(regulators, clock, (20e3, 20e3, 20e3))
+    plant.chamber_pressure[:] = 20e3
+    fake.device["C"].hold("HP")
+    regulators.vent()
+    assert plant.regulator.tolist() == [0.0] * 9
+
+
+def test_closing_with_a_dead_unit_is_quiet_and_vents_the_others(
+    regulators: Alicat, fake: AlicatFake, clock: SimClock
+) -> None:
+    raise_to(regulators, clock, (20e3, 20e3, 20e3))
+    fake.faults.extra["dead"] = "B"
+    regulators.close()
+    assert [fake.device[u].setpoint for u in "AC"] == [0.0, 0.0]
+
+
+def test_a_unit_that_ignores_set_points_is_a_fault_naming_both_values(
+    regulators: Alicat, fake: AlicatFake, clock: SimClock
+) -> None:
+    fake.faults.extra["ignore"] = "B"
+    clock.sleep(1.0)
+    with pytest.raises(DeviceFault, match="unit B was asked for 12.00 kPa and holds 0.00 kPa.*serial"):
+        regulators.set((5e3, 12e3, 5e3))
+
+
+def test_a_unit_that_clamps_a_set_point_is_a_bad_reply_naming_both_values(
+    regulators: Alicat, fake: AlicatFake, clock: SimClock
+) -> None:
+    fake.device["B"].full_scale = 10e3
+    clock.sleep(1.0)
+    with pytest.raises(BadReply, match="unit B was asked for 12.00 kPa and holds 10.00 kPa"):
+        regulators.set((5e3, 12e3, 5e3))
+
+
+@pytest.mark.parametrize("code", ["ADC", "EXH", "HLD", "MOV", "OPL", "OVR", "POV"])
+def test_status_codes_that_matter_are_faults_when_reading(regulators: Alicat, fake: AlicatFake, code: str) -> None:
+    fake.faults.extra["status"] = {"B": code}
+    with pytest.raises(DeviceFault, match=f"unit B reports {code}"):
+        regulators.read()
+
+
+def test_a_locked_display_is_no_fault(regulators: Alicat, fake: AlicatFake) -> None:
+    fake.device["A"].locked = True
+    assert len(regulators.read().measured) == 3
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [({"dead": "B"}, NoReply), ({"refuse": "B"}, BadReply), ({"swap": "B"}, BadReply)],
+)
+def test_a_unit_that_does_not_answer_properly_is_named(
+    regulators: Alicat, fake: AlicatFake, fault: dict[str, object], error: type[Exception]
+) -> None:
+    fake.faults.extra.update(fault)
+    with pytest.raises(error, match="unit B"):
+        regulators.read()
+
+
+@pytest.mark.parametrize("fault", ["truncate", "silent"])
+def test_a_disturbed_line_never_gives_a_reading(regulators: Alicat, fake: AlicatFake, fault: str) -> None:
+    setattr(fake.faults, fault, True)
+    with pytest.raises((BadReply, NoReply)):
+        regulators.read()
+    setattr(fake.faults, fault, False)
+    assert len(regulators.read().measured) == 3
+
+
+def test_a_single_lost_answer_is_made_good_by_asking_again(regulators: Alicat, fake: AlicatFake) -> None:
+    fake.faults.extra["miss"] = {"A": 1, "C": 1}
+    assert len(regulators.read().measured) == 3
+
+
+def test_garbage_in_front_of_an_answer_is_shown(regulators: Alicat, fake: AlicatFake) -> None:
+    fake.faults.garbage = b"\xfe\x01"
+    with pytest.raises(BadReply, match="wanted an answer"):
+        regulators.read()
+
+
+def test_answers_in_pieces_are_whole_answers(regulators: Alicat, fake: AlicatFake) -> None:
+    fake.faults.split = True
+    assert len(regulators.read().measured) == 3
+
+
+def test_a_sweep_that_takes_too_long_is_stale(make: Callable[..., Alicat], fake: AlicatFake) -> None:
+    regulators = make(max_age=0.05)
+    regulators.open()
+    fake.faults.delay = 0.06
+    with pytest.raises(StaleReading, match="limit 0.05 s"):
+        regulators.read()
+
+
+# -- the wrong device
+@pytest.mark.parametrize(
+    ("attribute", "value", "message"),
+    [
+        ("model", "MC-500SCCM-D", "unit B is a MC-500SCCM-D"),
+        ("loop", 34, "controls variable 34, not gauge pressure"),
+        ("unit_code", 10, "shows PSI"),
+        ("full_scale", 200e3, "full scale of 200 kPa, rig.yaml says 400 kPa"),
+        ("source", "A", "its analog input; set its set-point source to serial"),
+    ],
+)
+def test_a_unit_that_cannot_be_used_is_refused_naming_what_was_found(
+    make: Callable[..., Alicat], fake: AlicatFake, attribute: str, value: object, message: str
+) -> None:
+    setattr(fake.device["B"], attribute, value)
+    with pytest.raises(WrongDevice, match=message):
+        make().open()
+
+
+def test_missing_units_are_all_named_with_those_that_answered(make: Callable[..., Alicat], fake: AlicatFake) -> None:
+    fake.faults.extra["dead"] = "AC"
+    with pytest.raises(Unreachable, match=r"no answer from unit A, C .*answered: B\)"):
+        make().open()
+
+
+@pytest.mark.parametrize("firmware", ["5v12.0-R22", "7v09.0-R22", "9v04.0-R23", "10v04.0-R24"])
+def test_older_firmware_is_never_asked_what_it_does_not_know(
+    make: Callable[..., Alicat], fake: AlicatFake, firmware: str
+) -> None:
+    for unit in fake.device.values():
+        unit.firmware = firmware
+    regulators = make()
+    assert regulators.open().firmware == firmware
+    assert not any(unit.locked for unit in fake.device.values())
+    assert regulators.read().setpoint == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("streaming", [False, True])
+def test_a_force_sensor_on_the_port_is_told_at_opening(plant: Plant, clock: SimClock, streaming: bool) -> None:
+    sensor = Ft300sFake(plant, clock)
+    sensor.device.streaming = streaming
+    sensor.start()
+    regulators = Alicat("pressure", Config(port=sensor.port, baud=19200), clock)
+    start = time.monotonic()
+    with pytest.raises(WrongDevice if streaming else Unreachable, match="check p.*baud rate"):
+        regulators.open()
+    assert time.monotonic() - start < 5.0
+    sensor.stop()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"units": ("A", "A", "B")}, "named once"),
+        ({"units": ("A", "B")}, "2 units but 3 lists of chambers"),
+        ({"units": ("A", "B", "c")}, "'c' must be a letter"),
+        ({"max_pressure": 500e3}, "above the units' full_scale"),
+        ({"chambers": ((1,), (1,), (2,))}, "chamber 1 is named"),
+        ({"baud": 4800}, "19200"),
+        ({"prot": "x"}, "Extra inputs"),
+    ],
+)
+def test_a_configuration_that_cannot_work_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        Config(**({"port": "/dev/ttyUSB0"} | changes))

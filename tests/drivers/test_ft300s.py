@@ -1,0 +1,257 @@
+"""The FT 300-S driver through pymodbus and pyserial, against the fake on a pty.
+
+With LAB_TEST_FT300S_PORT=/dev/ttyUSB0 the tests that need no fault run against a real sensor instead; leave its tool
+hanging free.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceFault, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
+from drivers.ft300s import FT300S, Config
+from drivers.interfaces import ForceSensor, WrenchSample
+from sim_fakes.alicat import AlicatFake
+from sim_fakes.clock import SimClock
+from sim_fakes.ft300s import Ft300sFake
+from sim_fakes.plant import Plant
+
+HARDWARE = os.environ.get("LAB_TEST_FT300S_PORT")
+NOISE = 5.0
+"""Tolerances are this many standard deviations of one reading (0.1 N, 0.005 N m)."""
+
+
+def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
+    """Wait for a condition; False when it does not come."""
+    deadline = time.monotonic() + within
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return condition()
+
+
+@pytest.fixture
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def fake(plant: Plant) -> Iterator[Ft300sFake]:
+    if HARDWARE:
+        pytest.skip("needs the fake sensor")
+    fake = Ft300sFake(plant, SimClock(), seed=1)
+    fake.start()
+    yield fake
+    fake.stop()
+
+
+@pytest.fixture
+def samples() -> list[WrenchSample]:
+    return []
+
+
+@pytest.fixture
+def sensor(request: pytest.FixtureRequest, samples: list[WrenchSample]) -> Iterator[FT300S]:
+    port = HARDWARE or request.getfixturevalue("fake").port
+    sensor = FT300S("force", Config(port=port), SimClock(), samples.append)
+    yield sensor
+    sensor.close()
+
+
+# -- these run on hardware too
+def test_opening_tells_maker_model_serial_number_and_firmware(sensor: FT300S) -> None:
+    identity = sensor.open()
+    assert identity.maker == "Robotiq"
+    assert identity.model.startswith("FT 300")
+    assert identity.firmware.startswith("F")
+    assert "-" in identity.serial
+
+
+def test_every_frame_reaches_the_sink_in_order_and_none_is_lost(sensor: FT300S, samples: list[WrenchSample]) -> None:
+    sensor.open()
+    assert eventually(lambda: len(samples) >= 100)
+    assert sensor.lost == 0
+    times = [sample.t for sample in samples]
+    assert times == sorted(times)
+
+
+def test_zero_takes_the_tools_weight_off_and_keeps_the_raw_reading(sensor: FT300S) -> None:
+    sensor.open()
+    zero = sensor.zero(30)
+    assert eventually(lambda: sensor.latest().zero == zero)
+    sample = sensor.latest()
+    assert np.allclose(sample.wrench[:3], 0.0, atol=NOISE * 0.1)
+    assert np.allclose(sample.wrench[3:], 0.0, atol=NOISE * 0.005)
+    assert np.allclose(sample.raw, np.add(sample.wrench, zero))
+
+
+def test_closing_twice_is_quiet_and_the_sensor_opens_again(sensor: FT300S) -> None:
+    sensor.open()
+    sensor.close()
+    sensor.close()
+    assert sensor.open().maker == "Robotiq"
+    assert abs(sensor.latest().raw[0]) < 300
+
+
+def test_before_opening_and_after_closing_it_is_not_ready(sensor: FT300S) -> None:
+    with pytest.raises(NotReady, match="open"):
+        sensor.latest()
+    sensor.open()
+    sensor.close()
+    with pytest.raises(NotReady, match="open"):
+        sensor.zero(1)
+
+
+def test_a_zero_of_no_samples_is_refused(sensor: FT300S) -> None:
+    sensor.open()
+    with pytest.raises(LimitExceeded, match="0 samples"):
+        sensor.zero(0)
+
+
+# -- these need the fake
+def test_force_is_turned_into_the_sensor_frame_with_its_moment(sensor: FT300S, fake: Ft300sFake, plant: Plant) -> None:
+    fake.device.bias[:] = 0.0
+    fake.device.lever = np.array([0.0, 0.02, 0.1])
+    # the tool points along base -x, its x axis along base z
+    plant.probe_rotation = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    plant.probe_force = np.array([12.0, -3.0, 5.0])
+    sensor.open()
+    raw = np.mean([sensor.zero(50)], axis=0)
+    assert np.allclose(raw[:3], [5.0, -3.0, -12.0], atol=0.1)
+    assert np.allclose(raw[3:], np.cross([0.0, 0.02, 0.1], [5.0, -3.0, -12.0]), atol=0.005)
+
+
+def test_identity_comes_from_the_registers(sensor: FT300S, fake: Ft300sFake) -> None:
+    fake.device.number, fake.device.version, fake.device.year = 70_001, (3, 1, 4), 2024
+    identity = sensor.open()
+    assert (identity.serial, identity.firmware, identity.model) == ("FTS-70001", "FTS-3.1.4", "FT 300-S (2024)")
+
+
+def test_a_sensor_left_streaming_by_a_host_that_died_is_stopped_and_opened(sensor: FT300S, fake: Ft300sFake) -> None:
+    fake.device.streaming = True
+    time.sleep(0.1)
+    assert sensor.open().serial == "FTS-1234"
+    assert sensor.latest().raw[2] == pytest.approx(30.0, abs=1.0)
+
+
+def test_closing_ends_the_stream(sensor: FT300S, fake: Ft300sFake) -> None:
+    sensor.open()
+    assert fake.device.streaming
+    sensor.close()
+    assert not fake.device.streaming
+
+
+def test_the_stream_is_found_again_after_garbage(sensor: FT300S, fake: Ft300sFake, samples: list[WrenchSample]) -> None:
+    fake.device.noise[:] = 0.0
+    sensor.open()
+    fake.faults.garbage, fake.faults.split = b"\x20\x4e\x00", True
+    assert eventually(lambda: len(samples) > 40)
+    assert {sample.raw for sample in samples} == {(1.5, -2.25, 30.0, 0.125, -0.5, 1.0)}
+
+
+def test_damaged_frames_are_counted_and_none_is_delivered(
+    sensor: FT300S, fake: Ft300sFake, samples: list[WrenchSample]
+) -> None:
+    fake.device.noise[:] = 0.0
+    sensor.open()
+    fake.faults.corrupt = True
+    assert eventually(lambda: sensor.lost >= 30)
+    fake.faults.corrupt = False
+    after = len(samples)
+    assert eventually(lambda: len(samples) > after + 10)
+    assert {sample.raw for sample in samples} == {(1.5, -2.25, 30.0, 0.125, -0.5, 1.0)}
+
+
+def test_frames_that_never_come_are_counted(sensor: FT300S, fake: Ft300sFake) -> None:
+    sensor.open()
+    fake.faults.extra["drop"] = 2
+    assert eventually(lambda: sensor.lost >= 30)
+
+
+def test_the_speed_of_the_rigs_clock_does_not_count_as_loss(fake: Ft300sFake) -> None:
+    fake.clock.speed = 50.0
+    samples: list[WrenchSample] = []
+    sensor = FT300S("force", Config(port=fake.port), fake.clock, samples.append)
+    sensor.open()
+    try:
+        assert eventually(lambda: len(samples) >= 60)
+        assert sensor.lost == 0
+    finally:
+        sensor.close()
+
+
+@pytest.mark.parametrize(("axis", "named"), [(2, "fz = 327.67 N .* 300 N"), (4, "my = 32.77 N m .* 30 N m")])
+def test_a_reading_beyond_the_range_is_a_fault_that_names_the_axis(
+    sensor: FT300S, fake: Ft300sFake, samples: list[WrenchSample], axis: int, named: str
+) -> None:
+    sensor.open()
+    fake.faults.extra["over_range"] = axis
+    assert eventually(lambda: abs(samples[-1].raw[axis]) > 32)
+    with pytest.raises(DeviceFault, match=named):
+        sensor.latest()
+
+
+def test_a_stream_that_stops_makes_the_reading_stale_and_zero_ends_in_time(sensor: FT300S, fake: Ft300sFake) -> None:
+    sensor.open()
+    fake.faults.silent = True
+    time.sleep(0.2)
+    with pytest.raises(StaleReading, match=r"newest frame is 0\.\d+ s old, limit 0\.1 s"):
+        sensor.latest()
+    with pytest.raises(StaleReading, match="of 5 frames came"):
+        sensor.zero(5)
+
+
+def test_a_cable_pulled_out_is_unreachable_and_closing_is_still_quiet(sensor: FT300S, fake: Ft300sFake) -> None:
+    sensor.open()
+    fake.stop()
+    with pytest.raises(Unreachable, match="lost"):
+        sensor.zero(5)
+    sensor.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "message"),
+    [
+        ({"foreign": "GRP"}, WrongDevice, "'GRP'"),
+        ({"exception": 2}, WrongDevice, "no registers 500 to 502"),
+        ({"no_stream": True}, Unreachable, "no whole frame"),
+        ({"endless": True}, WrongDevice, "cannot be stopped"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_with_a_reason(
+    sensor: FT300S, fake: Ft300sFake, fault: dict[str, object], error: type[Exception], message: str
+) -> None:
+    fake.faults.extra.update(fault)
+    fake.device.streaming = "endless" in fault
+    with pytest.raises(error, match=message):
+        sensor.open()
+
+
+def test_a_silent_sensor_is_unreachable_and_the_message_says_what_to_check(sensor: FT300S, fake: Ft300sFake) -> None:
+    fake.device.device_id = 5
+    with pytest.raises(Unreachable, match="no answer from Modbus device 9.*24 V"):
+        sensor.open()
+
+
+def test_another_instrument_on_the_port_is_told_at_opening(plant: Plant) -> None:
+    regulators = AlicatFake(plant, SimClock(), baud=19200)
+    regulators.start()
+    sensor = FT300S("force", Config(port=regulators.port), SimClock(), lambda sample: None)
+    start = time.monotonic()
+    with pytest.raises(Unreachable, match="check 24 V power, cable and port"):
+        sensor.open()
+    assert time.monotonic() - start < 5.0
+    regulators.stop()
+
+
+def test_a_port_that_is_not_there_is_unreachable() -> None:
+    sensor = FT300S("force", Config(port="/dev/nothing"), SimClock(), lambda sample: None)
+    with pytest.raises(Unreachable, match="/dev/nothing"):
+        sensor.open()
+
+
+def test_the_driver_is_a_force_sensor(sensor: FT300S) -> None:
+    instrument: ForceSensor = sensor
+    assert instrument.name == "force"

@@ -1,0 +1,117 @@
+"""The request/reply line, against a pty whose other end the test holds."""
+
+import os
+import pty
+import time
+import tty
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from drivers import serial_line
+from drivers.errors import BadReply, NoReply, NotReady, Unreachable
+from drivers.serial_line import SerialLine
+
+
+@dataclass
+class OtherEnd:
+    """What sits at the far end of the cable: it says things before it is asked."""
+
+    master: int
+    slave: int
+
+    def say(self, data: bytes) -> None:
+        os.write(self.master, data)
+        time.sleep(0.01)
+
+    def heard(self) -> bytes:
+        return os.read(self.master, 1000)
+
+
+@pytest.fixture
+def end() -> Iterator[OtherEnd]:
+    master, slave = pty.openpty()
+    tty.setraw(master)
+    tty.setraw(slave)
+    yield OtherEnd(master, slave)
+    for fd in (master, slave):
+        try:
+            os.close(fd)
+        except OSError:
+            continue
+
+
+@pytest.fixture
+def line(end: OtherEnd) -> Iterator[SerialLine]:
+    line = SerialLine("gauge", os.ttyname(end.slave), 19200, timeout=0.1)
+    line.open()
+    yield line
+    line.close()
+
+
+def test_an_answer_comes_without_its_terminator_and_what_follows_stays(end: OtherEnd, line: SerialLine) -> None:
+    end.say(b"first\r\nsecond\r\nthird")
+    assert line.read_until(b"\r\n") == b"first"
+    assert line.read_until(b"\r\n") == b"second"
+    assert line.read_exactly(5) == b"third"
+
+
+def test_asking_throws_stale_input_away_first(end: OtherEnd, line: SerialLine) -> None:
+    end.say(b"late answer\rrest")
+    with pytest.raises(NoReply):
+        line.ask(b"A\r", b"\r")
+    assert end.heard() == b"A\r"
+
+
+def test_silence_is_no_reply_and_names_the_instrument_the_port_and_the_request(line: SerialLine) -> None:
+    with pytest.raises(NoReply, match=rf"gauge: no answer on {line.port}.*request was b'AVE\\r'"):
+        line.ask(b"AVE\r", b"\r")
+
+
+def test_an_answer_without_its_end_is_shown(end: OtherEnd, line: SerialLine) -> None:
+    end.say(b"half an ans")
+    with pytest.raises(BadReply, match="half an ans"):
+        line.read_until(b"\r")
+
+
+def test_an_endless_answer_is_given_up_before_its_time(
+    end: OtherEnd, line: SerialLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_line, "LONGEST_ANSWER", 100)
+    end.say(b"x" * 200)
+    start = time.monotonic()
+    with pytest.raises(BadReply, match=r"\.\.\. \(200 bytes\)"):
+        line.read_until(b"\r", timeout=20.0)
+    assert time.monotonic() - start < 10.0
+
+
+def test_listening_returns_what_came_and_silence_is_no_error(end: OtherEnd, line: SerialLine) -> None:
+    assert line.listen(0.03) == b""
+    end.say(b"noise")
+    assert line.listen(0.03) == b"noise"
+
+
+def test_a_port_that_is_not_there_is_unreachable_and_says_what_to_check() -> None:
+    with pytest.raises(Unreachable, match="cannot open /dev/nothing.*rig.yaml"):
+        SerialLine("gauge", "/dev/nothing", 9600, 0.1).open()
+
+
+def test_a_port_that_another_line_has_is_unreachable(line: SerialLine) -> None:
+    with pytest.raises(Unreachable, match="no other program"):
+        SerialLine("valve", line.port, 9600, 0.1).open()
+
+
+def test_a_line_that_is_pulled_out_is_unreachable_not_an_operating_system_error(
+    end: OtherEnd, line: SerialLine
+) -> None:
+    os.close(end.master)
+    with pytest.raises(Unreachable, match="lost"):
+        line.ask(b"A\r", b"\r")
+
+
+def test_a_closed_line_is_not_ready_and_closing_again_does_nothing(line: SerialLine) -> None:
+    line.close()
+    line.close()
+    with pytest.raises(NotReady, match="not open"):
+        line.write(b"A")

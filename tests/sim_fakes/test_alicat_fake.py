@@ -1,0 +1,140 @@
+"""What the fake Alicat units answer, line by line, to a plain serial port."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+import serial
+
+from sim_fakes.alicat import AlicatFake
+from sim_fakes.clock import SimClock
+from sim_fakes.plant import Plant
+
+Ask = Callable[[str], str]
+
+
+@pytest.fixture
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def fake(plant: Plant) -> Iterator[AlicatFake]:
+    fake = AlicatFake(plant, SimClock(speed=20), seed=3)
+    fake.start()
+    yield fake
+    fake.stop()
+
+
+@pytest.fixture
+def ask(fake: AlicatFake) -> Iterator[Ask]:
+    with serial.Serial(fake.port, 115200, timeout=0.1) as port:
+
+        def ask(words: str) -> str:
+            port.reset_input_buffer()
+            port.write(words.encode() + b"\r")
+            return port.read_until(b"\r").decode().strip()
+
+        yield ask
+
+
+def numbers(frame: str) -> list[float]:
+    return [float(word) for word in frame.split()[1:3]]
+
+
+@pytest.mark.parametrize("request_", ["AS50", "AS 50.00", "as 50", "A8000"])
+def test_each_form_of_set_point_is_understood(ask: Ask, plant: Plant, request_: str) -> None:
+    assert numbers(ask(request_))[1] == 50.0
+    assert plant.regulator[[8, 0, 1]].tolist() == [50e3] * 3
+
+
+def test_a_set_point_beyond_the_range_is_clamped(ask: Ask) -> None:
+    assert numbers(ask("AS 999"))[1] == 400.0
+    assert numbers(ask("AS -5"))[1] == 0.0
+
+
+@pytest.mark.parametrize("words", ["AS", "AS abc", "AS 5 kPa", "AXX", "AVE2", "A64001", "AFPF", "ALS abc"])
+def test_what_is_not_exact_is_refused(ask: Ask, words: str) -> None:
+    assert ask(words) == "?"
+
+
+def test_an_unknown_letter_is_met_with_silence(ask: Ask) -> None:
+    assert ask("Z") == ""
+
+
+def test_a_request_before_the_last_answer_jams_the_line(fake: AlicatFake) -> None:
+    with serial.Serial(fake.port, 115200, timeout=0.1) as port:
+        port.write(b"A\rB\r")
+        assert port.read_until(b"\r").startswith(b"B ")
+        assert port.read_until(b"\r") == b""
+
+
+def test_readings_have_noise_and_the_displays_digits(ask: Ask, plant: Plant) -> None:
+    plant.chamber_pressure[:] = 50e3
+    readings = [numbers(ask("B"))[0] for _ in range(40)]
+    assert 0.05 < max(readings) - min(readings) < 1.0
+    assert sum(readings) / 40 == pytest.approx(50.0, abs=0.1)
+    assert all(round(r, 2) == r for r in readings)
+
+
+def test_the_set_point_command_needs_its_firmware(ask: Ask, fake: AlicatFake) -> None:
+    assert ask("ALS 50") == "A +050.00 +050.00 04 kPa"
+    fake.device["A"].firmware = "8v17.0-R23"
+    assert ask("ALS 60") == "?"
+    fake.device["A"].firmware = "7v09.0-R22"
+    assert ask("ALS 60").endswith("LCK")
+    assert fake.device["A"].setpoint == 50e3
+
+
+def test_the_source_query_needs_its_firmware_and_the_source_is_obeyed(ask: Ask, fake: AlicatFake) -> None:
+    assert ask("ALSS") == "A S"
+    assert ask("ALSS A") == "A A"
+    assert numbers(ask("AS 50"))[1] == 0.0
+    fake.device["A"].firmware = "10v04.0-R24"
+    assert ask("ALSS") == "?"
+
+
+def test_a_held_valve_keeps_the_pressure_and_says_so_until_it_is_cancelled(ask: Ask, plant: Plant) -> None:
+    ask("AS 50")
+    plant.chamber_pressure[:] = 20e3
+    assert ask("AHP").endswith("HLD")
+    assert plant.regulator[0] == 20e3
+    assert not ask("AC").endswith("HLD")
+    assert plant.regulator[0] == 50e3
+    assert ask("AE").endswith("EXH")
+    assert plant.regulator[0] == 0.0
+
+
+def test_pressure_above_the_range_raises_the_status_code(ask: Ask, plant: Plant) -> None:
+    plant.chamber_pressure[:] = 500e3
+    assert ask("A").endswith("POV")
+
+
+def test_the_unit_of_measure_changes_what_is_shown_and_what_is_understood(ask: Ask, fake: AlicatFake) -> None:
+    fake.device["A"].unit_code = 10
+    assert ask("AFPF 6") == "A +058.02 10 PSI"
+    ask("AS 10")
+    assert fake.device["A"].setpoint == pytest.approx(68_947.57)
+
+
+def test_the_manufacturers_table_has_model_and_serial_number(fake: AlicatFake) -> None:
+    with serial.Serial(fake.port, 115200, timeout=0.2) as port:
+        port.write(b"B??M*\r")
+        rows = [port.read_until(b"\r").decode().strip() for _ in range(10)]
+    assert rows[4] == "B  M04 Model Number PC-60PSIG-D"
+    assert rows[5] == "B  M05 Serial Number 521642"
+    assert rows[9].endswith("10v20.0-R24")
+
+
+def test_a_stuck_reading_repeats_and_then_lives_again(ask: Ask, fake: AlicatFake) -> None:
+    fake.faults.extra["stuck"] = "A"
+    assert len({numbers(ask("A"))[0] for _ in range(10)}) == 1
+    fake.faults.extra.clear()
+    assert len({numbers(ask("A"))[0] for _ in range(10)}) > 1
+
+
+def test_with_frozen_physics_a_set_point_is_confirmed_and_goes_nowhere(
+    ask: Ask, fake: AlicatFake, plant: Plant
+) -> None:
+    fake.faults.freeze = True
+    assert numbers(ask("AS 50"))[1] == 50.0
+    assert plant.regulator[0] == 0.0

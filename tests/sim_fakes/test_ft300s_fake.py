@@ -1,0 +1,126 @@
+"""The fake FT 300-S on the wire: Modbus frames as bytes, and the stream."""
+
+import struct
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import serial
+
+from sim_fakes.clock import SimClock
+from sim_fakes.ft300s import Ft300sFake, crc16
+from sim_fakes.plant import Plant
+
+
+@pytest.fixture
+def fake() -> Iterator[Ft300sFake]:
+    fake = Ft300sFake(Plant(), SimClock(speed=20), seed=5)
+    fake.start()
+    yield fake
+    fake.stop()
+
+
+@pytest.fixture
+def port(fake: Ft300sFake) -> Iterator[serial.Serial]:
+    with serial.Serial(fake.port, 19200, timeout=0.1) as port:
+        yield port
+
+
+def ask(port: serial.Serial, body: str) -> bytes:
+    """Send a request given in hex without its CRC; the answer without its CRC, which is checked."""
+    request = bytes.fromhex(body)
+    port.write(request + crc16(request))
+    answer = port.read(100)
+    assert crc16(answer[:-2]) == answer[-2:] or not answer
+    return answer[:-2]
+
+
+@pytest.mark.parametrize(
+    "frame", ["09 03 00 B4 00 01 C5 64", "09 03 00 B4 00 06 84 A6", "09 10 01 9A 00 01 02 02 00 CD CA"]
+)
+def test_the_crc_is_that_of_the_frames_in_the_manual(frame: str) -> None:
+    whole = bytes.fromhex(frame)
+    assert crc16(whole[:-2]) == whole[-2:]
+
+
+def test_the_wrench_registers_are_big_endian_hundredths_and_thousandths(fake: Ft300sFake, port: serial.Serial) -> None:
+    fake.device.noise[:] = 0.0
+    answer = ask(port, "09 03 00B4 0006")
+    assert struct.unpack(">6h", answer[3:]) == (150, -225, 3000, 125, -500, 1000)
+
+
+def test_noise_has_the_size_of_the_sensors(fake: Ft300sFake) -> None:
+    counts = np.array([fake.device.counts() for _ in range(2000)])
+    assert counts.std(axis=0) == pytest.approx([10, 10, 10, 5, 5, 5], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("request_", "code"),
+    [
+        ("09 04 00B4 0001", 1),
+        ("09 03 00BA 0001", 2),
+        ("09 03 01F7 0002", 2),
+        ("09 03 00B4 0000", 3),
+        ("09 10 01F4 0001 02 0000", 2),
+        ("09 10 019A 0001 02 0300", 3),
+    ],
+)
+def test_bad_requests_are_refused_with_the_modbus_code(port: serial.Serial, request_: str, code: int) -> None:
+    answer = ask(port, request_)
+    assert answer == bytes((9, bytes.fromhex(request_)[1] | 0x80, code))
+
+
+@pytest.mark.parametrize("request_", ["05 03 00B4 0001", "09 03 00B4 0001 00", "09 10 019A 0001 03 0200"])
+def test_a_foreign_id_or_a_wrong_length_is_met_with_silence(port: serial.Serial, request_: str) -> None:
+    assert ask(port, request_) == b""
+
+
+def test_a_wrong_crc_is_met_with_silence(port: serial.Serial) -> None:
+    port.write(bytes.fromhex("0903 00B4 0001 C565"))
+    assert port.read(10) == b""
+
+
+def test_a_pause_inside_a_request_breaks_it(port: serial.Serial) -> None:
+    whole = bytes.fromhex("090300B40001C564")
+    port.write(whole[:4])
+    time.sleep(0.05)
+    port.write(whole[4:])
+    assert port.read(10) == b""
+
+
+def test_starting_the_stream_is_acknowledged_and_then_modbus_is_dead(port: serial.Serial) -> None:
+    port.write(bytes.fromhex("0910019A000102 0200 CDCA"))
+    assert port.read(8)[:6] == bytes.fromhex("0910019A0001")
+    port.write(bytes.fromhex("090300B40001C564"))
+    port.timeout = 5
+    heard = port.read(160)
+    frames = [heard[i : i + 16] for i in range(0, 160, 16)]
+    assert all(f[:2] == b"\x20\x4e" and crc16(f[:14]) == f[14:] for f in frames)
+
+
+def test_only_fifty_stop_bytes_in_a_row_end_the_stream(fake: Ft300sFake, port: serial.Serial) -> None:
+    fake.device.streaming = True
+    port.write(b"\xff" * 49 + b"\x00" + b"\xff" * 49)
+    time.sleep(0.1)
+    assert fake.device.streaming
+    port.write(b"\xff" * 50)
+    time.sleep(0.1)
+    assert not fake.device.streaming
+
+
+def test_the_stream_keeps_a_hundred_frames_a_second_of_host_time(fake: Ft300sFake, port: serial.Serial) -> None:
+    fake.device.streaming = True
+    port.read(16)
+    start = time.monotonic()
+    port.timeout = 5
+    port.read(16 * 100)
+    assert 0.9 < time.monotonic() - start < 5.0
+
+
+def test_force_and_moment_follow_the_probe(fake: Ft300sFake) -> None:
+    fake.device.bias[:] = 0.0
+    fake.device.plant.probe_rotation = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    fake.device.plant.probe_force = np.array([0.0, 10.0, 0.0])
+    # base y is the tool's x axis; at 0.1 m along z it gives a moment about y
+    assert fake.device.wrench() == pytest.approx([10.0, 0.0, 0.0, 0.0, 1.0, 0.0])

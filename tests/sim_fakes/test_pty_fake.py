@@ -1,0 +1,102 @@
+"""The common faults of a fake on a pty, seen by a plain serial port."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+import serial
+
+from sim_fakes.clock import SimClock
+from sim_fakes.pty_fake import PtyFake
+
+
+class Echo(PtyFake):
+    """Sends every line back, and counts the rig time that its physics has seen."""
+
+    def __init__(self) -> None:
+        super().__init__("echo", SimClock(), baud=115200, seed=1)
+        self.processed = 0.0
+
+    def process(self, dt: float) -> None:
+        self.processed += dt
+
+    def feed(self) -> bool:
+        line, end, rest = self.buffer.partition(b"\n")
+        if not end:
+            return False
+        self.buffer = rest
+        self.send(line + end)
+        return True
+
+
+@pytest.fixture
+def echo() -> Iterator[Echo]:
+    echo = Echo()
+    echo.start()
+    yield echo
+    echo.stop()
+
+
+@pytest.fixture
+def port(echo: Echo) -> Iterator[serial.Serial]:
+    with serial.Serial(echo.port, 115200, timeout=0.2) as port:
+        yield port
+
+
+def ask(port: serial.Serial, request: bytes = b"0123456789\n", size: int = 11) -> bytes:
+    port.write(request)
+    return port.read(size)
+
+
+def test_without_faults_every_byte_comes_back(port: serial.Serial) -> None:
+    assert ask(port) == b"0123456789\n"
+
+
+def test_silent_reads_and_does_not_answer(echo: Echo, port: serial.Serial) -> None:
+    echo.faults.silent = True
+    assert ask(port) == b""
+
+
+def test_corrupt_changes_exactly_one_bit(echo: Echo, port: serial.Serial) -> None:
+    echo.faults.corrupt = True
+    differing = [a ^ b for a, b in zip(ask(port), b"0123456789\n", strict=True) if a != b]
+    assert len(differing) == 1
+    assert differing[0].bit_count() == 1
+
+
+def test_truncate_sends_the_first_half(echo: Echo, port: serial.Serial) -> None:
+    echo.faults.truncate = True
+    assert ask(port) == b"01234"
+
+
+def test_garbage_comes_first(echo: Echo, port: serial.Serial) -> None:
+    echo.faults.garbage = b"\x00\xff"
+    assert ask(port, size=13) == b"\x00\xff0123456789\n"
+
+
+def test_split_answers_are_whole_in_the_end(echo: Echo, port: serial.Serial) -> None:
+    echo.faults.split = True
+    assert ask(port) == b"0123456789\n"
+
+
+def test_delay_holds_the_answer_back(echo: Echo, port: serial.Serial) -> None:
+    echo.faults.delay = 0.15
+    start = time.monotonic()
+    assert ask(port) == b"0123456789\n"
+    assert time.monotonic() - start >= 0.15
+
+
+def test_freeze_stops_the_physics_but_not_the_answers(echo: Echo, port: serial.Serial) -> None:
+    echo.faults.freeze = True
+    ask(port)
+    before = echo.processed
+    time.sleep(0.1)
+    assert ask(port) == b"0123456789\n"
+    assert echo.processed == before
+
+
+def test_answers_that_nobody_reads_do_not_stop_the_fake(echo: Echo) -> None:
+    for _ in range(1000):
+        echo.send(b"0123456789", line_time=False)
+    with serial.Serial(echo.port, 115200, timeout=1) as port:
+        assert ask(port, b"still here\n") == b"still here\n"
