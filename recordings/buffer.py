@@ -74,7 +74,7 @@ class Buffer:
     def window(self, t0: float, t1: float) -> NDArray[np.void]:
         """Messages with t0 <= t <= t1, decoded; `RecordingError` when some of them are forgotten."""
         with self._lock:
-            if t0 <= self.forgotten:
+            if -math.inf < self.forgotten >= t0:
                 raise RecordingError(
                     f"{self.message.topic}: samples from {t0:.3f} s are no longer in memory "
                     f"(kept: {self.keep:g} s); read the state sooner or keep more"

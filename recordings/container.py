@@ -84,6 +84,9 @@ def walk(data: memoryview, name: str) -> Contents:
                 contents.finished = True
                 contents.end = at + len(MAGIC)
             break
+    if not contents.finished and contents.chunks:
+        # Some of its indexes may be cut off; without any, its records are walked over instead.
+        contents.chunks[-1].indexes.clear()
     return contents
 
 

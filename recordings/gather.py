@@ -152,6 +152,8 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
     ends = offsets + 9 + heads["length"].astype(np.int64)
     if (heads["opcode"] != Opcode.MESSAGE).any() or (heads["channel"] != channel).any() or (ends > len(whole)).any():
         raise Damaged(f"{name}: a message index points at no message; run `lab recover` to have it made anew")
+    if (np.diff(offsets) <= 0).any() and len(np.unique(offsets)) < len(offsets):
+        raise Damaged(f"{name}: a message index lists a message twice; run `lab recover` to have it made anew")
     return Picked(channel, heads["log"].astype(np.int64), offsets + HEAD, ends, whole)
 
 

@@ -70,8 +70,8 @@ def settled_window(
     if good.any():
         ends, begins = ends[good], begins[good]
         good = np.ones(len(ends), dtype=bool)
-        for times in stamps.values():
-            good &= _longest_pause_ok(times, begins, ends, rule.max_gap)
+        for topic, times in stamps.items():
+            good &= _longest_pause_ok(times, begins, ends, _pause(rule, topic))
         good &= _count(far, pressure["t"], begins, ends) == 0
         good &= _extent(tip, begins, ends, rule.smooth) <= rule.still_distance
     if good.any():
@@ -125,6 +125,11 @@ def crossing_window(
         t1 = min(t1, ramp_end)
     # The crossing itself is known from the sample after it, which the window need not hold.
     return Span(t0, t1, at) if max(t1, float(t[i])) < watermark else None
+
+
+def _pause(rule: Settled, topic: str) -> float:
+    """How long a stream may have no usable sample, s."""
+    return rule.max_hidden if topic == "/tip" else rule.max_gap
 
 
 def _names(chambers: Sequence[int]) -> str:
@@ -183,9 +188,9 @@ def _why_not(
     for topic, times in stamps.items():
         late = times[(times >= since) & (times <= end)]
         pause = float(np.diff(late, prepend=since, append=end).max())
-        if pause > rule.max_gap:
-            hint = "; check the cameras' view" if topic == "/tip" else ""
-            parts.append(f"{topic} pauses for {pause:.2f} s, allowed {rule.max_gap:g} s{hint}")
+        if pause > _pause(rule, topic):
+            what = "the tip was not tracked (check the cameras' view)" if topic == "/tip" else f"{topic} paused"
+            parts.append(f"{what} for {pause:.2f} s, allowed {_pause(rule, topic):g} s")
     pressures: Any = pressure["measured"][(pressure["t"] >= since) & (pressure["t"] <= end)]
     if len(pressures):
         off = np.abs(pressures - np.asarray(targets)).max(axis=0)

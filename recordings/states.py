@@ -31,11 +31,11 @@ AMBIENT = 101_325.0
 class Settled:
     """Read when, for at least `still` seconds on end, pressures and tip have come to rest; then the mean of that time.
 
-    In the window that is averaged: every pressure sample within `band` (Pa) of its target; tip tracked; each axis of
-    the tip's moving average over `smooth` samples stays within `still_distance` (m) from peak to peak; no stream
-    pauses longer than `max_gap` (s); it lasts at least `still` and `average` (s) and holds `min_samples` of every
-    stream relied on. The first such window after `t_start` counts; `NotSettled` when there is none within `timeout`
-    (s).
+    In the window that is averaged: every pressure sample is within `band` (Pa) of its target; the tip is never unseen
+    for longer than `max_hidden` (s); each axis of its moving average over `smooth` samples stays within
+    `still_distance` (m) from peak to peak; no other stream pauses longer than `max_gap` (s). The window lasts at least
+    `still` and `average` (s) and holds `min_samples` of every stream relied on. The first such window after `t_start`
+    counts; `NotSettled` when there is none within `timeout` (s).
     """
 
     band: float = 1500.0
@@ -45,6 +45,7 @@ class Settled:
     average: float = 0.5
     min_samples: int = 5
     max_gap: float = 0.5
+    max_hidden: float = 0.1
     timeout: float = 60.0
 
 

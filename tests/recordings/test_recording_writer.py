@@ -1,0 +1,256 @@
+"""The recorder: what goes in is in the file, nothing is lost unnoticed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+from synthetic_run import Run
+
+from recordings.errors import BadMessage, RecordingError, WriteFailed
+from recordings.reader import Recording
+from recordings.writer import Recorder
+
+WALL = 1_700_000_000_000_000_123
+
+
+def record(path: Path, run: Run, **more: object) -> Recorder:
+    recorder = Recorder(path, start_wall_ns=WALL, attachments={"rig.yaml": b"x: 1\n"}, markers=2)
+    for topic, t, values in run.messages():
+        recorder.push(topic, t, values)
+    return recorder
+
+
+def test_an_independent_reader_finds_every_message_with_its_values_and_log_time(tmp_path: Path) -> None:
+    run = Run(duration=2.0)
+    record(tmp_path / "a.mcap", run).close("completed")
+    sent = {topic: [m for m in run.messages() if m[0] == topic] for topic in ("/pressure", "/tip", "/force", "/arm")}
+    with open(tmp_path / "a.mcap", "rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        found: dict[str, list[tuple[int, object]]] = {}
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, decoded))
+        assert [a.name for a in reader.iter_attachments()] == ["rig.yaml"]
+    for topic, messages in sent.items():
+        assert [log for log, _ in found[topic]] == [WALL + round(t * 1e9) for _, t, _ in messages]
+    assert [list(d.measured) for _, d in found["/pressure"]] == [list(v[1]) for _, _, v in sent["/pressure"]]  # type: ignore[attr-defined, call-overload]
+    assert [d.frame for _, d in found["/tip"]] == [v[1] for _, _, v in sent["/tip"]]  # type: ignore[attr-defined]
+
+
+def test_a_finished_file_passes_all_checksums(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap", Run(duration=1.0)).close("completed")
+    with open(tmp_path / "a.mcap", "rb") as file:
+        assert list(StreamReader(file, validate_crcs=True).records)
+
+
+def test_the_buffer_and_the_file_hold_the_same_numbers_bit_by_bit(tmp_path: Path) -> None:
+    recorder = record(tmp_path / "a.mcap", Run(duration=3.0))
+    recorder.close("completed")
+    recording = Recording.open(tmp_path / "a.mcap")
+    for topic in recorder.messages:
+        live = recorder.buffers.window(topic, -np.inf, np.inf)
+        assert live.dtype == recording.stream(topic).dtype
+        assert live.tobytes() == recording.stream(topic).tobytes()
+        assert len(live) or topic == "/valve"
+
+
+def test_metadata_tell_outcome_and_counts(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, metadata={"versions": {"softlab": "0.1"}})
+    for k in range(10):
+        recorder.push("/valve", k * 0.1, on=True)
+    recorder.push("/valve", 0.3, on=False)
+    recorder.note_lost("/valve", 4)
+    counts = recorder.close("stopped", "by hand")
+    assert (counts["/valve"].generated, counts["/valve"].written) == (11, 10)
+    assert (counts["/valve"].dropped, counts["/valve"].lost, counts["/valve"].complete) == (1, 4, False)
+    recording = Recording.open(tmp_path / "a.mcap")
+    assert recording.outcome == "stopped" and recording.metadata["outcome"]["detail"] == "by hand"
+    assert recording.metadata["versions"] == {"softlab": "0.1"}
+    assert json.loads(recording.metadata["counts"]["/valve"])["lost"] == 4
+    assert recorder.close("completed") == counts
+    assert recording.outcome == "stopped"
+
+
+def test_what_is_not_a_message_is_refused_and_counted(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL) as recorder:
+        for t in (float("nan"), -1.0, float("inf")):
+            with pytest.raises(BadMessage, match="rig time"):
+                recorder.push("/vacuum", t, absolute=1.0)
+        with pytest.raises(BadMessage, match="absolut"):
+            recorder.push("/vacuum", 0.0, absolut=1.0)
+        with pytest.raises(BadMessage, match="/vaccum"):
+            recorder.push("/vaccum", 0.0, absolute=1.0)
+        with pytest.raises(BadMessage, match="loud"):
+            recorder.log("loud", "text")
+    assert recorder.counts()["/vacuum"].dropped == 4
+
+
+@dataclass(frozen=True)
+class Body:
+    t: float
+    device_time: float
+    frame: int
+    position: tuple[float, float, float]
+    orientation: tuple[float, float, float, float]
+    marker_error: float
+    valid: bool
+    markers: tuple[tuple[float, float, float], ...]
+
+
+def test_a_sink_fills_up_markers_and_never_raises(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, markers=2)
+    sink = recorder.sink("/tip")
+    sink(Body(0.1, 0.1, 1, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ((4, 5, 6),)))
+    sink(Body(0.2, 0.2, 2, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ((4, 5, 6),) * 3))
+    sink(Body(0.3, 0.3, 3, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ((4, 5, 6),) * 3))
+    recorder.close("completed")
+    sink(Body(0.4, 0.4, 4, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ()))
+    recording = Recording.open(tmp_path / "a.mcap")
+    (markers,) = recording.stream("/tip")["markers"]
+    assert markers[0].tolist() == [4, 5, 6] and np.isnan(markers[1]).all()
+    assert [line.level for line in recording.log] == ["info", "error"] and "markers" in recording.log[1].text
+    assert recorder.counts()["/tip"].dropped == 3
+
+
+def test_many_producers_at_once_lose_nothing_and_keep_each_stream_in_order(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
+    topics = {
+        "/vacuum": lambda k: (float(k),),
+        "/valve": lambda k: (k % 2 == 0,),
+        "/force": lambda k: ((k,) * 6, (0,) * 6),
+    }
+
+    def produce(topic: str) -> None:
+        for k in range(3000):
+            recorder.push(topic, k * 1e-3, topics[topic](k))
+
+    threads = [threading.Thread(target=produce, args=(topic,)) for topic in topics]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    counts = recorder.close("completed")
+    recording = Recording.open(tmp_path / "a.mcap")
+    for topic in topics:
+        assert counts[topic].written == 3000
+        assert np.array_equal(
+            recording.stream(topic)["t"], np.array([round(k * 1e-3 * 1e9) / 1e9 for k in range(3000)])
+        )
+    assert recording.stream("/vacuum")["absolute"].tolist() == list(range(3000))
+
+
+def test_an_existing_file_is_never_written_over(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_text("precious")
+    with pytest.raises(WriteFailed, match="exists"):
+        Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
+    assert (tmp_path / "a.mcap").read_text() == "precious"
+
+
+def test_leaving_a_with_block_by_an_error_is_recorded_as_failed(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), Recorder(tmp_path / "a.mcap", start_wall_ns=WALL):
+        raise ZeroDivisionError("oh")
+    recording = Recording.open(tmp_path / "a.mcap")
+    assert recording.outcome == "failed" and "oh" in recording.metadata["outcome"]["detail"]
+
+
+def test_header_schemas_and_attachments_are_in_the_file_before_the_first_sample(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, attachments={"rig.yaml": b"x"})
+    recording = Recording.open(tmp_path / "a.mcap", truncated=True)
+    recorder.close("completed")
+    assert set(recorder.messages) < set(recording.topics) and recording.attachments == {"rig.yaml": b"x"}
+    assert recording.outcome is None
+
+
+CHILD = textwrap.dedent(
+    """
+    import itertools, os, sys, time
+    from recordings.writer import Recorder
+    recorder = Recorder(sys.argv[1], start_wall_ns=time.time_ns())
+    begin = time.monotonic()
+    for k in itertools.count():
+        t = time.monotonic() - begin
+        recorder.push("/vacuum", t, absolute=float(k))
+        os.pwrite(int(sys.argv[2]), b"%20d" % k, 0)
+        time.sleep(0.001)
+    """
+)
+
+
+def test_a_killed_process_loses_a_quarter_of_a_second_at_most(tmp_path: Path) -> None:
+    sent = tmp_path / "sent"
+    fd = os.open(sent, os.O_RDWR | os.O_CREAT)
+    child = subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path / "a.mcap"), str(fd)], pass_fds=(fd,))
+    try:
+        deadline = time.monotonic() + 20
+        while not os.fstat(fd).st_size and time.monotonic() < deadline:
+            time.sleep(0.02)
+        time.sleep(1.0)
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+        generated = int(os.pread(fd, 20, 0))
+    finally:
+        child.kill()
+        os.close(fd)
+    recording = Recording.open(tmp_path / "a.mcap", truncated=True)
+    vacuum = recording.stream("/vacuum")
+    assert vacuum["absolute"].tolist() == list(range(len(vacuum)))
+    # The loop makes a message each millisecond or slower, so 250 messages are a quarter of a second or more.
+    assert len(vacuum) > 100 and generated + 1 - len(vacuum) <= 250
+    assert recording.outcome is None
+
+
+FULL = textwrap.dedent(
+    """
+    import resource, sys
+    from recordings.errors import WriteFailed
+    from recordings.writer import Recorder
+    recorder = Recorder(sys.argv[1], start_wall_ns=0)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))
+    import random, time
+    try:
+        for k in range(100_000):
+            recorder.push("/force", k * 1e-3, (tuple(random.random() for _ in range(6)), (0.0,) * 6))
+            time.sleep(1e-4)
+    except WriteFailed as error:
+        print("push:", error)
+    try:
+        recorder.close("completed")
+    except WriteFailed as error:
+        print("close:", error)
+    print(recorder.counts()["/force"].written)
+    """
+)
+
+
+def test_a_disk_that_fills_up_is_told_at_the_next_push_and_at_close_and_leaves_whole_records(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(tmp_path / "a.mcap")], capture_output=True, text=True, timeout=60, check=True
+    )
+    push, close, written = done.stdout.splitlines()
+    assert push.startswith("push:") and "recording stopped" in push and "recover" in push
+    assert close.startswith("close:")
+    recording = Recording.open(tmp_path / "a.mcap", truncated=True)
+    assert recording.contents.end == recording.contents.size
+    assert len(recording.stream("/force")) == int(written) > 0
+
+
+def test_samples_older_than_what_is_kept_are_refused_rather_than_missing(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, keep=1.0) as recorder:
+        for k in range(1000):
+            recorder.push("/valve", k * 0.01, on=True)
+        assert len(recorder.buffers.window("/valve", 9.2, 10.0)) == 80
+        with pytest.raises(RecordingError, match="no longer in memory"):
+            recorder.buffers.window("/valve", 0.0, 10.0)

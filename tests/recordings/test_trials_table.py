@@ -1,0 +1,151 @@
+"""The table of trials and its file: exact numbers, strict reading, messages that help."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recordings.errors import BadTable
+from recordings.table_file import read_csv, write_csv
+from recordings.trials import Table, TrialRow
+
+ROW = TrialRow(
+    trial=1,
+    step=1,
+    protocol="bending",
+    repeat=1,
+    branch="load",
+    t=12.5,
+    spine_length=0.1,
+    pressures=(50e3,) * 3 + (0.0,) * 6,
+    rate=1e4,
+    hold=2.0,
+    vacuum=80e3,
+    tip_mass=0.053,
+    roll_deg=0.0,
+    tip=(0.1, -0.02, 0.38),
+    orientation=(1.0, 0.0, 0.0, 0.0),
+    markers=((0.0, 0.0, 0.1), (math.nan,) * 3, (0.05, 0.0, 0.3)),
+    sd={"x": 3e-4, "p1": 80.0},
+)
+PUSH = replace(
+    ROW, step=2, protocol="stiffness", tip=None, orientation=None, specimen="spine", force=0.5, deflection=2e-3
+)
+
+
+def written(tmp_path: Path, *rows: TrialRow) -> tuple[Path, list[str]]:
+    write_csv(Table(rows), tmp_path / "trials.csv")
+    return tmp_path / "trials.csv", (tmp_path / "trials.csv").read_text().splitlines()
+
+
+def test_columns_stand_in_the_order_of_the_format(tmp_path: Path) -> None:
+    _, lines = written(tmp_path, ROW, PUSH)
+    assert lines[0] == (
+        "trial,step,protocol,repeat,branch,t,rate,hold,spine_length,vacuum,tip_mass,roll_deg,"
+        "p1,p2,p3,p4,p5,p6,p7,p8,p9,x,y,z,qw,qx,qy,qz,m1x,m1y,m1z,m3x,m3y,m3z,specimen,force,deflection,sd_p1,sd_x"
+    )
+
+
+def test_columns_that_no_row_has_are_absent_and_empty_cells_come_back_as_none(tmp_path: Path) -> None:
+    path, lines = written(tmp_path, replace(ROW, vacuum=None, markers=(), sd={}, orientation=None), PUSH)
+    back = read_csv(path)
+    assert "qw" not in lines[0] and back.rows[0].vacuum is None and back.rows[1].tip is None
+    assert np.isnan(back["x"]).tolist() == [False, True] and back["specimen"].tolist() == ["", "spine"]
+    assert back["trial"].dtype == np.int64
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    numbers=st.lists(st.floats(-4.9, 4.9, allow_subnormal=True), min_size=6, max_size=6),
+    pressures=st.lists(st.floats(-9e4, 1.9e6), min_size=1, max_size=12),
+    t=st.floats(0, 1e7),
+)
+def test_numbers_come_back_as_they_went(
+    tmp_path_factory: pytest.TempPathFactory, numbers: list[float], pressures: list[float], t: float
+) -> None:
+    row = replace(ROW, t=t, tip=tuple(numbers[:3]), markers=(tuple(numbers[3:]),), pressures=tuple(pressures))
+    path, _ = written(tmp_path_factory.mktemp("t"), row)
+    assert read_csv(path).rows[0].to_json() == row.to_json()
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_row_as_text_is_exact(force: float) -> None:
+    row = replace(PUSH, force=force)
+    assert TrialRow.from_json(row.to_json()).to_json() == row.to_json()
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "match"),
+    [
+        ("x", "40.0", "40 m is more than 5 m away.*mm or cm"),
+        ("m1z", "-380", "mm or cm"),
+        ("spine_length", "15", "15 m"),
+        ("p4", "-120000", "-120000 Pa is outside"),
+        ("p1", "nan", "leave the cell empty"),
+        ("p2", "fifty", "'fifty' is not a number"),
+        ("p1", "", "no value for p1"),
+        ("y", "", "without y"),
+        ("trial", "1.5", "not a whole number"),
+        ("branch", "up", "not one of load, unload"),
+        ("tip_mass", "53", "is this g"),
+        ("hold", "-1", "before the ramp's end"),
+    ],
+)
+def test_a_cell_that_cannot_be_right_is_named_by_line_and_column(
+    tmp_path: Path, column: str, text: str, match: str
+) -> None:
+    path, lines = written(tmp_path, ROW)
+    cells = lines[1].split(",")
+    cells[lines[0].split(",").index(column)] = text
+    path.write_text(lines[0] + "\n" + ",".join(cells) + "\n")
+    with pytest.raises(BadTable, match=match) as caught:
+        read_csv(path)
+    assert "line 2" in str(caught.value)
+
+
+def test_a_missing_column_is_named_with_its_likely_misspelling(tmp_path: Path) -> None:
+    path, lines = written(tmp_path, ROW)
+    path.write_text(lines[0].replace("spine_length", "spine_lenght") + "\n" + lines[1] + "\n")
+    with pytest.raises(BadTable, match="no column spine_length; is it the column 'spine_lenght'"):
+        read_csv(path)
+
+
+def test_foreign_columns_are_left_out_and_named(tmp_path: Path) -> None:
+    path, lines = written(tmp_path, ROW)
+    path.write_text("﻿" + lines[0] + ", note\n" + lines[1] + ",sunny\n\n")
+    assert read_csv(path).ignored == ("note",)
+    assert [r.to_json() for r in read_csv(path)] == [ROW.to_json()]
+
+
+def test_pressures_in_kilopascal_raise_a_doubt_but_a_vented_robot_does_not(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, replace(ROW, pressures=(250.0,) * 9))
+    assert "kPa" in read_csv(path).warnings[0]
+    path, _ = written(tmp_path, replace(ROW, pressures=(3.0,) * 9))
+    assert read_csv(path).warnings == ()
+
+
+@pytest.mark.parametrize("text", ["", "trial,step\n1,2\n", "a\nb\n"])
+def test_a_file_that_is_no_table_is_told(tmp_path: Path, text: str) -> None:
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(BadTable, match=r"t\.csv"):
+        read_csv(tmp_path / "t.csv")
+
+
+def test_a_stiffness_row_needs_force_and_deflection_and_others_a_tip(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, replace(PUSH, force=None))
+    with pytest.raises(BadTable, match="needs specimen, force and deflection"):
+        read_csv(path)
+    path, _ = written(tmp_path, replace(ROW, tip=None))
+    with pytest.raises(BadTable, match="needs the tip's"):
+        read_csv(path)
+
+
+def test_asking_for_a_column_that_is_not_there_names_those_that_are() -> None:
+    with pytest.raises(BadTable, match="no column q; the table has trial, step"):
+        Table((ROW,))["q"]
