@@ -285,6 +285,17 @@ class DynamixelSpine:
                 f"{table.PROFILE_AND_GOAL.unpack(echo)}; check that no other host writes to it",
             )
 
+    def _relax(self) -> int:
+        """Hold where the motor stands and return that (counts).
+
+        While it was held, the servo's trajectory ran on; it starts from the present position only when torque comes on.
+        """
+        self._servo.write(table.TORQUE, 0)
+        counts = self._servo.read(table.PRESENT_POSITION)
+        self._set_goal(counts, self._config.max_speed)
+        self._servo.write(table.TORQUE, 1)
+        return counts
+
     def _restart(self) -> None:
         """Reboot the servo and wait for it; raises `DeviceFault` when its hardware error stays."""
         with contextlib.suppress(NoReply):  # it may restart before its answer is out
@@ -334,9 +345,8 @@ class DynamixelSpine:
     def _check(self, state: _State) -> None:
         """Raise the latched fault, or a stall that this reading shows; a reference run is meant to stall."""
         if not self._fault and self._homing is None and self._stall.update(state.t, state.counts, state.current):
-            goal, here = self._goal, self._length(state.counts)
-            self._set_goal(state.counts, self._config.max_speed)
-            self._goal = here
+            goal = self._goal
+            here = self._goal = self._length(self._relax())
             self._fault = (
                 f"stalled at {here:.4f} m on the way to {goal:.4f} m, current {abs(state.current):.2f} A of "
                 f"{self._config.current_limit} A for {self._config.stall_time} s; un-jam the spine or clear its way, "
@@ -355,7 +365,7 @@ class DynamixelSpine:
             )
         elif self._stall.update(state.t, state.counts, state.current):
             self._homing = None
-            self._set_goal(state.counts, self._config.homing_speed)
+            self._relax()
             self._limit_current(self._config.current_limit)
             self._judge_end_stop(state.counts)
         if self._fault:

@@ -232,7 +232,7 @@ class TmclSpine:
         self._axis.put(MAX_DEVIATION, self._microsteps(self._config.max_deviation))
         if self._config.heartbeat:
             self._axis.put_global(HEARTBEAT, round(1000 * self._config.heartbeat))
-        self._axis.get(ERROR_FLAGS)
+        self._axis.get(ERROR_FLAGS)  # clears what was flagged before
 
     def _follow_encoder(self) -> None:
         """Take the encoder's position for the steps' too, and hold there: steps made in vain are forgotten."""
@@ -240,6 +240,7 @@ class TmclSpine:
         encoder = self._axis.get(ENCODER)
         self._axis.put(ACTUAL_POSITION, encoder)
         self._axis.put(TARGET_POSITION, encoder)
+        self._axis.get(ERROR_FLAGS)  # what was flagged until now is answered
         self._goal = self._length(encoder)
         self._standing_since = None
 

@@ -1,0 +1,214 @@
+"""What is particular to the Dynamixel length unit, through dynamixel-sdk against the fake servo."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from drivers.dynamixel import Config, DynamixelSpine
+from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady, Unreachable, WrongDevice
+from drivers.interfaces import SpineSample
+from sim_fakes.clock import SimClock
+from sim_fakes.dynamixel import DynamixelFake
+from sim_fakes.plant import Plant
+
+Make = Callable[..., tuple[DynamixelSpine, DynamixelFake]]
+TORQUE, WATCHDOG, MODE = 64, 98, 11
+
+
+@pytest.fixture
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def make(plant: Plant) -> Iterator[Make]:
+    made: list[tuple[DynamixelSpine, DynamixelFake]] = []
+
+    def make(fake: dict[str, Any] | None = None, **changes: Any) -> tuple[DynamixelSpine, DynamixelFake]:
+        clock = SimClock(20.0)
+        servo = DynamixelFake(plant, clock, **(fake or {}))
+        servo.start()
+        spine = DynamixelSpine("spine", Config(**{"port": servo.port, "metres_per_turn": 0.1} | changes), clock)
+        made.append((spine, servo))
+        return made[-1]
+
+    yield make
+    for spine, servo in made:
+        spine.close()
+        servo.stop()
+
+
+def watch(spine: DynamixelSpine, until: Callable[[SpineSample], bool]) -> SpineSample:
+    deadline = time.monotonic() + 20
+    while not until(sample := spine.read()):
+        assert time.monotonic() < deadline, f"still {sample}"
+        time.sleep(0.01)
+    return sample
+
+
+def homed(spine: DynamixelSpine) -> None:
+    spine.open()
+    spine.home()
+    watch(spine, lambda s: s.homed)
+
+
+def test_open_names_the_model_and_sets_the_mode_with_torque_off(make: Make) -> None:
+    spine, servo = make()
+    servo.motor.put(TORQUE, 1)
+    identity = spine.open()
+    assert identity.model == "XM430-W350"
+    assert identity.firmware == "45"
+    assert servo.motor.get(MODE) == 5
+    assert servo.motor.get(TORQUE) == 0
+
+
+def test_a_servo_already_in_its_mode_keeps_its_torque_at_open(make: Make) -> None:
+    spine, servo = make()
+    servo.motor.put(MODE, 5)
+    servo.motor.put(TORQUE, 1)
+    spine.open()
+    assert servo.motor.get(TORQUE) == 1
+
+
+def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: Make) -> None:
+    spine, _ = make({"model": 1060})
+    with pytest.raises(WrongDevice, match="1060"):
+        spine.open()
+
+
+def test_an_id_that_nobody_has_is_unreachable(make: Make) -> None:
+    spine, _ = make(id=7)
+    with pytest.raises(Unreachable, match="id 7"):
+        spine.open()
+
+
+def test_an_answer_under_another_id_is_not_taken(make: Make) -> None:
+    spine, servo = make()
+    servo.faults.extra["wrong_id"] = True
+    with pytest.raises(Unreachable):
+        spine.open()
+
+
+def test_a_current_limit_beyond_the_servos_own_is_refused(make: Make) -> None:
+    spine, _ = make(current_limit=4.5)
+    with pytest.raises(LimitExceeded, match="3.2"):
+        spine.open()
+
+
+def test_homing_current_above_the_current_limit_is_a_configuration_error() -> None:
+    with pytest.raises(ValidationError, match="homing_current"):
+        Config(port="x", metres_per_turn=0.1, homing_current=2.0, current_limit=1.0)
+
+
+def test_a_refusal_tells_the_servos_reason(make: Make) -> None:
+    spine, servo = make()
+    homed(spine)
+    servo.faults.extra["nak"] = 6
+    with pytest.raises(BadReply, match="beyond the limit"):
+        spine.move_to(0.1, 0.02)
+
+
+def test_positions_that_look_like_a_packet_header_are_read_right(make: Make) -> None:
+    spine, servo = make()
+    spine.open()
+    servo.motor.place(-131073)  # FF FF FD FF on the wire
+    assert spine.read().length == pytest.approx(-131073 / 4096 * 0.1)
+
+
+def test_overload_drops_the_torque_and_homing_restarts_the_servo(make: Make, plant: Plant) -> None:
+    spine, servo = make(stall_time=8.0)
+    homed(spine)
+    spine.move_to(0.2, 0.05)
+    watch(spine, lambda s: s.length > 0.02)
+    plant.spine_blocked = True
+    with pytest.raises(DeviceFault, match="overload"):
+        watch(spine, lambda _: False)
+    assert servo.motor.get(TORQUE) == 0
+    with pytest.raises(NotReady, match="home"):
+        spine.move_to(0.1, 0.02)
+    plant.spine_blocked = False
+    spine.home()
+    assert watch(spine, lambda s: s.homed).length == 0
+    assert plant.spine_drive == pytest.approx(0, abs=5e-4)
+
+
+def test_every_bit_of_a_hardware_error_is_named(make: Make) -> None:
+    spine, servo = make()
+    spine.open()
+    servo.faults.extra["hardware_error"] = 0b100101
+    with pytest.raises(DeviceFault, match="supply voltage, overheated, overload"):
+        watch(spine, lambda _: False)
+
+
+def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, plant: Plant) -> None:
+    spine, servo = make(watchdog=0.1)
+    homed(spine)
+    spine.move_to(0.35, 0.05)
+    time.sleep(0.25)
+    with pytest.raises(DeviceFault, match="watchdog"):
+        spine.read()
+    stopped = plant.spine_drive
+    assert stopped < 0.3
+    with pytest.raises(DeviceFault, match="watchdog"):
+        spine.move_to(0.35, 0.05)
+    spine.stop()
+    assert spine.read().homed
+    spine.move_to(0.1, 0.05)
+    assert watch(spine, lambda s: not s.moving).length == pytest.approx(0.1, abs=6e-4)
+
+
+def test_reading_keeps_the_watchdog_quiet(make: Make) -> None:
+    spine, servo = make(watchdog=0.4)
+    homed(spine)
+    end = time.monotonic() + 0.8
+    while time.monotonic() < end:
+        spine.read()
+        time.sleep(0.02)
+    assert servo.motor.table[WATCHDOG] == 20
+
+
+def test_a_jam_met_while_homing_again_is_not_taken_for_the_end_stop(make: Make, plant: Plant) -> None:
+    spine, _ = make()
+    homed(spine)
+    spine.move_to(0.1, 0.05)
+    watch(spine, lambda s: not s.moving)
+    plant.spine_blocked = True
+    spine.home()
+    with pytest.raises(DeviceFault, match=r"held 0\.1"):
+        watch(spine, lambda s: s.homed)
+    plant.spine_blocked = False
+    spine.home()
+    assert watch(spine, lambda s: s.homed).homed
+    assert plant.spine_drive == pytest.approx(0, abs=5e-4)
+
+
+def test_a_first_homing_that_met_a_jam_is_found_out_by_the_next(make: Make, plant: Plant) -> None:
+    spine, _ = make()
+    plant.spine_blocked = True
+    homed(spine)
+    plant.spine_blocked = False
+    spine.home()
+    with pytest.raises(DeviceFault, match="beyond where an earlier run"):
+        watch(spine, lambda s: s.homed)
+    spine.home()
+    assert watch(spine, lambda s: s.homed).homed
+
+
+def test_a_cord_without_end_stop_ends_the_homing(make: Make) -> None:
+    spine, servo = make({"start_length": 0.39}, max_length=0.1, homing_speed=0.05)
+    spine.open()
+    spine.home()
+    with pytest.raises(DeviceFault, match="no end stop"):
+        watch(spine, lambda s: s.homed)
+
+
+@pytest.mark.parametrize(("release", "torque"), [(True, 0), (False, 1)])
+def test_close_leaves_the_torque_as_configured_and_the_watchdog_off(make: Make, release: bool, torque: int) -> None:
+    spine, servo = make(release_on_close=release)
+    homed(spine)
+    spine.close()
+    assert servo.motor.get(TORQUE) == torque
+    assert servo.motor.table[WATCHDOG] == 0
