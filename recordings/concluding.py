@@ -25,6 +25,11 @@ from .trials import TrialRow
 
 Samples = NDArray[np.void]
 
+SLOW = ("/spine", "/vacuum")
+SLOW_BACK = 1.0
+"""These streams are polled seldom and hardly change while a state is read: a reading whose time is fixed takes those
+of the last second (s) before its end, one sample is enough."""
+
 
 def conclude(streams: Streams, state: State) -> TrialRow | None:
     """Read a state: its row, or None while samples are missing that may still come.
@@ -61,14 +66,17 @@ def _row(streams: Streams, state: State, span: Span) -> TrialRow:
     """Average every stream that the state relies on over the span."""
     rule = state.rule
     estimate: Estimator = Line(span.at) if isinstance(rule, Crossing) else Mean()
-    samples = {topic: streams.window(topic, span.t0, span.t1) for topic in state.topics}
+    slow = () if isinstance(rule, Settled) else SLOW
+    starts = {topic: min(span.t0, span.t1 - SLOW_BACK) if topic in slow else span.t0 for topic in state.topics}
+    samples = {topic: streams.window(topic, start, span.t1) for topic, start in starts.items()}
     if "/tip" in samples:
         samples["/tip"] = tracked(samples["/tip"])
     for topic, found in samples.items():
-        if len(found) < rule.min_samples:
+        needed = 1 if topic in slow else rule.min_samples
+        if len(found) < needed:
             raise NotSettled(
-                f"{len(found)} usable samples of {topic} from {span.t0:.2f} to {span.t1:.2f} s, needed "
-                f"{rule.min_samples}; check the instrument's rate, or average longer"
+                f"{len(found)} usable samples of {topic} from {starts[topic]:.2f} to {span.t1:.2f} s, needed {needed}; "
+                "check the instrument's rate, or average longer"
             )
     measured: dict[str, Estimate] = {}
     pressures = state.targets
@@ -80,9 +88,9 @@ def _row(streams: Streams, state: State, span: Span) -> TrialRow:
     if tip is not None:
         measured |= dict(zip("xyz", _each(estimate, tip, "position"), strict=True))
     if (spine := samples.get("/spine")) is not None:
-        measured["spine_length"] = estimate(spine["t"], spine["length"])
+        measured["spine_length"] = Mean()(spine["t"], spine["length"])
     if (vacuum := samples.get("/vacuum")) is not None:
-        absolute = estimate(vacuum["t"], vacuum["absolute"])
+        absolute = Mean()(vacuum["t"], vacuum["absolute"])
         measured["vacuum"] = Estimate(state.ambient - absolute.value, absolute.sd)
     if state.probe is not None:
         force, deflection = _push(estimate, state.probe, samples["/force"], samples["/arm"])

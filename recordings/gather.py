@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from .container import ChunkPlace, Contents, records_in
 from .errors import Damaged
 
-BATCH = 32 * 2**20
-"""Bytes of decompressed chunks held at a time."""
+BATCH = 4 * 2**20
+"""Bytes of decompressed chunks held at a time; small enough for the allocator to use the same memory again."""
 
 _RECORD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]

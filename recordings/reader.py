@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from . import events, protobuf_runtime
 from .container import Contents, walk
 from .errors import MissingStream, NotARecording, OtherVersion, Truncated
-from .gather import Picked, find_channels, pick
+from .gather import find_channels, pick
 from .messages import SCHEMA_VERSION, STREAMS, MessageType
+from .samples import Samples
 from .states import State
 from .trials import TrialRow
 
@@ -51,30 +52,6 @@ class LogLine:
     text: str
 
 
-@dataclass(frozen=True)
-class _Messages:
-    """A channel's messages in the file's order: as rows of bytes where all have one size, else one by one."""
-
-    log_times: NDArray[np.int64]
-    rows: NDArray[np.uint8] | None
-    payloads: list[bytes]
-
-    def each(self) -> list[bytes]:
-        """The messages one by one."""
-        return self.payloads if self.rows is None else [row.tobytes() for row in self.rows]
-
-
-_NOTHING = _Messages(np.zeros(0, np.int64), None, [])
-
-
-def _joined(parts: list[_Messages]) -> _Messages:
-    log_times = np.concatenate([part.log_times for part in parts])
-    rows = [part.rows for part in parts if part.rows is not None]
-    if len(rows) == len(parts) and len({row.shape[1] for row in rows}) == 1:
-        return _Messages(log_times, np.concatenate(rows), [])
-    return _Messages(log_times, None, [payload for part in parts for payload in part.each()])
-
-
 class Recording:
     """One recording, read. Streams are decoded at the first use of any of them and then kept."""
 
@@ -82,7 +59,10 @@ class Recording:
         self.path = path
         self.contents = contents
         self._data = data
-        self._read: dict[int, _Messages] | None = None
+        self._loaded = False
+        self._samples: dict[int, Samples] = {}
+        self._payloads: dict[int, list[bytes]] = {}
+        self._log_times: dict[int, list[NDArray[np.int64]]] = {}
         self._streams: dict[str, NDArray[np.void]] = {}
 
     @classmethod
@@ -162,7 +142,8 @@ class Recording:
 
     def log_times(self, topic: str) -> NDArray[np.int64]:
         """Log times (ns since the epoch) of a topic's messages, ascending."""
-        return np.sort(self._messages(self._channel(topic)).log_times)
+        self._load()
+        return np.sort(np.concatenate([np.zeros(0, np.int64), *self._log_times.get(self._channel(topic).id, [])]))
 
     def _channel(self, topic: str) -> Channel:
         for channel in self.contents.channels.values():
@@ -170,34 +151,39 @@ class Recording:
                 return channel
         raise MissingStream(f"{self.path} has no stream {topic}; it has {', '.join(self.topics) or 'none'}")
 
-    def _messages(self, channel: Channel) -> _Messages:
-        """A channel's messages; the first call reads the whole file."""
-        if self._read is None:
-            read: dict[int, list[_Messages]] = {}
-            for picked in pick(self._data, self.contents, str(self.path)):
-                read.setdefault(picked.channel, []).append(self._keep(picked))
-            self._read = {channel: _joined(parts) for channel, parts in read.items()}
-        return self._read.get(channel.id, _NOTHING)
+    def _load(self) -> None:
+        """Read the whole file once: streams to arrays, the messages of everything else as bytes."""
+        if self._loaded:
+            return
+        for channel in self.contents.channels.values():
+            if channel.topic in STREAMS and self._version(channel) == SCHEMA_VERSION:
+                self._samples[channel.id] = Samples(self._message(channel), self._expected(channel))
+        for picked in pick(self._data, self.contents, str(self.path)):
+            self._log_times.setdefault(picked.channel, []).append(picked.log_times)
+            if picked.channel in self._samples:
+                self._samples[picked.channel].add(picked.rows())
+            else:
+                self._payloads.setdefault(picked.channel, []).extend(picked.messages())
+        self._loaded = True
 
-    def _keep(self, picked: Picked) -> _Messages:
-        """What to keep of a batch: the rows of streams, the bytes of everything else."""
-        channel = self.contents.channels[picked.channel]
-        rows = picked.rows() if channel.topic in STREAMS else None
-        return _Messages(picked.log_times, rows, [] if rows is not None else picked.messages())
+    def _expected(self, channel: Channel) -> int:
+        """How many messages of a channel the indexes list."""
+        indexes = (index for chunk in self.contents.chunks for index in chunk.indexes)
+        return sum(end - start for number, start, end in indexes if number == channel.id) // 16
 
     def _decode(self, topic: str) -> NDArray[np.void]:
         channel = self._channel(topic)
         if topic not in STREAMS:
             raise MissingStream(f"{topic} is no stream of numbers; those are {', '.join(STREAMS)}")
-        message = self._message(channel)
-        messages = self._messages(channel)
-        if not len(messages.log_times):
-            return np.zeros(0, message.dtype)
-        if messages.rows is not None and message.fits(messages.rows):
-            samples = message.decode(messages.rows.reshape(-1))
-        else:
-            schema = self.contents.schemas[channel.schema_id]
-            samples = protobuf_runtime.decode(message, schema, messages.each())
+        self._check_version(channel)
+        self._load()
+        samples = self._samples[channel.id].array
+        if samples is None:
+            batches = pick(self._data, self.contents, str(self.path))
+            payloads = [payload for p in batches if p.channel == channel.id for payload in p.messages()]
+            samples = protobuf_runtime.decode(
+                self._message(channel), self.contents.schemas[channel.schema_id], payloads
+            )
         if (np.diff(samples["t"]) < 0).any():
             samples = samples[np.argsort(samples["t"], kind="stable")]
         samples.setflags(write=False)
@@ -205,7 +191,6 @@ class Recording:
 
     def _message(self, channel: Channel) -> MessageType:
         """The stream's message with the array sizes of this recording."""
-        self._check_version(channel)
         shapes = {
             key.removeprefix("shape."): tuple(int(n) for n in text.split("x"))
             for key, text in channel.metadata.items()
@@ -213,8 +198,11 @@ class Recording:
         }
         return STREAMS[channel.topic].sized(**shapes)
 
+    def _version(self, channel: Channel) -> str:
+        return channel.metadata.get("schema_version", SCHEMA_VERSION)
+
     def _check_version(self, channel: Channel) -> None:
-        version = channel.metadata.get("schema_version", SCHEMA_VERSION)
+        version = self._version(channel)
         if version != SCHEMA_VERSION:
             raise OtherVersion(
                 f"{self.path}: {channel.topic} has schema version {version}, this software reads {SCHEMA_VERSION}; "
@@ -228,10 +216,11 @@ class Recording:
             return []
         channel = self._channel(event.topic)
         self._check_version(channel)
-        messages = self._messages(channel)
+        self._load()
+        log_times = [int(t) for part in self._log_times.get(channel.id, []) for t in part]
         return [
-            (int(log_time), protobuf_runtime.parse(event.message_class, payload, event.topic))
-            for log_time, payload in zip(messages.log_times, messages.each(), strict=True)
+            (log_time, protobuf_runtime.parse(event.message_class, payload, event.topic))
+            for log_time, payload in zip(log_times, self._payloads.get(channel.id, []), strict=True)
         ]
 
     @property

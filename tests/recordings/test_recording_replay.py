@@ -188,6 +188,12 @@ def test_a_crossing_is_read_where_the_pressure_passes_the_level() -> None:
     assert row.tip == pytest.approx(run.tip(row.t), abs=0.5e-3)
 
 
+def test_streams_polled_seldom_are_taken_from_just_before_a_crossing() -> None:
+    seldom = [m for m in Run().messages() if m[0] != "/vacuum" or abs(m[1] - 1.5) > 0.4]
+    row = conclude(filled(seldom), RAMP)
+    assert row is not None and row.vacuum == pytest.approx(101_325 - 21e3, abs=200)
+
+
 def test_a_level_passed_before_or_never_is_not_a_crossing() -> None:
     with pytest.raises(NotSettled, match="already above"):
         conclude(filled(Run().messages()), replace(RAMP, t_start=2.0))
