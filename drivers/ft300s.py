@@ -65,8 +65,9 @@ class Config(BaseModel):
 class FT300S:
     """The sensor as a stream of wrenches (see `ForceSensor`).
 
-    `lost` counts damaged frames and frames that never came; how the latter are told from late ones, which needs up to
-    one second to show, stands at `GapCounter`. Both are judged in host time, whatever the rig's clock does.
+    `lost` counts, since `open`, damaged frames and frames that never came. How the latter are told from late ones,
+    which takes up to half a second to show, stands at `GapCounter`. Both are judged in host time, whatever the rig's
+    clock does.
     """
 
     def __init__(self, name: str, config: Config, clock: Clock, sink: Sink[WrenchSample]) -> None:
@@ -74,6 +75,7 @@ class FT300S:
         self.config = config
         self._clock = clock
         self._sink = sink
+        self.lost = 0
         self._line = SerialLine(name, config.port, BAUD, config.timeout)
         self._news = threading.Condition()
         self._parser = FrameParser()
@@ -87,11 +89,6 @@ class FT300S:
         self._reader: threading.Thread | None = None
         self._running = False
 
-    @property
-    def lost(self) -> int:
-        """Frames known to be lost since `open`."""
-        return self._parser.damaged + self._gaps.missing
-
     def open(self) -> Identity:
         """Stop a stream that is still running, read who answers, start the stream and wait for its first frame."""
         self.close()
@@ -103,7 +100,7 @@ class FT300S:
         identity = self._identify_and_start()
         self._line.open()
         self._parser, self._gaps = FrameParser(), GapCounter()
-        self._newest, self._broken = None, None
+        self._newest, self._broken, self.lost = None, None, 0
         self._running = True
         self._reader = threading.Thread(target=self._read_stream, name=f"{self.name}-stream", daemon=True)
         self._reader.start()
@@ -254,6 +251,7 @@ class FT300S:
             for wrench in self._parser.feed(data):
                 damaged, seen = self._parser.damaged - seen, self._parser.damaged
                 self._take(wrench, damaged)
+            self.lost = self._parser.damaged + self._gaps.missing
 
     def _take(self, wrench: Vector6, damaged: int) -> None:
         with self._news:

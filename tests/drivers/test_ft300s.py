@@ -71,7 +71,7 @@ def test_opening_tells_maker_model_serial_number_and_firmware(sensor: FT300S) ->
 
 def test_every_frame_reaches_the_sink_in_order_and_none_is_lost(sensor: FT300S, samples: list[WrenchSample]) -> None:
     sensor.open()
-    assert eventually(lambda: len(samples) >= 100)
+    assert eventually(lambda: len(samples) >= 60)
     assert sensor.lost == 0
     times = [sample.t for sample in samples]
     assert times == sorted(times)
@@ -79,7 +79,7 @@ def test_every_frame_reaches_the_sink_in_order_and_none_is_lost(sensor: FT300S, 
 
 def test_zero_takes_the_tools_weight_off_and_keeps_the_raw_reading(sensor: FT300S) -> None:
     sensor.open()
-    zero = sensor.zero(30)
+    zero = sensor.zero(20)
     assert eventually(lambda: sensor.latest().zero == zero)
     sample = sensor.latest()
     assert np.allclose(sample.wrench[:3], 0.0, atol=NOISE * 0.1)
@@ -118,7 +118,7 @@ def test_force_is_turned_into_the_sensor_frame_with_its_moment(sensor: FT300S, f
     plant.probe_rotation = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     plant.probe_force = np.array([12.0, -3.0, 5.0])
     sensor.open()
-    raw = np.mean([sensor.zero(50)], axis=0)
+    raw = sensor.zero(30)
     assert np.allclose(raw[:3], [5.0, -3.0, -12.0], atol=0.1)
     assert np.allclose(raw[3:], np.cross([0.0, 0.02, 0.1], [5.0, -3.0, -12.0]), atol=0.005)
 
@@ -157,7 +157,7 @@ def test_damaged_frames_are_counted_and_none_is_delivered(
     fake.device.noise[:] = 0.0
     sensor.open()
     fake.faults.corrupt = True
-    assert eventually(lambda: sensor.lost >= 30)
+    assert eventually(lambda: sensor.lost >= 15)
     fake.faults.corrupt = False
     after = len(samples)
     assert eventually(lambda: len(samples) > after + 10)
@@ -167,7 +167,7 @@ def test_damaged_frames_are_counted_and_none_is_delivered(
 def test_frames_that_never_come_are_counted(sensor: FT300S, fake: Ft300sFake) -> None:
     sensor.open()
     fake.faults.extra["drop"] = 2
-    assert eventually(lambda: sensor.lost >= 30)
+    assert eventually(lambda: sensor.lost >= 15)
 
 
 def test_the_speed_of_the_rigs_clock_does_not_count_as_loss(fake: Ft300sFake) -> None:
