@@ -37,6 +37,8 @@ DEADLINE_FACTOR = 2.0
 """A motion may take this many times as long as computed: the speed slider may stand at 50 %."""
 STOP_ALLOWANCE = 0.2
 """s the arm may take to stop beyond speed/deceleration."""
+STATE_LAG = 0.1
+"""s of host time by which the state may be behind the command connection; it is one or two cycles."""
 LOOK_INTERVAL = 0.002
 """s of host time between looks at the state while waiting."""
 FINISH_TIMEOUT = 3.0
@@ -158,7 +160,7 @@ class UR5:
             raise NotReady(self.name, "still moving; wait until moving() is False, or call stop()")
         before = control.operation().number
         if not control.call(lambda library: library.moveL(list(goal), speed, acceleration, True)):
-            self._healthy(control)
+            self._raise_cause(control)
             raise BadReply(self.name, f"the controller refused {_millimetres(goal)}; see the log on the pendant")
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
@@ -167,8 +169,8 @@ class UR5:
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
 
-        Raises DeviceFault after a protective or emergency stop, when the program on the controller ended, when the motion
-        ended elsewhere, or when it takes too long (it is stopped then); NoReply when the controller is gone.
+        Raises DeviceFault after a protective or emergency stop, when the program on the controller ended, when it
+        came to rest elsewhere or takes too long (it is stopped then); NoReply when the controller is gone.
         """
         control = self._opened()
         operation = control.operation()
@@ -283,6 +285,13 @@ class UR5:
                 "see the log there, then close and open the arm again",
             )
         return sample
+
+    def _raise_cause(self, control: ControlThread) -> None:
+        """Raise what the state shows to be wrong; it may come some cycles after the command's refusal."""
+        give_up = time.monotonic() + STATE_LAG
+        while time.monotonic() < give_up:
+            self._healthy(control)
+            time.sleep(LOOK_INTERVAL)
 
     def _await_program(self, control: ControlThread) -> None:
         """Wait until the state, which comes over its own connection, shows the program running."""

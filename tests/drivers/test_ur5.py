@@ -1,0 +1,205 @@
+"""Motion of the arm: the contract of `Arm`, on the fake or on a real UR5 (see ur5_rig.py)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+from ur5_rig import Rig, a_rig, discard, moves_the_arm, needs_the_fake, raised, wait_until
+
+from drivers.errors import DeviceFault, LimitExceeded, NotReady, WrongDevice
+from drivers.interfaces import ArmSample
+from drivers.ur5 import UR5, Config
+from drivers.ur5_motion import Deadline, distance_between, turn_between
+from drivers.ur5_state import Config as StateConfig
+from drivers.ur5_state import UR5State
+from sim_fakes.clock import SimClock
+
+UP = 0.01
+"""m; the moves of these tests go so far up and back."""
+SPEED, ACCELERATION = 0.05, 0.5
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[Rig]:
+    with a_rig() as rig:
+        yield rig
+        if rig.process is not None:
+            assert rig.process.backdoor()["violations"] == []
+
+
+@pytest.fixture(scope="module")
+def arm(rig: Rig) -> Iterator[UR5]:
+    arm = UR5("arm", Config(host=rig.host), rig.clock)
+    arm.open()
+    yield arm
+    arm.close()
+    arm.close()
+
+
+@pytest.fixture(scope="module")
+def watcher(rig: Rig) -> Iterator[UR5State]:
+    """A second pair of eyes on the arm."""
+    state = UR5State("watcher", StateConfig(host=rig.host), rig.clock, discard)
+    state.open()
+    yield state
+    state.close()
+
+
+def arrived(arm: UR5, timeout: float = 10.0) -> None:
+    wait_until(lambda: not arm.moving(), timeout)
+
+
+@needs_the_fake
+def test_opening_tells_model_serial_and_version(rig: Rig) -> None:
+    arm = UR5("arm", Config(host=rig.host, serial="1"), rig.clock)
+    with pytest.raises(WrongDevice, match="serial number .* is '20183500000', not '1'"):
+        arm.open()
+
+
+def test_an_arm_that_was_not_told_to_move_is_not_moving(arm: UR5) -> None:
+    assert arm.moving() is False
+
+
+def test_opening_an_open_arm_is_refused(arm: UR5) -> None:
+    with pytest.raises(NotReady, match="is open"):
+        arm.open()
+
+
+@moves_the_arm
+def test_a_move_arrives_and_moving_ends(arm: UR5, watcher: UR5State) -> None:
+    start = watcher.latest().tcp_pose
+    for goal in (raised(start, UP), start):
+        arm.move_to(goal, SPEED, ACCELERATION)
+        assert arm.moving()
+        arrived(arm)
+        assert distance_between(watcher.latest().tcp_pose, goal) < 1e-3
+
+
+@moves_the_arm
+def test_stop_ends_the_motion_within_a_short_distance(arm: UR5, watcher: UR5State) -> None:
+    start = watcher.latest().tcp_pose
+    arm.move_to(raised(start, 10 * UP), SPEED, ACCELERATION)
+    wait_until(lambda: watcher.latest().tcp_speed[2] > 0.8 * SPEED)
+    arm.stop()
+    stopped = watcher.latest().tcp_pose
+    assert distance_between(start, stopped) < 5 * UP
+    assert not arm.moving()
+    time.sleep(0.1)
+    assert distance_between(watcher.latest().tcp_pose, stopped) < 1e-3
+    arm.move_to(start, SPEED, ACCELERATION)
+    arrived(arm)
+
+
+@moves_the_arm
+def test_a_second_move_is_refused_while_the_first_is_under_way(arm: UR5, watcher: UR5State) -> None:
+    start = watcher.latest().tcp_pose
+    arm.move_to(raised(start, 3 * UP), SPEED, ACCELERATION)
+    with pytest.raises(NotReady, match="still moving"):
+        arm.move_to(start, SPEED, ACCELERATION)
+    arm.stop()
+    arm.move_to(start, SPEED, ACCELERATION)
+    arrived(arm)
+
+
+def test_stopping_a_standing_arm_does_nothing_and_succeeds(arm: UR5) -> None:
+    arm.stop()
+    assert not arm.moving()
+
+
+BEYOND: dict[str, tuple[dict[str, Any], str]] = {
+    "speed": ({"speed": 0.2}, r"speed 0.2 m/s outside 0..0.1 m/s"),
+    "no speed": ({"speed": 0.0}, r"speed 0 m/s outside"),
+    "acceleration": ({"acceleration": 2.0}, r"acceleration 2 m/s\^2 outside 0..0.5"),
+    "workspace": ({"shift": (0.0, 2.0, 0.0)}, r"y = .* m outside the workspace -0.75..0.75 m"),
+    "table": ({"z": 0.0}, r"z = 0.0000 m outside the workspace"),
+    "step": ({"shift": (-0.35, 0.0, 0.0)}, r"target is 0.3500 m away, limit 0.3 m"),
+    "turn": ({"rotation": (0.0, 0.0, 0.0)}, r"target is turned by 3.142 rad, limit 0.8 rad"),
+    "nan": ({"z": math.nan}, "six finite numbers"),
+}
+
+
+@needs_the_fake
+@pytest.mark.parametrize("what", BEYOND)
+def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(
+    rig: Rig, arm: UR5, watcher: UR5State, what: str
+) -> None:
+    change, message = BEYOND[what]
+    pose = list(watcher.latest().tcp_pose)
+    for axis, by in enumerate(change.get("shift", ())):
+        pose[axis] += by
+    pose[2] = change.get("z", pose[2])
+    pose[3:] = change.get("rotation", pose[3:])
+    rig.fake.backdoor("forget")
+    with pytest.raises(LimitExceeded, match=message):
+        arm.move_to(pose, change.get("speed", SPEED), change.get("acceleration", ACCELERATION))
+    time.sleep(0.03)
+    assert rig.fake.backdoor()["commands"] == []
+
+
+@needs_the_fake
+def test_a_motion_that_takes_too_long_is_stopped_and_reported(rig: Rig, arm: UR5, watcher: UR5State) -> None:
+    rig.fake.backdoor("set", slider=0.05)
+    arm.move_to(raised(watcher.latest().tcp_pose, UP), SPEED, ACCELERATION)
+    with pytest.raises(DeviceFault, match="speed slider"):
+        arrived(arm)
+    rig.fake.backdoor("set", slider=1.0)
+    assert not arm.moving()
+    assert rig.fake.backdoor()["commands"][-1]["name"] == "stopl"
+
+
+@needs_the_fake
+def test_a_sped_up_rig_moves_by_its_own_clock_and_with_the_tcp_it_was_given() -> None:
+    with a_rig(speed=20.0) as rig:
+        arm = UR5("arm", Config(host=rig.host, tcp=(0.0, 0.0, 0.12, 0.0, 0.0, 0.0)), rig.clock)
+        arm.open()
+        start = tuple(rig.fake.backdoor()["pose"])
+        goal = raised(start, -0.2)
+        before = time.monotonic(), rig.clock.now()
+        arm.move_to(goal, SPEED, ACCELERATION)  # 4.1 s of the rig
+        arrived(arm)
+        host, own = time.monotonic() - before[0], rig.clock.now() - before[1]
+        assert own > 4.0 and host < own / 10
+        assert distance_between(rig.fake.backdoor()["pose"], goal) < 1e-4
+        assert start[2] == pytest.approx(0.4319 - 0.12, abs=1e-3)
+        arm.close()
+        assert rig.fake.backdoor()["ended"] == ["stopped by the client"]
+
+
+def test_a_closed_arm_refuses_to_move_and_can_be_closed_again(rig: Rig) -> None:
+    arm = UR5("arm", Config(host=rig.host), rig.clock)
+    arm.close()
+    arm.close()
+    for call in (arm.moving, arm.stop, lambda: arm.move_to((0.3, 0.0, 0.3, 0.0, 3.1, 0.0), SPEED, ACCELERATION)):
+        with pytest.raises(NotReady, match=r"call open\(\)"):
+            call()
+
+
+def test_a_workspace_turned_inside_out_is_no_configuration() -> None:
+    with pytest.raises(ValidationError, match="workspace_min y"):
+        Config(host="127.0.0.1", workspace_min=(0.0, 1.0, 0.0), workspace_max=(0.5, 0.5, 0.5))
+
+
+def test_the_two_names_of_a_half_turn_are_the_same_orientation() -> None:
+    a, b = (0.0, 0.0, 0.0, math.pi - 1e-6, 0.0, 0.0), (0.0, 0.0, 0.0, -math.pi + 1e-6, 0.0, 0.0)
+    assert turn_between(a, b) == pytest.approx(2e-6, rel=1e-3)
+    assert turn_between((0.0,) * 6, (0.0, 0.0, 0.0, 0.0, 0.7, 0.0)) == pytest.approx(0.7)
+
+
+def test_a_deadline_counts_the_motion_in_rig_time_and_the_wire_in_host_time() -> None:
+    clock = SimClock(100.0)
+    deadline = Deadline.after(clock, rig_allowed=5.0, host_margin=0.2)
+    clock.sleep(10.0)  # 0.1 s of the host: the motion's time is over, the wire's margin is not
+    assert not deadline.expired
+    clock.sleep(25.0)
+    assert deadline.expired
+
+
+def test_samples_are_what_the_interface_says(watcher: UR5State) -> None:
+    sample = watcher.latest()
+    assert isinstance(sample, ArmSample)
+    assert all(len(v) == 6 for v in (sample.joints, sample.tcp_pose, sample.tcp_speed))

@@ -1,0 +1,200 @@
+"""What the arm driver does when things go wrong; on the fake only, in a process that may be lost."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
+
+import pytest
+from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised
+
+from drivers.errors import DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
+from drivers.ur5 import UR5, Config
+from drivers.ur5_state import Config as StateConfig
+from drivers.ur5_state import UR5State
+from sim_fakes.clock import SimClock
+from sim_fakes.ur.process import free_host
+
+pytestmark = needs_the_fake
+SPEED, ACCELERATION = 0.05, 0.5
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[Rig]:
+    with a_rig() as rig:
+        yield rig
+
+
+def fault_of(arm: UR5, timeout: float = 5.0) -> DeviceFault:
+    """The fault that watching a motion ends with."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        try:
+            arm.moving()
+        except DeviceFault as fault:
+            return fault
+        time.sleep(0.005)
+    pytest.fail(f"no fault within {timeout:g} s")
+
+
+@pytest.mark.parametrize("stop", ["protective", "emergency"])
+def test_a_stop_by_the_safety_system_is_a_fault_until_it_is_cleared(rig: Rig, stop: str) -> None:
+    arm = UR5("arm", Config(host=rig.host), rig.clock)
+    arm.open()
+    try:
+        arm.move_to(raised(tuple(rig.fake.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
+        rig.fake.backdoor(f"{stop}_stop")
+        assert f"{stop} stop" in str(fault_of(arm))
+        with pytest.raises(DeviceFault, match=f"{stop} stop; .*open the arm"):
+            arm.move_to(raised(tuple(rig.fake.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
+        arm.stop()  # it stands, and that is all that is asked
+    finally:
+        arm.close()
+    with pytest.raises(DeviceFault, match=f"{stop} stop"):
+        arm.open()
+    rig.fake.backdoor("clear")
+
+
+def test_a_target_out_of_reach_ends_the_program_and_is_a_fault(rig: Rig) -> None:
+    config = Config(host=rig.host, workspace_max=(2.0, 2.0, 2.0), max_step=1.7, max_turn=3.2)
+    arm = UR5("arm", config, rig.clock)
+    arm.open()
+    try:
+        with pytest.raises(DeviceFault, match="out of reach"):
+            arm.move_to(raised(tuple(rig.fake.backdoor()["pose"]), 0.9), SPEED, ACCELERATION)
+            raise fault_of(arm)
+        assert "no inverse kinematics solution" in rig.fake.backdoor()["ended"][-1]
+    finally:
+        arm.close()
+
+
+def test_an_arm_without_power_is_not_ready(rig: Rig) -> None:
+    rig.fake.backdoor("power", on=False)
+    try:
+        with pytest.raises(NotReady, match="robot mode 3; power the arm on"):
+            UR5("arm", Config(host=rig.host), rig.clock).open()
+    finally:
+        rig.fake.backdoor("power", on=True)
+
+
+def test_another_model_is_refused(rig: Rig) -> None:
+    with pytest.raises(WrongDevice, match="model .* is 'UR5', not 'UR10'"):
+        UR5("arm", Config(host=rig.host, model="UR10"), rig.clock).open()
+
+
+def test_a_silent_dashboard_is_unreachable(rig: Rig) -> None:
+    rig.fake.backdoor("dashboard", silent=True)
+    try:
+        with pytest.raises(Unreachable, match=f"dashboard {rig.host}:29999 is silent"):
+            UR5("arm", Config(host=rig.host, timeout=0.3), rig.clock).open()
+    finally:
+        rig.fake.backdoor("dashboard", silent=False)
+
+
+# -- something else, or nothing, at the address
+
+
+def open_state(host: str) -> None:
+    UR5State("arm state", StateConfig(host=host, timeout=0.3), SimClock(), discard).open()
+
+
+def open_arm(host: str) -> None:
+    UR5("arm", Config(host=host, timeout=0.3), SimClock()).open()
+
+
+@pytest.mark.parametrize("opener", [open_state, open_arm])
+def test_nobody_at_the_address_is_unreachable(opener: Callable[[str], None]) -> None:
+    host = free_host()
+    with pytest.raises(Unreachable, match=f"nobody listens at {host}:30004"):
+        opener(host)
+
+
+@pytest.mark.parametrize("opener", [open_state, open_arm])
+@pytest.mark.parametrize(
+    ("greeting", "error"),
+    [(b"", Unreachable), (b"220 mail server ready\r\n", WrongDevice), (b"\x00\x03V", WrongDevice)],
+    ids=["silent", "mail", "empty"],
+)
+def test_something_else_at_the_port_is_told_apart_quickly(
+    opener: Callable[[str], None], greeting: bytes, error: type[InstrumentError]
+) -> None:
+    host = free_host()
+    with socket.create_server((host, 30004)) as server:
+
+        def serve() -> None:
+            line, _ = server.accept()
+            line.sendall(greeting)
+            line.recv(1024)
+            time.sleep(0.6)
+            line.close()
+
+        threading.Thread(target=serve, daemon=True).start()
+        start = time.monotonic()
+        with pytest.raises(error, match=f"{host}:30004"):
+            opener(host)
+        assert time.monotonic() - start < 3.0
+
+
+# -- the process of the driver, or the controller, dies
+def _hold_the_arm(host: str, line: Connection) -> None:
+    """In a process of its own: open the arm, start a long move, close when told; answers with the time that took."""
+    arm = UR5("arm", Config(host=host), SimClock())
+    arm.open()
+    line.send("open")
+    pose = line.recv()
+    arm.move_to(pose, 0.01, ACCELERATION)
+    line.send("moving")
+    line.recv()
+    start = time.monotonic()
+    arm.close()
+    arm.close()
+    line.send(time.monotonic() - start)
+
+
+@pytest.fixture
+def holder(rig: Rig) -> Iterator[tuple[multiprocessing.process.BaseProcess, Connection]]:
+    """A process that has started a slow move of 10 cm."""
+    context = multiprocessing.get_context("spawn")
+    line, far = context.Pipe()
+    process = context.Process(target=_hold_the_arm, args=(rig.host, far), daemon=True)
+    process.start()
+    assert line.poll(20.0) and line.recv() == "open"
+    line.send(raised(tuple(rig.fake.backdoor()["pose"]), 0.1))
+    assert line.poll(5.0) and line.recv() == "moving"
+    yield process, line
+    process.kill()
+    process.join()
+
+
+Holder = tuple[multiprocessing.process.BaseProcess, Connection]
+
+
+def test_the_watchdog_stops_the_arm_when_the_drivers_process_hangs(rig: Rig, holder: Holder) -> None:
+    rig.fake.backdoor("forget")
+    process, _ = holder
+    time.sleep(0.5)  # more than two limits of the watchdog: kicks have kept it quiet
+    assert rig.fake.backdoor()["ended"] == []
+    os.kill(process.pid or 0, signal.SIGSTOP)
+    state = rig.fake.wait_for("runtime", 1)
+    assert state["ended"] == ["watchdog: input registers not written at 5 Hz"]
+    assert state["tcp_speed"] == [0.0] * 6
+
+
+def test_the_watchdog_stops_the_arm_when_the_drivers_process_is_killed(rig: Rig, holder: Holder) -> None:
+    rig.fake.backdoor("forget")
+    holder[0].kill()
+    assert "watchdog" in rig.fake.wait_for("runtime", 1)["ended"][0]
+
+
+def test_closing_is_bounded_after_the_controller_was_killed(rig: Rig, holder: Holder) -> None:
+    _, line = holder
+    rig.fake.kill()
+    line.send("close")
+    assert line.poll(15.0)
+    assert line.recv() < 10.0

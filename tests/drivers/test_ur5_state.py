@@ -1,0 +1,138 @@
+"""The state stream of the arm."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import pytest
+from ur5_rig import Rig, a_rig, needs_the_fake, wait_until
+
+from drivers.errors import NotReady, StaleReading
+from drivers.interfaces import ArmSample
+from drivers.ur5_state import Config, CycleCounter, UR5State
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[Rig]:
+    with a_rig() as rig:
+        yield rig
+
+
+class Stream:
+    """An open state driver and everything it has delivered."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.samples: list[ArmSample] = []
+        self.driver = UR5State("arm state", Config(host=rig.host), rig.clock, self.samples.append)
+        self.identity = self.driver.open()
+
+
+@pytest.fixture(scope="module")
+def stream(rig: Rig) -> Iterator[Stream]:
+    stream = Stream(rig)
+    yield stream
+    stream.driver.close()
+
+
+def accounted(stream: Stream) -> None:
+    """Every cycle between the first and the last stamp was either delivered or counted as lost."""
+    driver = stream.driver
+    wait_until(lambda: driver.cycle is not None)
+    while True:  # the thread counts a sample before it delivers it: look again when one came in between
+        lost, stamps = driver.lost, [sample.device_time for sample in stream.samples]
+        time.sleep(0.002)
+        if (driver.lost, len(stream.samples)) == (lost, len(stamps)):
+            break
+    steps = [(b - a) / driver.cycle for a, b in zip(stamps, stamps[1:], strict=False)]
+    assert all(math.isclose(step, round(step), abs_tol=1e-3) and round(step) >= 1 for step in steps)
+    assert sum(round(step) - 1 for step in steps) == lost
+
+
+def test_opening_tells_which_arm_it_is(stream: Stream) -> None:
+    assert stream.identity.maker == "Universal Robots"
+    assert stream.identity.model.startswith("UR5")
+    assert stream.identity.firmware.count(".") >= 2
+
+
+def test_opening_again_keeps_the_stream(stream: Stream) -> None:
+    assert stream.driver.open() == stream.identity
+
+
+def test_the_cycle_is_learnt_and_stamps_step_by_whole_cycles(stream: Stream) -> None:
+    wait_until(lambda: len(stream.samples) > 60)
+    assert stream.driver.cycle == pytest.approx(0.008) or stream.driver.cycle == pytest.approx(0.002)
+    accounted(stream)
+
+
+def test_arrival_times_never_run_backwards(stream: Stream) -> None:
+    times = [sample.t for sample in stream.samples]
+    assert times == sorted(times)
+
+
+@needs_the_fake
+def test_a_sample_tells_where_the_arm_is(rig: Rig, stream: Stream) -> None:
+    state, sample = rig.fake.backdoor(), stream.driver.latest()
+    assert sample.joints == pytest.approx(state["q"], abs=2e-4)
+    assert sample.tcp_pose[:3] == pytest.approx(state["pose"][:3], abs=2e-4)
+    assert max(map(abs, sample.tcp_speed)) < 2e-3
+    assert (sample.safety_bits, sample.program_running) == (1, False)
+
+
+@needs_the_fake
+def test_a_frozen_controller_makes_the_reading_stale_and_its_gap_is_counted(rig: Rig, stream: Stream) -> None:
+    before = stream.driver.lost
+    rig.fake.backdoor("freeze", seconds=0.6)
+    time.sleep(0.45)
+    with pytest.raises(StaleReading, match="limit 0.2 s"):
+        stream.driver.latest()
+    wait_until(lambda: stream.driver.lost > before)
+    assert stream.driver.lost - before >= 0.5 / 0.008
+    assert stream.driver.latest().device_time > 0
+    accounted(stream)
+
+
+@needs_the_fake
+def test_a_dropped_connection_is_taken_up_again_and_its_gap_is_counted(rig: Rig, stream: Stream) -> None:
+    before, interruptions = stream.driver.lost, stream.driver.interruptions
+    rig.fake.backdoor("drop")
+    wait_until(lambda: stream.driver.lost > before)
+    assert stream.driver.interruptions == interruptions + 1
+    accounted(stream)
+    assert rig.fake.backdoor()["violations"] == []
+
+
+def test_reading_before_opening_is_refused(rig: Rig) -> None:
+    with pytest.raises(NotReady, match=r"call open\(\)"):
+        UR5State("arm state", Config(host=rig.host), rig.clock, lambda sample: None).latest()
+
+
+@needs_the_fake
+def test_a_sped_up_e_series_shows_its_own_cycle() -> None:
+    with a_rig(speed=10.0, version="5.12.4.1101661") as rig:
+        stream = Stream(rig)
+        wait_until(lambda: len(stream.samples) > 60)
+        accounted(stream)
+        assert stream.driver.cycle == pytest.approx(0.020)
+        rig.fake.kill()
+        wait_until(lambda: stream.driver.interruptions == 1)
+        start = time.monotonic()
+        stream.driver.close()
+        stream.driver.close()
+        assert time.monotonic() - start < 6.0
+        with pytest.raises(NotReady):
+            stream.driver.latest()
+
+
+def test_the_counter_finds_gaps_also_among_the_stamps_it_learns_from() -> None:
+    counter = CycleCounter()
+    stamps = [0.008 * i for i in range(60) if i not in (3, 4, 40)]
+    assert sum(counter.add(stamp) for stamp in stamps) == 3
+    assert counter.cycle == pytest.approx(0.008)
+
+
+def test_the_counter_takes_a_restarted_controller_for_no_loss() -> None:
+    counter = CycleCounter()
+    stamps = [100 + 0.002 * i for i in range(40)] + [0.002 * i for i in range(5)]
+    assert sum(counter.add(stamp) for stamp in stamps) == 0

@@ -1,0 +1,70 @@
+"""What the UR5 tests share: the arm under test, which is a real one when LAB_TEST_UR5_HOST gives its address.
+
+Motion on a real arm (a few centimetres up and back from where it stands) also needs LAB_TEST_ALLOW_MOTION=1.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import pytest
+
+from drivers.interfaces import ArmSample
+from sim_fakes.clock import SimClock
+from sim_fakes.ur.process import UrProcess
+
+HOST = os.environ.get("LAB_TEST_UR5_HOST")
+MOTION_ALLOWED = HOST is None or os.environ.get("LAB_TEST_ALLOW_MOTION") == "1"
+moves_the_arm = pytest.mark.skipif(not MOTION_ALLOWED, reason="moves the real arm; set LAB_TEST_ALLOW_MOTION=1")
+needs_the_fake = pytest.mark.skipif(HOST is not None, reason="needs the fake's back door")
+
+
+@dataclass
+class Rig:
+    """Where the arm is, the rig's clock, and the fake behind it unless it is real."""
+
+    host: str
+    clock: SimClock = field(default_factory=SimClock)
+    process: UrProcess | None = None
+
+    @property
+    def fake(self) -> UrProcess:
+        """The fake; only in tests marked `needs_the_fake`."""
+        if self.process is None:
+            raise RuntimeError("this test needs the fake")
+        return self.process
+
+
+@contextmanager
+def a_rig(speed: float = 1.0, version: str = "3.15.8.106339") -> Iterator[Rig]:
+    """The real arm, or a fresh fake."""
+    if HOST is not None:
+        yield Rig(HOST)
+        return
+    process = UrProcess(speed=speed, version=version)
+    try:
+        yield Rig(process.host, SimClock(speed), process)
+    finally:
+        process.stop()
+
+
+def wait_until(true: Callable[[], bool], timeout: float = 5.0) -> None:
+    """Poll; fails the test after `timeout` (s of host time)."""
+    deadline = time.monotonic() + timeout
+    while not true():
+        if time.monotonic() > deadline:
+            pytest.fail(f"not so after {timeout:g} s")
+        time.sleep(0.005)
+
+
+def raised(pose: tuple[float, ...], by: float) -> tuple[float, ...]:
+    """A pose moved up by so many m."""
+    return (pose[0], pose[1], pose[2] + by, *pose[3:])
+
+
+def discard(sample: ArmSample) -> None:
+    """A sink for those who only look at the latest sample."""

@@ -1,0 +1,241 @@
+"""The fake controller without a wire: kinematics, motion, program, safety."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sim_fakes.ur import kinematics as k
+from sim_fakes.ur.controller import PLAYING, STOPPED, UPTIME, Controller
+from sim_fakes.ur.dashboard import answer
+from sim_fakes.ur.motion import START_JOINTS, Arm, JointMove, LinearMove, Motion, Profile, ProgramError, stop_linear
+
+PROGRAM = "def rtde_control():\n  global reg_offset_int = # int register offset\n0\nend\n"
+MOVEL, STOPL, WATCHDOG = 3, 33, 35
+
+
+def run(motion: Motion, dt: float = 0.008) -> float:
+    """Time until the motion is done, s."""
+    t = 0.0
+    while motion.step(dt):
+        t += dt
+    return t
+
+
+def playing(speed: float = 1.0) -> Controller:
+    """A controller that runs the control script."""
+    controller = Controller(speed=speed)
+    controller.load(PROGRAM)
+    assert controller.runtime == PLAYING
+    return controller
+
+
+def command(controller: Controller, code: int, doubles: list[float], flag: int = 1) -> None:
+    """What a client does: registers, code, wait for done, clear."""
+    for i, value in enumerate(doubles):
+        controller.write(f"input_double_register_{i}", value)
+    controller.write("input_int_register_1", flag)
+    controller.write("input_int_register_0", code)
+    controller.advance()
+    controller.write("input_int_register_0", 0)
+
+
+# -- kinematics
+def test_the_flange_is_where_the_maker_says_at_the_outstretched_and_the_upright_pose() -> None:
+    flat, _ = k.forward(k.UR5_CB3, np.zeros(6), np.eye(4))
+    assert flat[:3, 3] == pytest.approx([-0.81725, -0.19145, -0.005491], abs=1e-9)
+    upright, _ = k.forward(k.UR5_CB3, np.array([0, -math.pi / 2, 0, -math.pi / 2, 0, 0]), np.eye(4))
+    assert upright[:3, 3] == pytest.approx([0.0, -0.19145, 1.001059], abs=1e-9)
+
+
+def test_the_jacobian_is_the_slope_of_the_pose() -> None:
+    q, tool = np.array([0.3, -1.2, 1.4, -0.7, 1.1, 0.2]), k.pose_matrix([0.01, 0.0, 0.12, 0.0, 0.3, 0.0])
+    pose, jacobian = k.forward(k.UR5_CB3, q, tool)
+    for joint in range(6):
+        step = np.zeros(6)
+        step[joint] = 1e-6
+        moved, _ = k.forward(k.UR5_CB3, q + step, tool)
+        slope = np.concatenate([moved[:3, 3] - pose[:3, 3], k.rotation_vector(moved[:3, :3] @ pose[:3, :3].T)]) / 1e-6
+        assert slope == pytest.approx(jacobian[:, joint], abs=1e-5)
+
+
+@pytest.mark.parametrize("geometry", [k.UR5_CB3, k.UR5E], ids=["CB3", "e-Series"])
+def test_inverse_kinematics_finds_back_from_a_disturbed_start(geometry: k.Geometry) -> None:
+    random = np.random.default_rng(1)
+    for _ in range(40):
+        q = random.uniform(-2.0, 2.0, 6)
+        target, _ = k.forward(geometry, q, np.eye(4))
+        found = k.inverse(geometry, target, q + random.normal(0, 0.1, 6), np.eye(4))
+        assert found is not None
+        assert k.forward(geometry, found, np.eye(4))[0] == pytest.approx(target, abs=1e-6)
+
+
+def test_inverse_kinematics_says_none_beyond_the_reach() -> None:
+    target = k.pose_matrix([1.2, 0.0, 0.3, 2.2, -2.2, 0.0])
+    assert k.inverse(k.UR5_CB3, target, np.array(START_JOINTS), np.eye(4)) is None
+
+
+def test_rotation_vectors_survive_angles_near_zero_and_near_a_half_turn() -> None:
+    random = np.random.default_rng(2)
+    for angle in [1e-9, 1e-4, 1.0, 3.0, *(math.pi - 10.0 ** -np.arange(2, 12))]:
+        axis = random.normal(size=3)
+        matrix = k.rotation_matrix(angle * axis / np.linalg.norm(axis))
+        assert k.rotation_matrix(k.rotation_vector(matrix)) == pytest.approx(matrix, abs=1e-9)
+
+
+# -- motion
+def test_a_profile_covers_its_distance_with_its_speed_and_acceleration() -> None:
+    profile = Profile(0.1, 0.05, 0.5)
+    assert profile.duration == pytest.approx(0.1 / 0.05 + 0.05 / 0.5)
+    t = np.linspace(0, profile.duration, 2001)
+    speed = np.gradient([0.1 * profile.fraction(x) for x in t], t)
+    assert speed.max() == pytest.approx(0.05, rel=1e-3)
+    assert np.abs(np.gradient(speed, t)).max() == pytest.approx(0.5, rel=0.02)
+    assert Profile(0.001, 0.05, 0.5).speed < 0.05
+
+
+def test_a_linear_move_stays_on_the_straight_line() -> None:
+    arm = Arm(k.UR5_CB3)
+    start = arm.pose_vector()
+    goal = start + [-0.1, 0.08, -0.12, 0, 0, 0]
+    motion = LinearMove(arm, goal, 0.1, 0.5)
+    direction = (goal - start)[:3] / np.linalg.norm((goal - start)[:3])
+    while motion.step(0.008):
+        off = arm.pose_vector()[:3] - start[:3]
+        assert np.linalg.norm(off - direction * (off @ direction)) < 1e-6
+    assert arm.pose_vector()[:3] == pytest.approx(goal[:3], abs=1e-8)
+    assert not np.any(arm.qd)
+
+
+def test_a_joint_move_takes_the_time_of_the_joint_with_the_longest_way() -> None:
+    arm = Arm(k.UR5_CB3)
+    goal = np.array(START_JOINTS) + [0.5, 0.1, 0, 0, 0, -0.2]
+    assert run(JointMove(arm, goal, 1.0, 2.0)) == pytest.approx(0.5 / 1.0 + 1.0 / 2.0, abs=0.02)
+    assert arm.q == pytest.approx(goal)
+
+
+def test_a_move_that_leaves_the_reach_on_its_way_is_refused_at_its_start() -> None:
+    arm = Arm(k.UR5_CB3)
+    with pytest.raises(ProgramError, match="no inverse kinematics solution on the way"):
+        LinearMove(arm, arm.pose_vector() + [0.5, 0, 0, 0, 0, 0], 0.1, 0.5)
+    assert arm.q == pytest.approx(START_JOINTS)
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.16], ids=["fine", "sped up"])
+def test_a_linear_stop_needs_half_the_speed_squared_over_the_deceleration(dt: float) -> None:
+    arm = Arm(k.UR5_CB3)
+    motion = LinearMove(arm, arm.pose_vector() + [0, 0, -0.2, 0, 0, 0], 0.1, 1.0)
+    while np.linalg.norm(arm.tcp_speed()[:3]) < 0.0999:
+        motion.step(0.002)
+    before = arm.pose_vector()[2]
+    run(stop_linear(arm, 0.5), dt)
+    assert before - arm.pose_vector()[2] == pytest.approx(0.1**2 / 2 / 0.5, rel=0.02)
+    assert not np.any(arm.qd)
+
+
+# -- controller
+def test_the_arm_and_the_stamp_advance_speed_times_as_far_in_a_cycle() -> None:
+    for speed in (1.0, 20.0):
+        controller = playing(speed)
+        goal = controller.arm.pose_vector() - [0, 0, 0.1, 0, 0, 0]
+        command(controller, MOVEL, [*goal.tolist(), 0.05, 0.5])
+        cycles = 1
+        while not np.allclose(controller.arm.pose_vector()[:3], goal[:3], atol=1e-9):
+            controller.advance()
+            cycles += 1
+        assert cycles * 0.008 * speed == pytest.approx(2.1, abs=3 * 0.008 * speed)
+        assert controller.t - UPTIME == pytest.approx(cycles * 0.008 * speed)
+
+
+def test_an_asynchronous_move_counts_up_and_reports_its_end() -> None:
+    controller = playing()
+    number = controller.out_int[2] >> 24
+    goal = controller.arm.pose_vector() - [0, 0, 0.01, 0, 0, 0]
+    command(controller, MOVEL, [*goal.tolist(), 0.05, 0.5])
+    assert controller.out_int[0] == 2
+    assert controller.out_int[2] >> 24 == number + 1 and controller.out_int[2] >> 15 & 1
+    for _ in range(60):
+        controller.advance()
+    assert controller.out_int[0] == 1
+    assert controller.out_int[2] >> 24 == number + 1 and not controller.out_int[2] >> 15 & 1
+
+
+def test_the_speed_slider_slows_the_motion_down() -> None:
+    controller = playing()
+    controller.slider = 0.5
+    goal = controller.arm.pose_vector() - [0, 0, 0.1, 0, 0, 0]
+    command(controller, MOVEL, [*goal.tolist(), 0.05, 0.5])
+    fastest = 0.0
+    for _ in range(100):
+        controller.advance()
+        fastest = max(fastest, float(np.linalg.norm(controller.arm.tcp_speed()[:3])))
+    moved = goal[2] + 0.1 - controller.arm.pose_vector()[2]
+    assert moved == pytest.approx(0.05 * (100 * 0.008 * 0.5 - 0.05), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("code", "doubles", "reason"),
+    [
+        (MOVEL, [1.5, 0, 0, 0, 0, 0, 0.1, 0.5], "no inverse kinematics"),
+        (MOVEL, [0.4, 0, 0.4, 2.2, -2.2, 0, 3.5, 0.5], "out of range"),
+        (MOVEL, [math.nan, 0, 0.4, 2.2, -2.2, 0, 0.1, 0.5], "not a number"),
+        (STOPL, [0.0], "deceleration 0"),
+        (99, [], "command 99"),
+    ],
+)
+def test_what_the_script_cannot_do_ends_it_with_a_reason(code: int, doubles: list[float], reason: str) -> None:
+    controller = playing()
+    command(controller, code, doubles)
+    assert controller.runtime == STOPPED
+    assert reason in controller.ended[-1]
+
+
+def test_a_move_during_an_asynchronous_stop_is_two_threads_at_one_arm() -> None:
+    controller = playing()
+    goal = (controller.arm.pose_vector() - [0, 0, 0.1, 0, 0, 0]).tolist()
+    command(controller, MOVEL, [*goal, 0.1, 0.5])
+    for _ in range(30):
+        controller.advance()
+    command(controller, STOPL, [0.1])
+    controller.advance()
+    command(controller, MOVEL, [*goal, 0.1, 0.5])
+    assert "another thread" in controller.ended[-1]
+
+
+def test_the_watchdog_ends_a_program_that_is_no_longer_written_to() -> None:
+    controller = playing(speed=20.0)
+    command(controller, WATCHDOG, [10.0])
+    for _ in range(60):  # kicked each 40 ms of host time
+        controller.write("input_int_register_0", 0)
+        for _ in range(5):
+            controller.advance()
+    assert controller.runtime == PLAYING
+    for _ in range(13):
+        controller.advance()
+    assert controller.runtime == STOPPED and "watchdog" in controller.ended[-1]
+
+
+def test_no_program_starts_during_a_protective_stop() -> None:
+    controller = playing()
+    controller.protective_stop("test")
+    controller.load(PROGRAM)
+    assert controller.runtime == STOPPED
+    assert controller.ended[-1] == "rtde_control not started: the arm is not ready"
+    assert answer(controller, "safetystatus") == "Safetystatus: PROTECTIVE_STOP"
+    assert answer(controller, "unlock protective stop") == "Protective stop releasing"
+    controller.load(PROGRAM)
+    assert controller.runtime == PLAYING
+
+
+def test_readings_are_noisy_and_the_same_for_the_same_seed() -> None:
+    one, same, other = Controller(seed=3), Controller(seed=3), Controller(seed=4)
+    assert one.value("actual_q") == same.value("actual_q") != other.value("actual_q")
+    off = np.array(one.value("actual_q")) - one.arm.q
+    assert 0 < np.abs(off).max() < 6e-5
+
+
+def test_an_old_dashboard_does_not_know_the_serial_number() -> None:
+    assert answer(Controller(version=(3, 10, 0, 1)), "get serial number").startswith("could not understand")
+    assert answer(Controller(), "get serial number").isdigit()
