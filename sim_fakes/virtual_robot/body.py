@@ -113,6 +113,7 @@ class Body:
             rest=rest,
             spine=np.outer(self._cover, self._spine_stiffness(spine, jamming, volume_share)),
             spine_rest=rest + self._memory,
+            slips=laws.spine_slip > 0.0,
             slip_moment=slip_moment,
             slip_force=slip_force,
             creep=creep,

@@ -61,7 +61,7 @@ def straight(h: Array) -> Chain:
     return Chain(r, q, np.ascontiguousarray(h))
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def relative_rotation(p: Array, q: Array, out: Array) -> None:
     """Rotation vector (rad) of p^* q, for rotations below pi."""
     w = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
@@ -77,7 +77,7 @@ def relative_rotation(p: Array, q: Array, out: Array) -> None:
     out[2] = f * z
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def segment_strain(chain: Chain, k: int, mid: Array, frame: Array, d: Array, strain: Array) -> None:
     """Middle frame, chord and strain of segment k."""
     h = chain.h[k]
@@ -104,7 +104,7 @@ def segment_strain(chain: Chain, k: int, mid: Array, frame: Array, d: Array, str
     strain[2] -= 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def strains(chain: Chain, out: Array) -> None:
     """Strain of every segment, (n, 6)."""
     mid = np.empty(4)

@@ -92,7 +92,7 @@ def draw_effect(rng: np.random.Generator, ids: Sequence[str] = ()) -> tuple[str,
 
     `ids` limits the choice; without it, all effects of the catalogue.
     """
-    names = tuple(ids) or tuple(info.id for info in _INFO if info.catalogue)
+    names = tuple(ids) or tuple(info.id for info in _BY_ID.values() if info.catalogue)
     info = _BY_ID[names[int(rng.integers(len(names)))]]
     if info.sign == "blend":
         return info.id, float(rng.uniform(0.6, 1.0)) * info.scale

@@ -54,6 +54,8 @@ class Sections(NamedTuple):
     torsion."""
     spine_rest: Array
     """(n, 6) Strain at which the spine is free of stress."""
+    slips: bool
+    """False: the sliders need not be looked at."""
     slip_moment: Array
     """(n, 4) Friction moment of each level, N m."""
     slip_force: Array
@@ -96,7 +98,7 @@ def fresh_history(segments: int) -> History:
     )
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
 def yeoh(e: float, modulus: float, h: float, c1: float, c2: float) -> tuple[float, float]:
     """Stress and tangent of one fibre; squeezed below 40 % it goes on straight."""
     a = max(1.0 + e, 0.4)
@@ -109,7 +111,7 @@ def yeoh(e: float, modulus: float, h: float, c1: float, c2: float) -> tuple[floa
     return modulus * ((1.0 - h) * e + h * stress), modulus * (1.0 - h + h * tangent)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _silicone(s: Sections, k: int, e: Array, stress: Array, t: Array) -> None:
     """Stress and tangent of the silicone at elastic strain `e`."""
     m = s.silicone[k]
@@ -145,7 +147,7 @@ def _silicone(s: Sections, k: int, e: Array, stress: Array, t: Array) -> None:
         t[7] += slope * x * x
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _friction(s: Sections, hist: History, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
     """Add the sliders' stress and consistent tangent; with `commit` their positions are kept.
 
@@ -195,7 +197,7 @@ def _friction(s: Sections, hist: History, k: int, strain: Array, stress: Array, 
             hist.axial_slider[k, j] = strain[2]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def respond(
     s: Sections, hist: History, k: int, strain: Array, stress: Array, t: Array, elastic: Array, commit: bool
 ) -> None:
@@ -249,13 +251,14 @@ def respond(
         t[5] += brake * drag[3]
         t[7] += brake * drag[4]
         t[8] += brake * drag[5]
-    _friction(s, hist, k, strain, stress, t, commit)
+    if s.slips:
+        _friction(s, hist, k, strain, stress, t, commit)
     if commit:
         for i in range(6):
             hist.strain[k, i] = strain[i]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
 def add_linear(g: Array, e: Array, factor: float, stress: Array) -> None:
     """stress += factor * stiffness(g) * e."""
     stress[0] += factor * g[0] * e[0]

@@ -4,7 +4,7 @@ chamber pressure   relaxes exponentially towards its regulator (fill_time), neve
 dead band          Q(P) = (P0 / k) [log(1 + exp(k (P / P0 - 1))) - log(1 + exp(-k))],  k = 4
 ballooning         A(P) = A (1 + b sign(P) |P / 250 kPa|^1.5)
 tip                force sum_i A P_i e3, moment sum_i r_i x A P_i e3, turning with the tip (the paper's eq. 4)
-twist              chamber i lies at azimuth_i + c s (1 + 0.3 s / L): the moment's change along the body acts where it happens
+twist              chamber i lies at azimuth_i + c s (1 + 0.3 s / L); moments act where they change
 """
 
 from __future__ import annotations

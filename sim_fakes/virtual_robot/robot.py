@@ -33,6 +33,8 @@ UNSEEN_MOTION = 2e-6
 """m that the shape may be expected to move before it is computed again while no input changes."""
 LONGEST_REST = 0.5
 """s after which it is computed again in any case."""
+CLEARANCE = 0.002
+"""m between probe and specimen from which the probe counts as clear."""
 INPUT_STEPS = np.array([*[1e-4] * 9, 1e-7, 1e-6, 1e-6, 1e-6, 1e-7, 1e-4])
 """Changes that count: nine chamber forces (N), spine length (m), jamming, tip mass (kg), roll (rad), probe level and
 place (m)."""
@@ -114,9 +116,9 @@ class VirtualRobot:
         self._solve(step)
 
     def _input_vector(self) -> Array:
-        tip = self.specimen.rod.chain.r[-1, 0]
+        near = float(self.specimen.rod.chain.r[:, 0].min()) - CLEARANCE
         # a probe that stays clear of the specimen is no input
-        level, at = self.hands.probe if self.hands.probe and self.hands.probe[0] > tip - 0.002 else (-1.0, 0.0)
+        level, at = self.hands.probe if self.hands.probe and self.hands.probe[0] > near else (-1.0, 0.0)
         pressure = float(np.mean(self.pneumatics.pressures))
         rest = (self.spine.true_length, self.spine.jamming(pressure), self.hands.tip_mass, self.hands.roll, level, at)
         return np.concatenate([self.pneumatics.forces(), rest])
@@ -136,7 +138,7 @@ class VirtualRobot:
         else:
             sections, loads = body.sections(self.spine, dt), body.loads(self._contacts)
         self.solves += 1
-        self._speed = body.rod.relax(sections, loads) / dt
+        self._speed = body.rod.relax(sections, loads, dt) / dt
 
     # -- what can be seen
     def view(self) -> TipView:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .balance import commit, equilibrium
+from .balance import commit, equilibrium, foresee
 from .chain import Chain, Loads, straight, strains
 from .material import History, Sections, fresh_history
 
@@ -14,6 +16,10 @@ Array = NDArray[np.float64]
 FALLBACK_VISCOSITY = (30.0, 10.0, 10.0, 3.0, 3.0, 1.0, 1.0, 0.3, 0.1)
 """Viscosity of the intermediate steps when a step is too large for Newton: the rod creeps towards its equilibrium."""
 FROZEN_CREEP = np.array([[1.0, 0.0], [1.0, 0.0]])
+
+
+MOST_FORESIGHT = 3.0
+"""Longest step, relative to the one before, over which the last motion is carried on."""
 
 
 class NoEquilibrium(RuntimeError):
@@ -45,6 +51,8 @@ class Rod:
     def __init__(self, h: Array) -> None:
         self.chain: Chain = straight(h)
         self.history: History = fresh_history(len(h))
+        self._before = (self.chain.r.copy(), self.chain.q.copy())
+        self._last_step = math.inf
 
     def remesh(self, h: Array) -> None:
         """Move the nodes along the present shape to new segment lengths; the memory stays with its segment."""
@@ -55,6 +63,7 @@ class Rod:
         q = np.stack([np.interp(new, old, self.chain.q[:, i]) for i in range(4)], axis=1)
         q /= np.linalg.norm(q, axis=1)[:, None]
         self.chain = Chain(np.ascontiguousarray(r), np.ascontiguousarray(q), np.ascontiguousarray(h))
+        self._last_step = math.inf
 
     def strains(self) -> Array:
         """Strain of each segment, (n, 6)."""
@@ -62,14 +71,19 @@ class Rod:
         strains(self.chain, out)
         return out
 
-    def relax(self, sections: Sections, loads: Loads) -> float:
-        """Go to the equilibrium of this step; returns the largest motion of a node, m. Raises `NoEquilibrium`."""
-        r, q = self.chain.r.copy(), self.chain.q.copy()
-        iterations, moved = equilibrium(self.chain, sections, self.history, loads)
+    def relax(self, sections: Sections, loads: Loads, dt: float) -> float:
+        """Go to the equilibrium at the end of dt seconds; returns the largest motion (m). Raises `NoEquilibrium`."""
+        # the last motion foretells this one when the steps are alike; otherwise start from rest
+        ratio = dt / self._last_step
+        r, q = self._before
+        foresee(self.chain, r, q, ratio if ratio < MOST_FORESIGHT else 0.0)
+        self._last_step = dt
+        iterations = equilibrium(self.chain, sections, self.history, loads)
         if iterations < 0:
             self.chain.r[:], self.chain.q[:] = r, q
+            self._last_step = math.inf
             self._creep_there(sections, loads)
-            moved = float(np.abs(self.chain.r - r).max())
+        moved = float(np.abs(self.chain.r - r).max())
         commit(self.chain, sections, self.history)
         return moved
 
@@ -79,7 +93,7 @@ class Rod:
         for stage in stages:
             last = stage == 0.0
             brake = sections if last else sections._replace(viscosity=stage, creep=FROZEN_CREEP)
-            iterations, _ = equilibrium(self.chain, brake, self.history, loads)
+            iterations = equilibrium(self.chain, brake, self.history, loads)
             if iterations < 0:
                 for array, kept in zip((self.chain.r, self.chain.q, *self.history), memory, strict=True):
                     array[:] = kept

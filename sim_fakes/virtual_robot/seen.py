@@ -6,9 +6,11 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import rotation
 from .chain import Chain
 from .directions import Directions
 from .effects import Laws
@@ -27,14 +29,9 @@ class TipView:
 
 def quaternion_matrix(q: Array) -> Array:
     """Rotation matrix of a unit quaternion w, x, y, z."""
-    w, x, y, z = (float(v) for v in q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    out = np.empty((3, 3))
+    rotation(q, out)
+    return out
 
 
 def axis_quaternion(axis: tuple[float, float, float], angle: float) -> Array:
@@ -47,7 +44,7 @@ class Cameras:
     """Turns a shape into what motion capture reports."""
 
     def __init__(self, markers: tuple[float, ...], laws: Laws, directions: Directions) -> None:
-        self._arc_lengths = np.array(markers)
+        self._arc_lengths = np.array(markers, dtype=np.float64)
         self._laws = laws
         self._directions = directions
         self._frame = quaternion_matrix(axis_quaternion(directions.frame_axis, laws.frame_misalignment))
@@ -59,27 +56,36 @@ class Cameras:
         if self._laws.marker_offset:
             a = self._directions.marker + roll
             position += rotation @ (self._laws.marker_offset * np.array([math.cos(a), math.sin(a), 0.0]))
-        s = np.concatenate([[0.0], np.cumsum(chain.h)])
-        markers = (
-            np.stack([_hermite(chain, s, x) for x in self._arc_lengths]) if len(self._arc_lengths) else np.zeros((0, 3))
-        )
+        markers = centre_line(chain, self._arc_lengths)
         if self._laws.frame_misalignment:
             return TipView(self._frame @ position, self._frame @ rotation, markers @ self._frame.T)
         return TipView(position, rotation, markers)
 
 
-def _hermite(chain: Chain, s: Array, at: float) -> Array:
-    """Point of the centre line at arc length `at` (m), cubic between nodes along their axes."""
-    k = min(max(int(np.searchsorted(s, at)) - 1, 0), len(s) - 2)
-    x = (at - s[k]) / chain.h[k]
-    chord = float(np.linalg.norm(chain.r[k + 1] - chain.r[k]))
-    a, b = (quaternion_matrix(chain.q[i])[:, 2] * chord for i in (k, k + 1))
-    return np.asarray(
-        (1 + 2 * x) * (1 - x) ** 2 * chain.r[k]
-        + x * (1 - x) ** 2 * a
-        + x * x * (3 - 2 * x) * chain.r[k + 1]
-        + x * x * (x - 1) * b
-    )
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def centre_line(chain: Chain, arc_lengths: Array) -> Array:
+    """Points (k, 3) of the centre line at rising arc lengths (m), cubic between nodes along their axes."""
+    out = np.empty((len(arc_lengths), 3))
+    a = np.empty((3, 3))
+    b = np.empty((3, 3))
+    k = 0
+    start = 0.0
+    for m in range(len(arc_lengths)):
+        while arc_lengths[m] > start + chain.h[k] and k < len(chain.h) - 1:
+            start += chain.h[k]
+            k += 1
+        x = (arc_lengths[m] - start) / chain.h[k]
+        rotation(chain.q[k], a)
+        rotation(chain.q[k + 1], b)
+        chord = 0.0
+        for i in range(3):
+            chord += (chain.r[k + 1, i] - chain.r[k, i]) ** 2
+        chord = np.sqrt(chord)
+        for i in range(3):
+            along = x * (1 - x) ** 2 * a[i, 2] + x * x * (x - 1) * b[i, 2]
+            ends = (1 + 2 * x) * (1 - x) ** 2 * chain.r[k, i] + x * x * (3 - 2 * x) * chain.r[k + 1, i]
+            out[m, i] = ends + chord * along
+    return out
 
 
 class Delay:

@@ -17,6 +17,8 @@ from .effects import Laws
 from .truth import RobotTruth
 
 JAM_CURVE = 0.9
+STUB = 1e-3
+"""m: a shorter spine counts as this long, so that it keeps a modulus."""
 SINGLE_MODULUS = 6.6e6
 SHEAR_STIFFNESS = 0.09e6
 """Pa: the one modulus of the spine and its shear modulus times shear factor, at full `spine_shear`."""
@@ -33,7 +35,7 @@ def table_modulus(truth: RobotTruth, length: float) -> float:
     lengths = sorted(truth.spine_modulus)
     values = [truth.spine_modulus[x] for x in lengths]
     if length < lengths[0]:
-        return values[0] * (max(length, 0.0) / lengths[0]) ** 2
+        return values[0] * (max(length, STUB) / lengths[0]) ** 2
     if length > lengths[-1]:
         slope = (values[-1] - values[-2]) / (lengths[-1] - lengths[-2])
         return values[-1] + slope * (length - lengths[-1])
@@ -137,10 +139,10 @@ class Spine:
     def modulus(self) -> float:
         """Bending modulus at nominal vacuum, Pa."""
         table, blend = table_modulus(self._truth, self.true_length), self._laws.spine_shear
-        return table if blend == 0.0 or table == 0.0 else 1 / ((1 - blend) / table + blend / SINGLE_MODULUS)
+        return table if blend == 0.0 else 1 / ((1 - blend) / table + blend / SINGLE_MODULUS)
 
     @property
     def shear_modulus(self) -> float:
         """Shear modulus times shear factor inside the body at nominal vacuum, Pa."""
         stiff, blend = self._truth.shear_ratio * table_modulus(self._truth, self.true_length), self._laws.spine_shear
-        return stiff if blend == 0.0 or stiff == 0.0 else 1 / ((1 - blend) / stiff + blend / SHEAR_STIFFNESS)
+        return stiff if blend == 0.0 else 1 / ((1 - blend) / stiff + blend / SHEAR_STIFFNESS)

@@ -85,8 +85,8 @@ class RobotTruth(BaseModel):
             raise ValueError(f"inner_radius {self.inner_radius} m must be below outer_radius {self.outer_radius} m")
         if len(self.chamber_azimuths_deg) != 9:
             raise ValueError(f"chamber_azimuths_deg has {len(self.chamber_azimuths_deg)} entries, 9 are needed")
-        if any(not 0 < s < self.length for s in self.markers):
-            raise ValueError(f"markers {self.markers} m must lie inside the body of {self.length} m")
+        if any(not 0 < s < self.length for s in self.markers) or list(self.markers) != sorted(self.markers):
+            raise ValueError(f"markers {self.markers} m must rise and lie inside the body of {self.length} m")
         if len(self.stand) != 4 or self.stand[3] != (0.0, 0.0, 0.0, 1.0):
             raise ValueError("stand must be a homogeneous 4 x 4 matrix, last row 0 0 0 1")
         if len(self.spine_modulus) < 2 or min(self.spine_modulus) <= 0 or min(self.spine_modulus.values()) <= 0:
