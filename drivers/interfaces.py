@@ -122,7 +122,7 @@ class BodySample:
     markers: tuple[Vector3, ...] = ()
 
 
-S = TypeVar("S", contravariant=True)
+S = TypeVar("S")
 Sink = Callable[[S], None]
 """Where a streaming driver delivers its samples; called from the driver's own thread."""
 
@@ -204,14 +204,14 @@ class Arm(Instrument, Protocol):
         """Decelerate now."""
 
 
-class Stream(Instrument, Protocol[S]):
+class Stream(Instrument, Protocol):
     """An instrument that sends by itself; each sample also goes to the sink given to its constructor."""
 
     lost: int
     """Samples known to be lost (gaps in stamps or counters, damaged frames)."""
 
 
-class ForceSensor(Stream[WrenchSample], Protocol):
+class ForceSensor(Stream, Protocol):
     """Force-torque sensor."""
 
     def latest(self) -> WrenchSample:
@@ -221,14 +221,14 @@ class ForceSensor(Stream[WrenchSample], Protocol):
         """Average the next `samples` raw readings and subtract them from now on; returns the new zero."""
 
 
-class ArmState(Stream[ArmSample], Protocol):
+class ArmState(Stream, Protocol):
     """State of the robot arm as it streams it."""
 
     def latest(self) -> ArmSample:
         """The newest sample; raises `StaleReading` when it is older than the maximum age."""
 
 
-class MotionCapture(Stream[BodySample], Protocol):
+class MotionCapture(Stream, Protocol):
     """The tip as motion capture sees it."""
 
     def latest(self) -> BodySample:

@@ -87,6 +87,7 @@ class _Child:
                 self.drivers[name] = DRIVERS[config.driver](name, config, clock)
         self.opened: list[str] = []
         self.locks = {name: threading.Lock() for name in self.drivers}
+        self.sending = threading.Lock()
         self.running = True
 
     def open(self, name: str) -> Identity:
@@ -100,20 +101,20 @@ class _Child:
         with self.locks[name]:
             return getattr(self.drivers[name], method)(*args)
 
-    def poll(self, samples: Connection) -> None:
-        """Read every polled instrument at the rig's rate; a reading that fails is skipped here and raised where it is needed."""
+    def poll(self, name: str, samples: Connection) -> None:
+        """Read one instrument at the rig's rate; a reading that fails is passed on as its error."""
         while self.running:
             due = time.monotonic() + 1 / self.rig.poll
-            for name in POLLED:
-                if name in self.opened:
-                    try:
-                        sample = self.call(name, "read", ())
-                    except InstrumentError as e:
-                        sample = e
-                    try:
+            if name in self.opened:
+                try:
+                    sample = self.call(name, "read", ())
+                except InstrumentError as e:
+                    sample = e
+                try:
+                    with self.sending:
                         samples.send((name, sample))
-                    except OSError:
-                        return
+                except OSError:
+                    return
             time.sleep(max(0.0, due - time.monotonic()))
 
     def safe(self) -> SafeReport:
@@ -180,8 +181,8 @@ def _serve(rig_json: str, start: float, commands: Connection, samples: Connectio
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     rig = RigFile.model_validate_json(rig_json)
     child = _Child(rig, RigClock(rig.clock.speed, start))
-    poller = threading.Thread(target=child.poll, args=(samples,), name="poll", daemon=True)
-    poller.start()
+    for name in POLLED:
+        threading.Thread(target=child.poll, args=(name, samples), name=f"poll-{name}", daemon=True).start()
     try:
         while True:
             name, method, args = commands.recv()
@@ -223,7 +224,10 @@ class Actuators:
         self._commands, theirs = context.Pipe()
         self._samples, their_samples = context.Pipe(duplex=False)
         self._process = context.Process(
-            target=_serve, args=(rig.model_dump_json(), clock.start, theirs, their_samples), name="actuators", daemon=True
+            target=_serve,
+            args=(rig.model_dump_json(), clock.start, theirs, their_samples),
+            name="actuators",
+            daemon=True,
         )
         self._process.start()
         theirs.close()

@@ -179,7 +179,13 @@ def _own_loc(loc: Loc, data: object) -> Loc:
     own: list[str | int] = []
     for i, step in enumerate(loc):
         last = i == len(loc) - 1
-        if isinstance(data, dict) and step in data or isinstance(data, list) and isinstance(step, int) and step < len(data):
+        if (
+            isinstance(data, dict)
+            and step in data
+            or isinstance(data, list)
+            and isinstance(step, int)
+            and step < len(data)
+        ):
             data = data[step]
             own.append(step)
         elif isinstance(data, dict) and last:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ from model.robot import Robot
 from .config import ConfigError
 from .console import out
 from .inputs import Case, read_case
+
+
+LENGTH_KNOWN_TO = 0.1e-3
+"""m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +90,16 @@ def _spine_modulus(case: Case) -> dict[float, Estimate]:
     lengths = {
         x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)
     }
-    return fit_spine_modulus(
+    found = fit_spine_modulus(
         case.robot.spine.radius, [lengths[x] for x in nominal], [r.deflection for r in rows], [r.force for r in rows],
         trial=[r.trial for r in rows],
     )  # fmt: skip
+    return {length: _with_length(e, length) for length, e in found.items()}
+
+
+def _with_length(e: Estimate, length: float) -> Estimate:
+    """E goes with the cube of the length, so what is not known of the length is added to the standard error."""
+    return replace(e, standard_error=math.hypot(e.standard_error, 3 * LENGTH_KNOWN_TO / length * e.value))
 
 
 def _body_modulus(case: Case) -> Estimate | None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean
 
 from .bench import Bench
 from .parameters import Jam, SpineMotion
 
 VENTED_BELOW = 5e3
 """Pa; all chambers measured below this count as vented."""
+LOWEST_AMBIENT = 80e3
+"""Pa absolute; a spine below this is still evacuated."""
 RAMP_STEP = 0.1
 """Rig seconds between two set-points of a ramp."""
 
@@ -36,19 +39,19 @@ def home(bench: Bench, within: float = 120.0) -> None:
 
 
 def release(bench: Bench, jam: Jam) -> float:
-    """Un-jam the spine; returns ambient pressure, Pa absolute, as the gauge shows it at rest."""
+    """Un-jam the spine and wait until the gauge rests; returns ambient pressure, Pa absolute, the mean of that rest."""
     valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
     valve.set(False)
-    last: list[float] = []
+    readings: list[tuple[float, float]] = []
 
     def at_rest() -> float | None:
-        last.append(gauge.read().absolute)
-        recent = last[-5:]
-        return (
-            last[-1]
-            if len(recent) == 5 and max(recent) - min(recent) < jam.released_below / 2 and recent[-1] > 80e3
-            else None
-        )
+        readings.append((bench.clock.now(), gauge.read().absolute))
+        recent = [p for t, p in readings if t >= readings[-1][0] - jam.rest]
+        if readings[-1][0] - readings[0][0] < jam.rest or len(recent) < 6:
+            return None
+        half = len(recent) // 2
+        drift = fmean(recent[half:]) - fmean(recent[:half])
+        return fmean(recent) if abs(drift) < jam.released_below / 5 and min(recent) > LOWEST_AMBIENT else None
 
     return bench.wait("vacuum released", at_rest, jam.within)
 

@@ -25,7 +25,9 @@ class Jam(Parameters):
     share: float = Field(0.9, gt=0.1, le=1.0, json_schema_extra={"unit": ""})
     """Jammed at this share of the vacuum level set at the supply."""
     released_below: float = Field(5e3, gt=0, le=50e3, json_schema_extra={"unit": "Pa"})
-    """Released when less than this below ambient."""
+    """Released when the gauge rests to a fifth of this."""
+    rest: float = Field(2.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """Over this long; the mean is taken for ambient pressure."""
     within: float = Field(30.0, gt=0, le=600, json_schema_extra={"unit": "s"})
 
 
@@ -40,10 +42,12 @@ class Settle(Parameters):
     """While the smoothed tip moves by less than this."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
     """Then averaged over at least this long."""
-    min_samples: int = Field(20, ge=1, le=10_000)
+    min_samples: int = Field(10, ge=1, le=10_000)
     """And at least so many samples of each stream."""
     max_gap: float = Field(2.0, gt=0, le=60, json_schema_extra={"unit": "s"})
     """No stream may pause longer than this meanwhile."""
+    max_hidden: float = Field(0.5, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """Nor may the tip be untracked for longer than this."""
     within: float = Field(60.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
 
 

@@ -8,12 +8,14 @@ The defaults are the paper's spine lengths, 5..30 cm by 5 cm.
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
-from drivers.frames import rotation_from_vector
 from recordings.states import Probe, Window
 
 from .actions import home, set_spine, vent
@@ -38,14 +40,14 @@ class Stiffness(Parameters):
     repeats: int = Field(1, ge=1, le=100)
     steps: int = Field(8, ge=3, le=100)
     """Deflections read, evenly spaced."""
-    deflection_ratio: float = Field(0.03, gt=0, le=0.1, json_schema_extra={"unit": ""})
+    deflection_ratio: float = Field(0.02, gt=0, le=0.1, json_schema_extra={"unit": ""})
     """Largest deflection over the cantilever's length; eq. 8 holds for small ones."""
     max_force: float = Field(25.0, gt=0, le=100, json_schema_extra={"unit": "N"})
     """A trial ends early here."""
     contact_force: float = Field(0.3, gt=0, le=10, json_schema_extra={"unit": "N"})
     """Contact counts as made above this."""
     approach_step: float = Field(1e-3, gt=0, le=5e-3, json_schema_extra={"unit": "m"})
-    clearance: float = Field(0.01, gt=0, le=0.1, json_schema_extra={"unit": "m"})
+    clearance: float = Field(5e-3, gt=0, le=0.1, json_schema_extra={"unit": "m"})
     """The approach in steps begins so far from where the specimen is expected."""
     specimen_radius: float | None = Field(None, gt=0, le=0.2, json_schema_extra={"unit": "m"})
     """Distance from the specimen's axis to its surface; None: 29 mm for the spine, 50 mm for the body."""
@@ -131,15 +133,17 @@ class ProbeMotion:
         """Move there and wait until the arm has come to rest."""
         s = self.stand
         point = [o + along * a + depth * d for o, a, d in zip(s.origin, s.axis, s.push, strict=True)]
-        self.arm.move_to([*point, *s.tool_rotation], speed, self.p.acceleration)
-        self.bench.wait("arm at its target", lambda: None if self.arm.moving() else True, 120.0)
+        goal = [*point, *s.tool_rotation]
+        for pose in waypoints(self.state.latest().tcp_pose, goal):
+            self.arm.move_to(pose, speed, self.p.acceleration)
+            self.bench.wait("arm at its target", lambda: None if self.arm.moving() else True, 120.0)
         self.along = along
 
     def retreat(self) -> None:
         """Away from the specimen, straight back."""
         self.go(self.along, -self.stand.standoff, self.p.speed)
 
-    def pushing(self, samples: int = 10) -> float:
+    def pushing(self, samples: int = 5) -> float:
         """Force on the specimen along the push, N: the mean of the next force samples, in the arm's base frame."""
         since = self.bench.clock.now()
 
@@ -148,8 +152,8 @@ class ProbeMotion:
             if len(newer) < samples:
                 return None
             force = (newer["raw"] - newer["zero"])[:, :3].mean(axis=0)
-            rotation = rotation_from_vector(self.state.latest().tcp_pose[3:])
-            return -float(np.dot(rotation @ force, self.stand.push))
+            rotation = Rotation.from_rotvec(self.state.latest().tcp_pose[3:])
+            return -float(np.dot(rotation.apply(force), self.stand.push))
 
         return self.bench.wait(f"{samples} force samples", mean, 30.0)
 
@@ -171,6 +175,21 @@ class ProbeMotion:
         return depth
 
 
+LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
+"""m and rad; a longer way is made in equal parts."""
+
+
+def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]]:
+    """Poses (m, rotation vector rad) from start to goal in parts short enough for the arm's limits; the last is goal."""
+    first = Rotation.from_rotvec(start[3:])
+    turn = (Rotation.from_rotvec(goal[3:]) * first.inv()).as_rotvec()
+    way = np.subtract(goal[:3], start[:3])
+    parts = max(1, math.ceil(np.linalg.norm(way) / LONGEST_MOVE), math.ceil(np.linalg.norm(turn) / LARGEST_TURN))
+    shares = [i / parts for i in range(1, parts)]
+    between = [[*(start[:3] + way * x), *(Rotation.from_rotvec(turn * x) * first).as_rotvec()] for x in shares]
+    return [*between, list(goal)]
+
+
 def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: ProbeMotion, length: float) -> None:
     """Approach, then step the deflection and read force at each."""
     contact = probe.approach(length)
@@ -182,7 +201,7 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: Probe
     for i in range(1, p.steps + 1):
         probe.go(length, contact + p.deflection_ratio * length * i / p.steps, p.push_speed)
         at_rest = bench.clock.now()
-        rule = Window(p.dwell, average, max(3, p.min_samples // 2))
+        rule = Window(p.dwell, average, 3)
         row = trials.read(
             trial, rule, branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0, targets=(0.0,) * 9, topics=TOPICS,
             wait=p.dwell + average + 20.0,
