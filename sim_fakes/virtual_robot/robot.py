@@ -6,6 +6,7 @@ same parts and the same clock of their own, so a robot should be driven one way 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -138,7 +139,9 @@ class VirtualRobot:
         else:
             sections, loads = body.sections(self.spine, dt), body.loads(self._contacts)
         self.solves += 1
+        self._speed = math.inf  # until it is known; a step that fails is tried again
         self._speed = body.rod.relax(sections, loads, dt) / dt
+        self._force = self.stand.force(chain, self._contacts)
 
     # -- what can be seen
     def view(self) -> TipView:
@@ -155,8 +158,8 @@ class VirtualRobot:
         return self._pressure_delay.pass_through(self.time, self.pneumatics.seen)
 
     def contact(self) -> float:
-        """Force between probe and specimen, N."""
-        return self.stand.force(self.specimen.rod.chain, self._contacts)
+        """Force between probe and specimen in the last equilibrium, N."""
+        return self._force
 
     # -- two ways to drive it
     def advance(self, plant: Plant, dt: float) -> None:

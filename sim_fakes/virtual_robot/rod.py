@@ -13,13 +13,19 @@ from .material import History, Sections, fresh_history
 
 Array = NDArray[np.float64]
 
-FALLBACK_VISCOSITY = (30.0, 10.0, 10.0, 3.0, 3.0, 1.0, 1.0, 0.3, 0.1)
-"""Viscosity of the intermediate steps when a step is too large for Newton: the rod creeps towards its equilibrium."""
+FIRST_BRAKE, LAST_BRAKE = 8.0, 0.03
+"""Viscosity of the intermediate steps when a step is too large for Newton."""
+MOST_BRAKED_STEPS = 80
 FROZEN_CREEP = np.array([[1.0, 0.0], [1.0, 0.0]])
 
 
 MOST_FORESIGHT = 3.0
 """Longest step, relative to the one before, over which the last motion is carried on."""
+
+
+CONTACT_MOVE = 0.03
+"""Largest move of a contact in one go, relative to the rod's length."""
+MOST_MOVES = 40
 
 
 class NoEquilibrium(RuntimeError):
@@ -73,11 +79,12 @@ class Rod:
 
     def relax(self, sections: Sections, loads: Loads, dt: float) -> float:
         """Go to the equilibrium at the end of dt seconds; returns the largest motion (m). Raises `NoEquilibrium`."""
-        # the last motion foretells this one when the steps are alike; otherwise start from rest
-        ratio = dt / self._last_step
+        # the last motion foretells this one when the steps are alike; a contact could be lost by it, so not there
+        ratio = math.inf if len(loads.contacts) else dt / self._last_step
         r, q = self._before
         foresee(self.chain, r, q, ratio if ratio < MOST_FORESIGHT else 0.0)
         self._last_step = dt
+        self._lead(sections, loads)
         iterations = equilibrium(self.chain, sections, self.history, loads)
         if iterations < 0:
             self.chain.r[:], self.chain.q[:] = r, q
@@ -87,19 +94,41 @@ class Rod:
         commit(self.chain, sections, self.history)
         return moved
 
+    def _lead(self, sections: Sections, loads: Loads) -> None:
+        """Let a contact that has come far lead the shape there in small moves; the memory is not touched."""
+        for k, w, nx, ny, nz, level, soft_depth, soft, stiff in loads.contacts:
+            point = (1 - w) * self.chain.r[int(k)] + w * self.chain.r[int(k) + 1]
+            at = float(point @ (nx, ny, nz))
+            moves = math.ceil((level - at) / (CONTACT_MOVE * float(self.chain.h.sum())))
+            for i in range(1, min(moves, MOST_MOVES)):
+                row = np.array([[k, w, nx, ny, nz, at + (level - at) * i / moves, soft_depth, soft, stiff]])
+                if equilibrium(self.chain, sections, self.history, loads._replace(contacts=row)) < 0:
+                    return
+
     def _creep_there(self, sections: Sections, loads: Loads) -> None:
-        memory = [a.copy() for a in (self.chain.r, self.chain.q, *self.history)]
-        stages = (*FALLBACK_VISCOSITY, 0.0)
-        for stage in stages:
-            last = stage == 0.0
-            brake = sections if last else sections._replace(viscosity=stage, creep=FROZEN_CREEP)
-            iterations = equilibrium(self.chain, brake, self.history, loads)
-            if iterations < 0:
-                for array, kept in zip((self.chain.r, self.chain.q, *self.history), memory, strict=True):
-                    array[:] = kept
-                raise NoEquilibrium(
-                    f"virtual robot: no equilibrium under a tip force of {loads.follower_force[2]:.1f} N; "
-                    "lower the chamber pressures"
-                )
-            if not last:
-                commit(self.chain, brake, self.history)
+        """Reach a far equilibrium in braked steps; the brake is eased while they succeed and tightened when one fails."""
+        state = (self.chain.r, self.chain.q, *self.history)
+        begin = [a.copy() for a in state]
+        brake = FIRST_BRAKE
+        for _ in range(MOST_BRAKED_STEPS):
+            before = [a.copy() for a in state]
+            last = brake < LAST_BRAKE
+            step = sections if last else sections._replace(viscosity=max(brake, sections.viscosity), creep=FROZEN_CREEP)
+            if equilibrium(self.chain, step, self.history, loads) < 0:
+                _put_back(state, before)
+                brake = 5 * max(brake, LAST_BRAKE)
+            elif last:
+                return
+            else:
+                commit(self.chain, step, self.history)
+                brake /= 2
+        _put_back(state, begin)
+        raise NoEquilibrium(
+            f"virtual robot: no equilibrium under a tip force of {loads.follower_force[2]:.1f} N and "
+            f"{len(loads.contacts)} contacts; lower the chamber pressures or take the probe back"
+        )
+
+
+def _put_back(state: tuple[Array, ...], kept: list[Array]) -> None:
+    for array, values in zip(state, kept, strict=True):
+        array[:] = values

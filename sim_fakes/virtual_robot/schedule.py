@@ -85,7 +85,7 @@ def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
             touch = float(robot.specimen.rod.chain.r[-1, 0])
         _ramp(robot, np.array(state.pressures), state.rate)
         if state.mount != "robot":
-            _push(robot, touch + state.deflection)
+            _push(robot, touch, state.deflection)
         _hold(robot, state.hold)
         force = robot.stand.sensed(robot.contact(), max(state.hold, 1e-3)) if state.mount != "robot" else 0.0
         view = robot.published_view()
@@ -147,9 +147,10 @@ def _ramp(robot: VirtualRobot, goal: Array, rate: float) -> None:
             _sample(robot)
 
 
-def _push(robot: VirtualRobot, level: float) -> None:
+def _push(robot: VirtualRobot, touch: float, deflection: float) -> None:
     length = float(robot.specimen.rod.chain.h.sum())
-    start = robot.hands.probe[0] if robot.hands.probe else level
+    start = robot.hands.probe[0] if robot.hands.probe else touch
+    level = touch + deflection
     for i in range(1, APPROACH_STEPS + 1):
         robot.hands.probe = (start + (level - start) * i / APPROACH_STEPS, length)
         robot.move(0.25)

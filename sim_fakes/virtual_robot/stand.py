@@ -28,8 +28,8 @@ SHORTEST_SPINE = 0.02
 """m; a shorter spine offers nothing to push on."""
 OVERHANG = 0.02
 """m beyond the specimen's end where the probe still meets it."""
-SHEAR_STIFF = 1e4
-"""Shear modulus / Young's modulus of a spine that does not shear: adds below 3e-5 to its compliance."""
+SHEAR_STIFF = 1e3
+"""Shear modulus / Young's modulus of a spine that does not shear: adds below 3e-4 to its compliance."""
 LIMP = 2e-3
 """Stiffness left in an unjammed spine relative to a jammed one, so that it keeps a shape."""
 SOFT_LAYER = 150.0
