@@ -122,6 +122,7 @@ class NatNetMocap:
         self._ids: dict[str, int] = {}
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
+        self._started = threading.Event()
         self._lock = threading.Lock()
         self._newest: BodySample | None = None
         self._newest_at = -math.inf
@@ -151,8 +152,10 @@ class NatNetMocap:
             raise
         self._client = client
         self._stopping.clear()
+        self._started.clear()
         self._thread = threading.Thread(target=self._run, args=(client,), name=f"natnet-{self.name}", daemon=True)
         self._thread.start()
+        self._started.wait(self._config.timeout)  # the first frame is here; `latest` is to find it
         return identity
 
     def close(self) -> None:
@@ -293,6 +296,7 @@ class NatNetMocap:
             self._newest, self._newest_at = sample, now
             if sample.valid:
                 self._valid, self._valid_at = sample, now
+        self._started.set()
         self._sink(sample)
 
     def _in_base(self, position: Vector3) -> Vector3:

@@ -114,6 +114,7 @@ class MotiveFake(threading.Thread):
         self.frame = 0
         self.messages: list[int] = []
         """Ids of the messages received, keep-alive left out."""
+        self.keep_alives = 0
         self.mocap_to_base = {"position": list(mocap_to_base[0]), "quaternion": list(mocap_to_base[1])}
         """The calibration that a person would write into rig.yaml."""
         self._origin = np.array(mocap_to_base[0])
@@ -169,6 +170,7 @@ class MotiveFake(threading.Thread):
         if size != len(payload):
             return
         if message == KEEPALIVE:
+            self.keep_alives += 1
             if client in self._clients:
                 self._clients[client] = time.monotonic()
             return

@@ -110,10 +110,10 @@ def test_a_broken_coupling_is_noticed_by_the_encoder(make: Make) -> None:
 
 
 def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: Plant) -> None:
-    spine, _ = make(heartbeat=0.1)
+    spine, _ = make(heartbeat=0.3)
     homed(spine)
-    spine.move_to(0.35, 0.05)
-    time.sleep(0.25)
+    spine.move_to(0.35, 0.02)
+    time.sleep(0.5)
     assert plant.spine_drive < 0.3
     with pytest.raises(DeviceFault, match="heartbeat"):
         watch(spine, lambda s: not s.moving)

@@ -1,0 +1,381 @@
+"""Motion capture through the natnet client, against the fake Motive.
+
+With LAB_TEST_NATNET_SERVER and LAB_TEST_NATNET_BODY (and LAB_TEST_NATNET_LOCAL) the tests that need no fault run
+against a real server that sees the body.
+"""
+
+import math
+import os
+import random
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from drivers.errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
+from drivers.frames import matrix_from_quaternion, rotation_from_vector
+from drivers.interfaces import BodySample, MotionCapture
+from drivers.natnet_mocap import Config, NatNetMocap, Pose
+from sim_fakes.clock import SimClock
+from sim_fakes.motive import MotiveFake
+from sim_fakes.plant import Plant
+
+SERVER = os.environ.get("LAB_TEST_NATNET_SERVER")
+IDENTITY = {"position": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}
+Make = Callable[..., NatNetMocap]
+
+
+def free_host() -> str:
+    """A loopback address whose NatNet ports nobody uses."""
+    while True:
+        host = f"127.{random.randint(1, 254)}.{random.randint(1, 254)}.{random.randint(2, 254)}"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind((host, 1510))
+            except OSError:
+                continue
+        return host
+
+
+@pytest.fixture
+def plant() -> Plant:
+    plant = Plant()
+    plant.tip_position = np.array([0.05, -0.08, 0.37])
+    plant.tip_rotation = rotation_from_vector((0.3, -0.2, 0.9))
+    plant.markers = np.array([[0.0, 0.0, 0.1], [0.01, -0.02, 0.2], [0.02, -0.04, 0.3]])
+    return plant
+
+
+@pytest.fixture
+def fake(plant: Plant, request: pytest.FixtureRequest) -> Iterator[MotiveFake]:
+    if SERVER:
+        pytest.skip("needs the fake server")
+    changes = getattr(request, "param", {})
+    values: dict[str, Any] = {"host": free_host(), "noise": 0.0, "angle_noise": 0.0} | changes
+    fake = MotiveFake(plant, SimClock(10.0), **values)
+    fake.start()
+    yield fake
+    fake.stop()
+
+
+@pytest.fixture
+def samples() -> list[BodySample]:
+    return []
+
+
+@pytest.fixture
+def make(request: pytest.FixtureRequest, samples: list[BodySample]) -> Iterator[Make]:
+    made: list[NatNetMocap] = []
+
+    def make(**changes: Any) -> NatNetMocap:
+        if SERVER:
+            values: dict[str, Any] = {"server": SERVER, "body": os.environ.get("LAB_TEST_NATNET_BODY", "Tip")}
+            values |= {"local": os.environ.get("LAB_TEST_NATNET_LOCAL", ""), "mocap_to_base": IDENTITY}
+        else:
+            fake = request.getfixturevalue("fake")
+            values = {"server": fake.host, "body": "Tip", "mocap_to_base": fake.mocap_to_base, "timeout": 1.0}
+            values["max_age"] = 0.25
+        made.append(NatNetMocap("mocap", Config(**values | changes), SimClock(10.0), samples.append))
+        return made[-1]
+
+    yield make
+    for mocap in made:
+        mocap.close()
+
+
+def wait(condition: Callable[[], bool], within: float = 5.0) -> None:
+    deadline = time.monotonic() + within
+    while not condition():
+        assert time.monotonic() < deadline, "never happened"
+        time.sleep(0.005)
+
+
+def test_it_is_a_motion_capture_that_tells_who_it_is(make: Make) -> None:
+    mocap = make()
+    identity = mocap.open()
+    assert isinstance(mocap, MotionCapture)
+    assert identity.maker == "OptiTrack"
+    assert "NatNet" in identity.model
+
+
+def test_samples_stream_to_the_sink_one_a_frame(make: Make, samples: list[BodySample]) -> None:
+    mocap = make()
+    mocap.open()
+    wait(lambda: len(samples) > 30)
+    numbers = [s.frame for s in samples]
+    assert numbers == sorted(set(numbers))
+    assert numbers[-1] - numbers[0] == len(numbers) - 1 + mocap.lost
+    stamps = [s.device_time for s in samples]
+    assert stamps == sorted(stamps)
+
+
+@pytest.mark.parametrize("fake", [{"version": (4, 1)}, {"version": (3, 1)}], indirect=True)
+def test_the_pose_arrives_in_the_base_frame_for_either_bitstream(make: Make, fake: MotiveFake, plant: Plant) -> None:
+    mocap = make(markers=("M1", "M3"))
+    mocap.open()
+    sample = first(mocap)
+    assert sample.valid
+    assert sample.position == pytest.approx(plant.tip_position, abs=1e-6)
+    assert matrix_from_quaternion(sample.orientation) == pytest.approx(plant.tip_rotation, abs=1e-6)
+    assert sample.markers[0] == pytest.approx(plant.markers[0], abs=1e-6)
+    assert sample.markers[1] == pytest.approx(plant.markers[2], abs=1e-6)
+
+
+TILTED = ((0.3, -1.1, 0.7), (0.5, 0.5, -0.5, 0.5))
+
+
+@pytest.mark.parametrize("fake", [{"mocap_to_base": TILTED}], indirect=True)
+def test_the_frame_of_the_cameras_is_a_matter_of_calibration(make: Make, fake: MotiveFake, plant: Plant) -> None:
+    plant.tip_position = np.array([0.1, 0.2, 0.3])
+    right = make()
+    right.open()
+    assert first(right).position == pytest.approx((0.1, 0.2, 0.3), abs=1e-6)
+    raw = make(mocap_to_base=Pose(**IDENTITY))
+    raw.open()
+    seen = matrix_from_quaternion(TILTED[1]).T @ (np.array([0.1, 0.2, 0.3]) - np.array(TILTED[0]))
+    assert first(raw).position == pytest.approx(seen, abs=1e-6)
+
+
+@pytest.mark.parametrize("fake", [{"noise": 0.3e-3, "angle_noise": math.radians(0.2), "rate": 400.0}], indirect=True)
+def test_noise_has_the_size_of_the_cameras(
+    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample]
+) -> None:
+    mocap = make()
+    mocap.open()
+    wait(lambda: len(samples) > 300)
+    positions = np.array([s.position for s in samples[:300]])
+    assert positions.std(axis=0) == pytest.approx(np.full(3, 0.3e-3), rel=0.25)
+    assert positions.mean(axis=0) == pytest.approx(plant.tip_position, abs=1e-4)
+
+
+def test_a_hidden_tip_is_delivered_as_invalid_and_latest_refuses(
+    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample]
+) -> None:
+    mocap = make()
+    mocap.open()
+    first(mocap)
+    seen = plant.tip_position.copy()
+    with plant.lock:
+        plant.tip_visible = False
+        plant.tip_position = seen + 0.1
+    wait(lambda: not samples[-1].valid)
+    assert samples[-1].position == pytest.approx(seen, abs=1e-6)
+    time.sleep(0.4)
+    with pytest.raises(DeviceFault, match="has not been tracked for"):
+        mocap.latest()
+    plant.tip_visible = True
+    wait(lambda: samples[-1].valid)
+    assert first(mocap).position == pytest.approx(seen + 0.1, abs=1e-6)
+
+
+def test_a_body_never_tracked_is_told_apart_from_a_silent_server(make: Make, fake: MotiveFake, plant: Plant) -> None:
+    plant.tip_visible = False
+    time.sleep(0.05)
+    mocap = make()
+    mocap.open()
+    with pytest.raises(DeviceFault, match="since the start"):
+        mocap.latest()
+
+
+@pytest.mark.parametrize("fault", ["nan", "absurd", "zeros", "no_body"])
+def test_values_that_cannot_be_true_are_invalid(
+    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample], fault: str
+) -> None:
+    mocap = make()
+    mocap.open()
+    first(mocap)
+    plant.tip_visible = fault != "zeros"
+    fake.faults.extra[fault] = True
+    wait(lambda: not samples[-1].valid)
+    time.sleep(0.4)
+    with pytest.raises(DeviceFault):
+        mocap.latest()
+
+
+def test_a_marker_that_is_not_tracked_has_no_place(make: Make, fake: MotiveFake, plant: Plant) -> None:
+    plant.markers = plant.markers[:1]
+    time.sleep(0.05)
+    mocap = make(markers=("M1", "M2"))
+    mocap.open()
+    seen, hidden = first(mocap).markers
+    assert seen == pytest.approx(plant.markers[0], abs=1e-6)
+    assert all(math.isnan(part) for part in hidden)
+
+
+def test_missing_frames_are_counted(make: Make, fake: MotiveFake, samples: list[BodySample]) -> None:
+    mocap = make()
+    mocap.open()
+    first(mocap)
+    before = mocap.lost
+    fake.faults.extra["drop"] = 7
+    wait(lambda: fake.faults.extra["drop"] == 0)
+    count = len(samples)
+    wait(lambda: len(samples) > count + 2)
+    assert mocap.lost - before == 7
+
+
+def test_a_replayed_frame_does_not_keep_a_reading_fresh(
+    make: Make, fake: MotiveFake, samples: list[BodySample]
+) -> None:
+    mocap = make()
+    mocap.open()
+    first(mocap)
+    fake.faults.extra["replay"] = True
+    time.sleep(0.4)
+    count = len(samples)
+    with pytest.raises(StaleReading, match="no frame for"):
+        mocap.latest()
+    assert len(samples) == count
+    assert mocap.lost == 0
+
+
+def test_a_restarted_count_is_no_loss(make: Make, fake: MotiveFake, samples: list[BodySample]) -> None:
+    mocap = make()
+    mocap.open()
+    wait(lambda: len(samples) > 30)
+    before = mocap.lost
+    fake.faults.extra["restart"] = True
+    wait(lambda: samples[-1].frame < 20)
+    wait(lambda: samples[-1].frame > 5)
+    assert mocap.lost == before
+    assert first(mocap).valid
+
+
+def test_a_damaged_frame_is_dropped_and_counted_and_the_stream_goes_on(
+    make: Make, fake: MotiveFake, samples: list[BodySample], capsys: pytest.CaptureFixture[str]
+) -> None:
+    mocap = make()
+    mocap.open()
+    first(mocap)
+    fake.faults.truncate = True
+    at = fake.frame
+    wait(lambda: fake.frame > at + 5)
+    fake.faults.truncate = False
+    count = len(samples)
+    wait(lambda: len(samples) > count + 3)
+    assert 4 <= mocap.lost <= 12
+    assert first(mocap).valid
+
+
+def test_a_server_gone_silent_makes_readings_stale(make: Make, fake: MotiveFake) -> None:
+    mocap = make()
+    mocap.open()
+    first(mocap)
+    fake.faults.silent = True
+    time.sleep(0.4)
+    with pytest.raises(StaleReading, match="Motive"):
+        mocap.latest()
+    fake.faults.silent = False
+    first(mocap)
+
+
+def test_no_server_is_unreachable_within_the_time_out() -> None:
+    config = Config(server=free_host(), body="Tip", mocap_to_base=Pose(**IDENTITY), timeout=0.3)
+    start = time.monotonic()
+    with pytest.raises(Unreachable, match="no NatNet server"):
+        NatNetMocap("mocap", config, SimClock(), lambda _: None).open()
+    assert time.monotonic() - start < 2
+
+
+def test_a_local_address_that_is_not_ours_is_unreachable(make: Make, fake: MotiveFake) -> None:
+    with pytest.raises(Unreachable, match="192.0.2.1"):
+        make(local="192.0.2.1").open()
+
+
+def test_an_unknown_body_is_reported_with_the_nearest_name(make: Make, fake: MotiveFake) -> None:
+    with pytest.raises(WrongDevice, match="'Tipp'.*nearest name is 'Tip'"):
+        make(body="Tipp").open()
+    with pytest.raises(WrongDevice, match="'M9'"):
+        make(markers=("M9",)).open()
+
+
+@pytest.mark.parametrize("fake", [{"version": (2, 10)}], indirect=True)
+def test_a_server_too_old_is_the_wrong_device(make: Make, fake: MotiveFake) -> None:
+    with pytest.raises(WrongDevice, match=r"NatNet 2\.10"):
+        make().open()
+
+
+def test_what_does_not_speak_natnet_is_the_wrong_device() -> None:
+    host = free_host()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind((host, 1510))
+        other.settimeout(3)
+
+        def answer() -> None:
+            _, client = other.recvfrom(100)
+            other.sendto(b"\x01\x00\x02\x00no", client)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        config = Config(server=host, body="Tip", mocap_to_base=Pose(**IDENTITY), timeout=0.5)
+        with pytest.raises(WrongDevice, match="not a NatNet server"):
+            NatNetMocap("mocap", config, SimClock(), lambda _: None).open()
+        thread.join()
+
+
+def test_close_ends_the_threads_and_the_stream_and_may_be_called_twice(
+    make: Make, fake: MotiveFake, samples: list[BodySample]
+) -> None:
+    mocap = make()
+    mocap.close()
+    threads = threading.active_count()
+    mocap.open()
+    first(mocap)
+    mocap.close()
+    mocap.close()
+    assert threading.active_count() == threads
+    count = len(samples)
+    time.sleep(0.05)
+    assert len(samples) == count
+    with pytest.raises(NotReady):
+        mocap.latest()
+
+
+def test_it_can_be_opened_again(make: Make, fake: MotiveFake) -> None:
+    mocap = make()
+    for _ in range(2):
+        mocap.open()
+        first(mocap)
+        mocap.close()
+
+
+def test_keep_alive_is_sent_sparingly(make: Make, fake: MotiveFake) -> None:
+    """The client alone would send one with every look at its socket."""
+    mocap = make()
+    mocap.open()
+    time.sleep(0.7)
+    assert 1 <= fake.keep_alives < 10
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"mocap_to_base": {"position": (0, 0, 0), "quaternion": (1, 1, 0, 0)}}, "length 1"),
+        ({"max_age": 0.01}, "two frames"),
+        ({"mocap_to_base": None}, "mocap_to_base"),
+    ],
+)
+def test_configurations_that_cannot_work_are_refused(changes: dict[str, Any], complaint: str) -> None:
+    values: dict[str, Any] = {"server": "127.0.0.1", "body": "Tip", "mocap_to_base": IDENTITY} | changes
+    with pytest.raises(ValidationError, match=complaint):
+        Config(**values)
+
+
+def first(mocap: NatNetMocap) -> BodySample:
+    """The first valid sample after opening."""
+    found: list[BodySample] = []
+
+    def look() -> bool:
+        try:
+            found.append(mocap.latest())
+        except (StaleReading, DeviceFault):
+            return False
+        return True
+
+    wait(look)
+    return found[0]

@@ -1,0 +1,180 @@
+"""The fake servo on its wire, without any driver: strictness, physics, faults."""
+
+import struct
+import time
+from collections.abc import Iterator
+
+import pytest
+import serial
+
+from sim_fakes.clock import SimClock
+from sim_fakes.dynamixel import DynamixelFake, crc16, stuffed, unstuffed
+from sim_fakes.plant import Plant
+
+RANGE, LENGTH, LIMIT, ACCESS, CRC, UNDEFINED = 4, 5, 6, 7, 3, 2
+TORQUE, GOAL_CURRENT, GOAL, POSITION = 64, 102, 116, 132
+
+
+class Wire:
+    """A host that speaks Protocol 2.0 byte by byte."""
+
+    def __init__(self, fake: DynamixelFake) -> None:
+        self.fake = fake
+        self.port = serial.Serial(fake.port, 57600, timeout=0.2)
+
+    def ask(
+        self, instruction: int, params: bytes = b"", servo: int = 1, damage: bool = False
+    ) -> tuple[int, bytes] | None:
+        """Error byte and parameters of the answer; None on silence."""
+        body = stuffed(bytes([instruction]) + params)
+        packet = b"\xff\xff\xfd\x00" + bytes([servo]) + struct.pack("<H", len(body) + 2) + body
+        packet += struct.pack("<H", crc16(packet) ^ damage)
+        self.port.write(packet)
+        head = self.port.read(7)
+        if len(head) < 7:
+            return None
+        rest = self.port.read(struct.unpack("<H", head[5:7])[0])
+        assert crc16(head + rest[:-2]) == struct.unpack("<H", rest[-2:])[0]
+        answer = unstuffed(rest[:-2])
+        assert answer[0] == 0x55
+        return answer[1], answer[2:]
+
+    def write(self, address: int, data: bytes) -> int:
+        answer = self.ask(3, struct.pack("<H", address) + data)
+        assert answer is not None
+        return answer[0]
+
+    def position(self) -> int:
+        answer = self.ask(2, struct.pack("<HH", POSITION, 4))
+        assert answer is not None
+        return int(struct.unpack("<i", answer[1])[0])
+
+
+@pytest.fixture
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def wire(plant: Plant) -> Iterator[Wire]:
+    fake = DynamixelFake(plant, SimClock(20.0))
+    fake.start()
+    wire = Wire(fake)
+    yield wire
+    wire.port.close()
+    fake.stop()
+
+
+def test_checksum_is_that_of_a_published_packet() -> None:
+    ping = bytes([0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x03, 0x00, 0x01])
+    assert crc16(ping) == 0x4E19
+
+
+def test_what_looks_like_a_header_is_stuffed_and_restored() -> None:
+    body = b"\x03\xff\xff\xfd\x01\xff\xff\xfd\xfd"
+    assert b"\xff\xff\xfd\x01" not in stuffed(body)
+    assert unstuffed(stuffed(b"\x03\xff\xff\xfd\x01")) == b"\x03\xff\xff\xfd\x01"
+
+
+def test_ping_tells_model_and_firmware(wire: Wire) -> None:
+    assert wire.ask(1) == (0, struct.pack("<HB", 1020, 45))
+
+
+def test_another_id_meets_silence(wire: Wire) -> None:
+    assert wire.ask(1, servo=2) is None
+
+
+def test_a_damaged_packet_is_answered_with_a_crc_error(wire: Wire) -> None:
+    assert wire.ask(1, damage=True) == (CRC, b"")
+
+
+@pytest.mark.parametrize(
+    ("address", "data", "error"),
+    [
+        (POSITION, b"\0\0\0\0", ACCESS),
+        (99, b"\0", ACCESS),
+        (GOAL, b"\0\0", LENGTH),
+        (TORQUE, b"\2", RANGE),
+        (11, b"\2", RANGE),
+        (GOAL, struct.pack("<i", 2_000_000), RANGE),
+        (GOAL_CURRENT, struct.pack("<h", 1193), 0),
+        (GOAL_CURRENT, struct.pack("<h", 1194), RANGE),
+        (GOAL, struct.pack("<i", 5000), LIMIT),
+    ],
+)
+def test_writes_are_checked(wire: Wire, address: int, data: bytes, error: int) -> None:
+    assert wire.write(address, data) == error
+
+
+def test_goal_current_cannot_exceed_the_current_limit(wire: Wire) -> None:
+    assert wire.write(38, struct.pack("<H", 500)) == 0
+    assert wire.write(GOAL_CURRENT, struct.pack("<h", 501)) == LIMIT
+
+
+def test_eeprom_is_locked_while_torque_is_on(wire: Wire) -> None:
+    assert wire.write(11, b"\5") == 0
+    assert wire.write(TORQUE, b"\1") == 0
+    assert wire.write(11, b"\4") == ACCESS
+
+
+def test_reading_an_undefined_register_is_refused(wire: Wire) -> None:
+    assert wire.ask(2, struct.pack("<HH", 64, 6)) == (ACCESS, b"")
+
+
+def test_an_unknown_instruction_is_refused(wire: Wire) -> None:
+    assert wire.ask(0x77) == (UNDEFINED, b"")
+
+
+def test_the_drum_follows_its_goal_at_profile_velocity() -> None:
+    plant = Plant()
+    motor = DynamixelFake(plant, SimClock()).motor
+    start = motor.counts
+    for address, value in ((11, 5), (112, 131), (TORQUE, 1), (GOAL, start + 4096)):
+        motor.put(address, value)
+    motor.process(1.0)
+    assert motor.counts - start == pytest.approx(131 * 0.229 / 60 * 4096, rel=0.05)
+    assert motor.get(128) == pytest.approx(131, rel=0.05)
+    motor.process(2.0)
+    assert motor.counts == start + 4096
+    assert plant.spine_drive == pytest.approx(0.13, abs=1e-4)
+
+
+def test_nothing_moves_without_torque(wire: Wire, plant: Plant) -> None:
+    wire.write(11, b"\5")
+    wire.write(GOAL, struct.pack("<i", 9000))
+    time.sleep(0.1)
+    assert plant.spine_drive == pytest.approx(0.03)
+
+
+def test_a_blocked_spine_overloads_the_motor_after_about_a_second_of_rig_time() -> None:
+    plant = Plant(spine_blocked=True)
+    motor = DynamixelFake(plant, SimClock()).motor
+    motor.put(11, 5)
+    motor.put(102, 400)
+    motor.put(64, 1)
+    motor.put(116, motor.counts + 4096)
+    motor.process(0.8)
+    assert motor.get(70) == 0
+    assert motor.get(126) == 400
+    motor.process(0.6)
+    assert motor.get(70) == 1 << 5
+    assert motor.get(64) == 0
+    assert plant.spine_drive == pytest.approx(0.03)
+
+
+def test_a_restart_keeps_the_angle_within_a_turn_only() -> None:
+    motor = DynamixelFake(Plant(), SimClock()).motor
+    motor.place(10_000)
+    motor.restart()
+    assert motor.counts == 10_000 % 4096
+
+
+def test_goals_are_read_only_after_the_watchdog_tripped(wire: Wire) -> None:
+    wire.write(11, b"\5")
+    wire.write(TORQUE, b"\1")
+    wire.write(98, b"\1")
+    time.sleep(0.1)
+    assert wire.ask(2, struct.pack("<HH", 98, 1)) == (0, b"\xff")
+    assert wire.write(GOAL, struct.pack("<i", 0)) == RANGE
+    assert wire.write(98, b"\0") == 0
+    assert wire.write(GOAL, struct.pack("<i", 0)) == 0

@@ -1,0 +1,153 @@
+"""The fake Motive on its wire, without any driver."""
+
+import random
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from sim_fakes.clock import SimClock
+from sim_fakes.motive import MotiveFake, quaternion_xyzw, rotation_matrix
+from sim_fakes.plant import Plant
+
+CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, KEEPALIVE = 0, 1, 4, 5, 7, 10
+ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED, DISCONNECT = 12, 13, 100, 9
+
+
+class Host:
+    """A NatNet client of bare sockets."""
+
+    def __init__(self, fake: MotiveFake) -> None:
+        self.fake = fake
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+
+    def send(self, message: int, payload: bytes = b"\0", announced: int | None = None) -> None:
+        size = len(payload) if announced is None else announced
+        self.socket.sendto(struct.pack("<HH", message, size) + payload, (self.fake.host, 1510))
+
+    def receive(self, wanted: int, within: float = 0.5) -> tuple[bytes, int] | None:
+        """Payload and source port of the next message of this id; None when none comes."""
+        deadline = time.monotonic() + within
+        while (left := deadline - time.monotonic()) > 0:
+            if select.select([self.socket], [], [], left)[0]:
+                data, source = self.socket.recvfrom(65536)
+                message, size = struct.unpack("<HH", data[:4])
+                assert size == len(data) - 4
+                if message == wanted:
+                    return data[4:], source[1]
+        return None
+
+
+@pytest.fixture
+def host() -> Iterator[Host]:
+    address = f"127.{random.randint(1, 254)}.{random.randint(1, 254)}.{random.randint(2, 254)}"
+    fake = MotiveFake(Plant(), SimClock(), address)
+    fake.start()
+    host = Host(fake)
+    yield host
+    host.socket.close()
+    fake.stop()
+
+
+def test_connect_is_answered_with_who_it_is(host: Host) -> None:
+    host.send(CONNECT, b"Ping\0")
+    answer = host.receive(SERVERINFO)
+    assert answer is not None
+    payload, _ = answer
+    assert len(payload) == 279
+    assert payload[:256].rstrip(b"\0") == b"Motive"
+    assert tuple(payload[260:264]) == (4, 1, 0, 0)
+    assert struct.unpack("<QH", payload[264:274]) == (10_000_000, 1511)
+
+
+def test_frames_come_from_the_data_port_with_an_end_tag(host: Host) -> None:
+    host.send(CONNECT, b"Ping\0")
+    answer = host.receive(FRAME)
+    assert answer is not None
+    payload, port = answer
+    assert port == 1511
+    assert payload[-4:] == bytes(4)
+
+
+def test_nobody_gets_frames_without_connecting_or_after_disconnecting(host: Host) -> None:
+    host.send(KEEPALIVE)
+    assert host.receive(FRAME, 0.1) is None
+    host.send(CONNECT)
+    assert host.receive(FRAME) is not None
+    host.send(DISCONNECT)
+    time.sleep(0.05)
+    while select.select([host.socket], [], [], 0)[0]:
+        host.socket.recv(65536)
+    assert host.receive(FRAME, 0.1) is None
+
+
+def test_frames_come_no_faster_than_the_rate_of_the_host(host: Host) -> None:
+    host.send(CONNECT)
+    host.receive(FRAME)
+    start = host.fake.frame
+    begun = time.monotonic()
+    time.sleep(0.4)
+    rate = (host.fake.frame - start) / (time.monotonic() - begun)
+    assert 20 < rate < 110
+
+
+def test_a_datagram_of_another_length_than_announced_is_dropped(host: Host) -> None:
+    host.send(CONNECT, b"Ping\0", announced=3)
+    assert host.receive(SERVERINFO, 0.1) is None
+
+
+def test_an_echo_request_gets_its_own_stamp_and_the_servers(host: Host) -> None:
+    host.send(ECHO_REQUEST, struct.pack("<Q", 1234567))
+    answer = host.receive(ECHO_RESPONSE)
+    assert answer is not None
+    assert len(answer[0]) == 16
+    assert struct.unpack("<Q", answer[0][:8]) == (1234567,)
+
+
+def test_an_unknown_request_is_told_so(host: Host) -> None:
+    host.send(55)
+    assert host.receive(UNRECOGNIZED) is not None
+
+
+def test_model_definitions_name_tip_base_and_markers(host: Host) -> None:
+    host.send(REQUEST_MODELDEF)
+    answer = host.receive(MODELDEF)
+    assert answer is not None
+    assert struct.unpack("<i", answer[0][:4]) == (5,)
+    for name in (b"Tip\0", b"Base\0", b"M1\0", b"M2\0", b"M3\0"):
+        assert name in answer[0]
+
+
+def test_stamps_are_rig_time_at_any_speed() -> None:
+    clock = SimClock(50.0)
+    fake = MotiveFake(Plant(), clock, f"127.9.{random.randint(1, 254)}.{random.randint(2, 254)}")
+    payload = fake._frame_payload()
+    stamp = struct.unpack("<d", payload[-4 - 2 - 8 - 24 - 8 : -4 - 2 - 8 - 24])[0]
+    assert stamp == pytest.approx(clock.now(), abs=5.0)
+    fake.stop()
+
+
+def test_the_quaternion_of_a_rotation_gives_it_back() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        q = rng.standard_normal(4)
+        matrix = rotation_matrix(tuple(q / np.linalg.norm(q)))
+        x, y, z, w = quaternion_xyzw(matrix)
+        assert w >= 0
+        assert rotation_matrix((w, x, y, z)) == pytest.approx(matrix, abs=1e-9)
+
+
+def test_equal_seeds_give_equal_noise() -> None:
+    def frames(seed: int) -> list[np.ndarray]:
+        fake = MotiveFake(Plant(), SimClock(), f"127.8.{random.randint(1, 254)}.{random.randint(2, 254)}", seed=seed)
+        fake._look()
+        fake.stop()
+        return [body.position for body in fake._bodies]
+
+    assert np.array_equal(frames(5), frames(5))
+    assert not np.array_equal(frames(5), frames(6))

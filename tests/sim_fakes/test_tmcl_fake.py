@@ -1,0 +1,123 @@
+"""The fake TMCM-1260 on its wire, without any driver."""
+
+import struct
+import time
+from collections.abc import Iterator
+
+import pytest
+import serial
+
+from sim_fakes.clock import SimClock
+from sim_fakes.plant import Plant
+from sim_fakes.tmcl import TmclFake
+
+OK = 100
+MST, MVP, SAP, GAP, RFS = 3, 4, 5, 6, 13
+
+
+class Wire:
+    """A host that speaks TMCL byte by byte."""
+
+    def __init__(self, fake: TmclFake) -> None:
+        self.fake = fake
+        self.port = serial.Serial(fake.port, 115200, timeout=0.2)
+
+    def ask(self, command: int, kind: int, value: int = 0, address: int = 1, damage: int = 0) -> tuple[int, int] | None:
+        """Status and value; None on silence."""
+        frame = struct.pack(">BBBBi", address, command, kind, 0, value)
+        self.port.write(frame + bytes([sum(frame) + damage & 0xFF]))
+        answer = self.port.read(9)
+        if len(answer) < 9:
+            return None
+        host, module, status, echo, result, check = struct.unpack(">BBBBiB", answer)
+        assert (host, module, echo) == (2, 1, command)
+        assert sum(answer[:8]) & 0xFF == check
+        return status, result
+
+
+@pytest.fixture
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def wire(plant: Plant) -> Iterator[Wire]:
+    fake = TmclFake(plant, SimClock(20.0))
+    fake.start()
+    wire = Wire(fake)
+    yield wire
+    wire.port.close()
+    fake.stop()
+
+
+def test_the_version_tells_the_module(wire: Wire) -> None:
+    assert wire.ask(136, 1) == (OK, 1260 << 16 | 0x0110)
+
+
+def test_another_address_meets_silence(wire: Wire) -> None:
+    assert wire.ask(GAP, 1, address=5) is None
+
+
+@pytest.mark.parametrize(
+    ("command", "kind", "value", "status"),
+    [(GAP, 99, 0, 3), (SAP, 3, 0, 3), (SAP, 4, -1, 4), (MVP, 7, 0, 3), (77, 0, 0, 2), (RFS, 3, 0, 3)],
+)
+def test_what_the_module_does_not_know_is_refused(wire: Wire, command: int, kind: int, value: int, status: int) -> None:
+    answer = wire.ask(command, kind, value)
+    assert answer is not None
+    assert answer[0] == status
+
+
+def test_a_wrong_checksum_is_refused(wire: Wire) -> None:
+    answer = wire.ask(GAP, 1, damage=1)
+    assert answer is not None
+    assert answer[0] == 1
+
+
+def test_half_a_frame_is_forgotten(wire: Wire) -> None:
+    wire.port.write(b"\x01\x06\x01")
+    time.sleep(0.15)
+    assert wire.ask(GAP, 0) == (OK, 0)
+
+
+def test_it_moves_at_its_maximum_speed(plant: Plant) -> None:
+    drum = TmclFake(plant, SimClock()).drum
+    drum.parameters[4] = 51200
+    drum.go(51200)
+    drum.process(0.5)
+    assert drum.steps == pytest.approx(25600)
+    assert drum.speed == pytest.approx(51200)
+    drum.process(1.0)
+    assert drum.encoder == 51200
+    assert plant.spine_drive == pytest.approx(0.13, abs=1e-5)
+
+
+def test_a_spine_that_does_not_follow_stops_the_module_and_reading_clears_the_flag(plant: Plant) -> None:
+    fake = TmclFake(plant, SimClock())
+    plant.spine_blocked = True
+    fake.drum.parameters[212] = 1000
+    fake.drum.go(50_000)
+    fake.drum.process(1.0)
+    assert 1000 < fake.drum.steps < 1500
+    assert fake.drum.speed == 0.0
+    assert fake.drum.errors == 2
+
+
+def test_the_reference_search_zeroes_steps_and_encoder_at_the_switch(wire: Wire, plant: Plant) -> None:
+    wire.ask(SAP, 194, 20480)
+    assert wire.ask(RFS, 0) == (OK, 0)
+    assert wire.ask(RFS, 2) == (OK, 1)
+    deadline = time.monotonic() + 5
+    while wire.ask(RFS, 2) != (OK, 0) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert wire.ask(GAP, 1) == (OK, 0)
+    assert wire.ask(GAP, 209) == (OK, 0)
+    assert plant.spine_drive == 0.0
+
+
+def test_the_switch_stops_a_motion_towards_it(wire: Wire, plant: Plant) -> None:
+    wire.ask(MVP, 0, -51200)
+    time.sleep(0.15)
+    assert wire.ask(GAP, 11) == (OK, 1)
+    assert wire.ask(GAP, 3) == (OK, 0)
+    assert plant.spine_drive == 0.0

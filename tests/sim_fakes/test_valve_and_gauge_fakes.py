@@ -1,0 +1,96 @@
+"""The fake relay module and the fake gauge on their wires, without any driver."""
+
+import random
+from collections.abc import Iterator
+
+import pytest
+import serial
+
+from sim_fakes.clock import SimClock
+from sim_fakes.numato import NumatoFake
+from sim_fakes.pfeiffer import PfeifferFake, checksum, pressure_digits
+from sim_fakes.plant import Plant
+
+
+@pytest.fixture
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def relay(plant: Plant) -> Iterator[serial.Serial]:
+    fake = NumatoFake(plant, SimClock(20.0))
+    fake.start()
+    with serial.Serial(fake.port, 19200, timeout=0.2) as port:
+        yield port
+    fake.stop()
+
+
+@pytest.fixture
+def gauge(plant: Plant) -> Iterator[serial.Serial]:
+    fake = PfeifferFake(plant, SimClock(20.0), noise=0.0)
+    fake.start()
+    with serial.Serial(fake.port, 9600, timeout=0.1) as port:
+        yield port
+    fake.stop()
+
+
+def typed(port: serial.Serial, command: str) -> bytes:
+    port.write(command.encode() + b"\r")
+    return port.read_until(b">")
+
+
+def test_commands_are_echoed_and_end_with_a_prompt(relay: serial.Serial) -> None:
+    assert typed(relay, "relay on 0") == b"relay on 0\n\r>"
+    assert typed(relay, "relay read 0") == b"relay read 0\n\ron\n\r>"
+    assert typed(relay, "relay readall") == b"relay readall\n\r01\n\r>"
+
+
+@pytest.mark.parametrize("command", ["RELAY ON 0", "relay  on 0", "relay on 9", "relay on", "on 0", "relay on 00"])
+def test_anything_else_does_nothing(relay: serial.Serial, plant: Plant, command: str) -> None:
+    assert typed(relay, command) == command.encode() + b"\n\r>"
+    assert typed(relay, "relay readall").split()[-2] == b"00"
+    assert not plant.valve_on
+
+
+def telegram(text: str) -> bytes:
+    return f"{text}{checksum(text)}\r".encode()
+
+
+def test_a_pressure_is_six_digits_of_hectopascal(gauge: serial.Serial) -> None:
+    gauge.write(telegram("0010074002=?"))
+    assert gauge.read_until(b"\r") == telegram("0011074006101323")
+
+
+@pytest.mark.parametrize(
+    ("pascal", "digits"), [(101_325.0, "101323"), (100.0, "100020"), (99_999.0, "100023"), (0.0, "100010")]
+)
+def test_digits_are_mantissa_and_exponent(pascal: float, digits: str) -> None:
+    assert pressure_digits(pascal) == digits
+
+
+def test_an_unknown_parameter_is_told_so(gauge: serial.Serial) -> None:
+    gauge.write(telegram("0010099902=?"))
+    assert gauge.read_until(b"\r") == telegram("0011099906NO_DEF")
+
+
+@pytest.mark.parametrize("request_", [b"0010074002=?000\r", telegram("0020074002=?"), telegram("0010074001?")])
+def test_a_telegram_that_is_not_exact_or_not_for_this_gauge_meets_silence(
+    gauge: serial.Serial, request_: bytes
+) -> None:
+    gauge.write(request_)
+    assert gauge.read(1) == b""
+
+
+def test_noise_is_a_share_of_the_reading() -> None:
+    fake = PfeifferFake(Plant(), SimClock(), noise=0.01)
+    fake.random = random.Random(1)
+    sent: list[bytes] = []
+    fake.send = sent.append  # type: ignore[method-assign]
+    for _ in range(200):
+        fake._answer(740)
+    values = [int(a[10:14]) / 1000 * 10 ** (int(a[14:16]) - 20) * 100 for a in sent]
+    mean = sum(values) / len(values)
+    spread = (sum((v - mean) ** 2 for v in values) / len(values)) ** 0.5
+    assert mean == pytest.approx(101_325, rel=0.003)
+    assert spread == pytest.approx(1013, rel=0.2)
