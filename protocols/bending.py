@@ -136,35 +136,69 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
 
 
 def _sweep(bench: Bench, p: Bending, trial: Trial, trials: Trials) -> None:
-    """Visit all levels once, reading each as the parameters say."""
-    before = 0.0
-    for level in levels(p):
+    """Visit all levels once: stop and read at each, or read on the fly between the turning points."""
+    if p.reading != "sweep":
+        for level in levels(p):
+            _stop_and_read(bench, p, trial, trials, [level])
+        return
+    for branch, run_of_levels in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
+        if branch[1]:
+            _read_on_the_fly(bench, p, trial, trials, list(run_of_levels))
+        else:
+            _stop_and_read(bench, p, trial, trials, list(run_of_levels))
+
+
+def _stop_and_read(bench: Bench, p: Bending, trial: Trial, trials: Trials, at: list[Level]) -> None:
+    """Ramp to each level and read it when settled, or after the hold times."""
+    for level in at:
         bench.check_stop()
-        begin = bench.clock.now()
+        before = max(bench.need(bench.pressure, "pressure").read().setpoint)
         arrived = ramp(bench, _channels(bench, p, level.pressure), p.rate)
-        rate = 0.0 if level.pressure == before else math.copysign(p.rate, level.pressure - before)
-        for rule, start, wait in _readings(p, level, begin, arrived):
-            trials.read(
-                trial, rule, branch=level.branch, t_start=start, ramp_end=arrived, rate=rate,
-                targets=_chambers(p, level.pressure), topics=TOPICS, wait=wait,
-            )  # fmt: skip
-        before = level.pressure
+        rate = 0.0 if abs(level.pressure - before) < 1e3 else math.copysign(p.rate, level.pressure - before)
+        for rule in _rules(p):
+            _read(p, trial, trials, level, rule, arrived, arrived, rate)
         trials.step_done()
 
 
-def _readings(
-    p: Bending, level: Level, begin: float, arrived: float
-) -> list[tuple[Settled | Window | Crossing, float, float]]:
-    """How a level is read: (rule, rig time from which it looks, time allowed)."""
+def _rules(p: Bending) -> list[Settled | Window]:
     if p.reading == "hold":
-        window = p.settle.average
-        return [(Window(h - window / 2, window, 3), arrived, h + window + 10.0) for h in p.hold_times]
-    if p.reading == "sweep" and level.pressure > 0:
-        # The chamber lags the set-point; a level is read where the measured pressure crosses just inside it.
-        inside = level.pressure - p.settle.band if level.branch == "load" else level.pressure + p.settle.band
-        rule = Crossing(inside, tuple(p.chambers), level.branch == "load", p.settle.average, 2, p.settle.within)
-        return [(rule, begin, p.settle.within + 10.0)]
-    return [(settled(p.settle), arrived, p.settle.within + 10.0)]
+        return [Window(max(0.0, h - p.settle.average / 2), p.settle.average, 1) for h in p.hold_times]
+    return [settled(p.settle)]
+
+
+def _read_on_the_fly(bench: Bench, p: Bending, trial: Trial, trials: Trials, passed: list[Level]) -> None:
+    """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
+    bench.check_stop()
+    rising = passed[0].branch == "load"
+    end = passed[-1].pressure
+    begin = bench.clock.now()
+    arrived = ramp(bench, _channels(bench, p, end), p.rate)
+    for level in passed:
+        # The pressure approaches the ramp's end without crossing it: the last level is read just before.
+        short = p.settle.band if level.pressure == end else 0.0
+        at = level.pressure - short if rising else level.pressure + short
+        rule = Crossing(
+            at, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, arrived - begin + p.settle.within
+        )
+        _read(p, trial, trials, level, rule, begin, arrived, p.rate if rising else -p.rate)
+        trials.step_done()
+
+
+def _read(
+    p: Bending,
+    trial: Trial,
+    trials: Trials,
+    level: Level,
+    rule: Settled | Window | Crossing,
+    start: float,
+    ramp_end: float,
+    rate: float,
+) -> None:
+    last = p.hold_times[-1] if p.reading == "hold" else 0.0
+    trials.read(
+        trial, rule, branch=level.branch, t_start=start, ramp_end=ramp_end, rate=rate, targets=_chambers(p, level.pressure),
+        topics=TOPICS, wait=last + p.settle.average + p.settle.within + 10.0,
+    )  # fmt: skip
 
 
 def _chambers(p: Bending, pressure: float) -> list[float]:

@@ -116,7 +116,7 @@ class Trials:
 def settled(rules: Settle) -> Settled:
     """The recording's rule for a settled state, from a protocol's parameters."""
     return Settled(
-        band=rules.band, still=rules.still, still_distance=rules.still_distance, average=rules.average,
+        band=rules.band, still=rules.still, still_distance=rules.still_distance, smooth=rules.smooth, average=rules.average,
         min_samples=rules.min_samples, max_gap=rules.max_gap, max_hidden=rules.max_hidden, timeout=rules.within,
     )  # fmt: skip
 

@@ -44,7 +44,9 @@ class Settle(Parameters):
     """Then averaged over at least this long."""
     min_samples: int = Field(10, ge=1, le=10_000)
     """And at least so many samples of each stream."""
-    max_gap: float = Field(2.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    smooth: int = Field(20, ge=1, le=1000)
+    """Samples in the moving average of the tip: 0.3 mm of camera noise must not look like motion."""
+    max_gap: float = Field(3.0, gt=0, le=60, json_schema_extra={"unit": "s"})
     """No stream may pause longer than this meanwhile."""
     max_hidden: float = Field(0.5, gt=0, le=60, json_schema_extra={"unit": "s"})
     """Nor may the tip be untracked for longer than this."""
