@@ -1,0 +1,157 @@
+"""From rig.yaml to numbers: the verbs of the command on a whole rig of fakes, through every driver and every wire."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from lab.cli import main
+from lab.fit import calibrate
+from lab.inputs import read_case
+from sim_fakes.virtual_robot.truth import TABLE_II
+from virtual_lab import VirtualLab
+
+
+SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]"]
+
+
+def lab(*arguments: object) -> int:
+    return main([str(a) for a in arguments])
+
+
+def recorded(folder: Path) -> Path:
+    (file,) = folder.glob("*.mcap")
+    return file
+
+
+@pytest.fixture(scope="module")
+def bending(virtual_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bending")
+    assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder) in (0, 3)
+    return recorded(folder)
+
+
+def test_check_finds_every_instrument(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lab("check", "--rig", virtual_lab.rig, "--seconds", "1", "--json") in (0, 3)
+    found = {i["instrument"]: i for i in json.loads(capsys.readouterr().out)["instruments"]}
+    assert set(found) == {"arm", "arm_state", "force", "gauge", "mocap", "pressure", "spine", "valve"}
+    assert all(i["ok"] for i in found.values())
+    assert found["force"]["samples"] > 50 and found["arm_state"]["samples"] > 60
+
+
+def test_plan_moves_nothing_and_tells_limits(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lab("plan", "bending", "--rig", virtual_lab.rig, "--json") == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert plan["limits"]["pressure_pa"] == 250e3 and len(plan["steps"]) == 7 * (1 + 11)
+
+
+def test_bending_calibrates_to_the_area_factor_of_the_virtual_robot(bending: Path, virtual_lab: VirtualLab) -> None:
+    case = read_case([bending])
+    assert [r.branch for r in case.table] == (["load"] * 3 + ["unload"] * 2) * 2
+    fit = calibrate(case)
+    assert fit.area_factor is not None
+    assert fit.area_factor.factor.value == pytest.approx(virtual_lab.fakes.truth.area_factor, abs=0.01)
+    assert fit.area_factor.rmse < 0.5e-3
+
+
+def test_replay_gives_the_same_numbers_to_the_last_bit(bending: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    digests = set()
+    for _ in range(2):
+        assert lab("replay", bending, "--json") == 0
+        result = json.loads(capsys.readouterr().out)
+        assert result["equal"] and result["live"] == result["replayed"] == 10
+        digests.add(result["sha256"])
+    assert len(digests) == 1
+
+
+def test_a_case_folder_reads_back_as_the_recording_does(bending: Path, tmp_path: Path) -> None:
+    assert lab("export", "--case", "--out", tmp_path, bending) == 0
+    folder, recording = read_case([tmp_path]), read_case([bending])
+    assert folder.robot == recording.robot
+    assert [r.to_json() for r in folder.table] == [r.to_json() for r in recording.table]
+
+
+def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lab("compare", bending, "--out", tmp_path, "--json") == 0
+    table = json.loads(capsys.readouterr().out)
+    assert [r["spine_length"] for r in table["rows"]] == pytest.approx([0.0, 0.1], abs=1e-3)
+    assert (tmp_path / "compare.png").stat().st_size > 10_000
+
+
+def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_all_six_lengths(
+    virtual_lab: VirtualLab, tmp_path: Path
+) -> None:
+    settings = ["--set", "steps=5", "--set", "min_samples=30"]
+    assert lab("run", "stiffness", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
+    found = calibrate(read_case([recorded(tmp_path)])).spine_modulus
+    assert sorted(round(x, 3) for x in found) == sorted(TABLE_II)
+    for length, modulus in found.items():
+        truth = TABLE_II[round(length, 2)]
+        low, high = modulus.interval
+        # The stated 95 % interval, half as wide again: six of them are to hold at once, in every run.
+        half = 0.75 * (high - low)
+        assert abs(modulus.value - truth) < half, f"{length} m: {modulus} against {truth}"
+        assert half < 0.1 * truth
+
+
+def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lab("safe", "--rig", virtual_lab.rig, "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["confirmed"] and {s["instrument"] for s in report["steps"]} == {"arm", "pressure", "spine", "valve"}
+
+
+def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    settings = ["--set", "reading=sweep", "--set", "spine_lengths=[0.0]", "--set", "rate=10 kPa/s", "--set", "settle.average=2"]
+    assert lab("run", "bending", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
+    rows = read_case([recorded(tmp_path)]).table
+    moving = [r for r in rows if r.hold == 0.0]
+    assert [round(r.pressures[0] / 1e3) for r in moving if r.branch == "load"][:4] == pytest.approx([50, 100, 150, 200], abs=3)
+    assert {r.rate for r in moving} == {10e3, -10e3}
+
+
+def start(virtual_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
+    """A run in a process of its own, as soon as it has inflated the robot."""
+    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(virtual_lab.rig), "--out", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    deadline = time.monotonic() + 60
+    while max(virtual_lab.fakes.plant.chamber_pressure) < 40e3:
+        assert process.poll() is None and time.monotonic() < deadline, process.communicate()[0]
+        time.sleep(0.05)
+    return process
+
+
+def vented(virtual_lab: VirtualLab, within: float) -> bool:
+    deadline = time.monotonic() + within
+    while max(virtual_lab.fakes.plant.chamber_pressure) > 5e3 or virtual_lab.fakes.plant.valve_on:
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, tmp_path: Path, presses: int) -> None:
+    process = start(virtual_lab, tmp_path)
+    for _ in range(presses):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.3)
+    output, _ = process.communicate(timeout=40)
+    assert process.returncode == 1, output
+    assert vented(virtual_lab, 1.0)
+    assert "stopped" in output
+    assert len(read_case([recorded(tmp_path)]).table) >= 1
+
+
+def test_a_killed_run_leaves_the_rig_vented_and_the_file_readable(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    process = start(virtual_lab, tmp_path)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert vented(virtual_lab, 5.0)
+    assert lab("info", recorded(tmp_path)) == 3

@@ -1,0 +1,53 @@
+"""The rules of the house hold: who may import whom, and who may know of fakes."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
+
+
+def test_import_contracts_hold() -> None:
+    done = subprocess.run(
+        [Path(sys.executable).parent / "lint-imports"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])
+def test_no_room_but_its_own_speaks_of_fakes(room: str) -> None:
+    word = re.compile(r"\b(sim_fakes|fakes?|simulated?|is_sim|mock)\b", re.IGNORECASE)
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in (ROOT / room).rglob("*.py")
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if word.search(line)
+    ]
+    assert found == []
+
+
+def test_in_lab_only_the_modules_that_start_them_import_the_fakes() -> None:
+    users = {p.stem for p in (ROOT / "lab").rglob("*.py") if re.search(r"^\s*(from|import) sim_fakes", p.read_text(), re.M)}
+    assert users == {"fakes", "demo"}
+
+
+def test_no_file_names_a_machine_path_or_a_package_index() -> None:
+    bad = re.compile(r"/work/|/root/|/home/|https?://[^/\s]*(pypi|npmjs|artifactory|index)[^\s]*", re.IGNORECASE)
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    if not listed:
+        pytest.skip("not a git checkout: there is no list of the project's own files")
+    me = Path(__file__).name
+    found = [
+        f"{name}:{number}"
+        for name in listed
+        if not name.endswith((".png", ".mcap")) and Path(name).name != me
+        for number, line in enumerate((ROOT / name).read_text(errors="replace").splitlines(), 1)
+        if bad.search(line)
+    ]
+    assert found == []
