@@ -11,12 +11,12 @@ Newton's matrix is block-tridiagonal (blocks of 6). The derivative of o is left 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from .blocks import add_skew, cross_matrix, matrix_cross, rotation, solve_chain, turn
 from .chain import Chain, Loads, relative_rotation, segment_strain
+from .kernels import kernel
 from .material import History, Sections, respond
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ COMPLIANCE_STIFFENING = 0.12
 """Angle (rad) at which a compliant base has become twice as stiff."""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) -> tuple[float, float]:
     """Force (N) and stiffness (N/m) at a depth (m): nothing, a soft layer, then stiff with a start rounded over 1
     um."""
@@ -50,7 +50,7 @@ def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) ->
     return force, slope
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def _balance(
     chain: Chain, s: Sections, hist: History, loads: Loads, low: Array, diag: Array, up: Array, g: Array
 ) -> None:
@@ -102,12 +102,10 @@ def _balance(
         cross_matrix(d, knn, 0.5, tr)
         add_skew(nw, -0.5, tr)
         for i in range(3):
-            lengthen = h / 12 * (knn[i, 0] * d[0] + knn[i, 1] * d[1] + knn[i, 2] * d[2])
             bow[i] = -h * h / 12 * (frame[i, 0] * strain[4] - frame[i, 1] * strain[3])
             for j in range(3):
-                turned = frame[j, 0] * strain[3] + frame[j, 1] * strain[4] + frame[j, 2] * strain[5]
-                fi[i, j] = p[i, j] - kmn[j, i] - lengthen * turned
-                fj[i, j] = p[i, j] + kmn[j, i] + lengthen * turned
+                fi[i, j] = p[i, j] - kmn[j, i]
+                fj[i, j] = p[i, j] + kmn[j, i]
         cross_matrix(d, fi, 0.5, ti)
         cross_matrix(d, fj, 0.5, tj)
         arm = (
@@ -145,7 +143,7 @@ def _balance(
     _external(chain, loads, diag, up, low, g, frame, nw, mw)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def _external(
     chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array
 ) -> None:
@@ -206,7 +204,7 @@ def _external(
             diag[0, i, i] = 1.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> int:
     """Move the chain to equilibrium; returns the iterations used, -1 when it was not found.
 
@@ -243,7 +241,7 @@ def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> int:
     return -1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def foresee(chain: Chain, r_before: Array, q_before: Array, ratio: float) -> None:
     """Carry the last motion on: the shape becomes now + ratio * (now - before); `before` becomes what was now."""
     d = np.empty(3)
@@ -268,7 +266,7 @@ def foresee(chain: Chain, r_before: Array, q_before: Array, ratio: float) -> Non
             q_before[k, i] = q[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def commit(chain: Chain, s: Sections, hist: History) -> None:
     """Let the history move on to the present shape."""
     mid = np.empty(4)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from .kernels import kernel
 
 Array = NDArray[np.float64]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def rotation(q: Array, out: Array) -> None:
     """Rotation matrix of a unit quaternion (w, x, y, z)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -24,7 +25,7 @@ def rotation(q: Array, out: Array) -> None:
     out[2, 2] = 1 - 2 * (x * x + y * y)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def turn(q: Array, dx: float, dy: float, dz: float) -> None:
     """q <- exp(d) q for a rotation vector d (rad) in the world frame."""
     angle = np.sqrt(dx * dx + dy * dy + dz * dz)
@@ -41,7 +42,7 @@ def turn(q: Array, dx: float, dy: float, dz: float) -> None:
         q[i] /= norm
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def cross_matrix(v: Array, m: Array, factor: float, out: Array) -> None:
     """out = factor * [v]x m for 3 x 3 matrices."""
     for j in range(3):
@@ -50,7 +51,7 @@ def cross_matrix(v: Array, m: Array, factor: float, out: Array) -> None:
         out[2, j] = factor * (v[0] * m[1, j] - v[1] * m[0, j])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def matrix_cross(m: Array, v: Array, factor: float, out: Array) -> None:
     """out = factor * m [v]x for 3 x 3 matrices."""
     for i in range(3):
@@ -60,7 +61,7 @@ def matrix_cross(m: Array, v: Array, factor: float, out: Array) -> None:
         out[i, 2] = factor * (a * v[1] - b * v[0])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def add_skew(v: Array, factor: float, out: Array) -> None:
     """out += factor * [v]x."""
     out[0, 1] -= factor * v[2]
@@ -71,7 +72,7 @@ def add_skew(v: Array, factor: float, out: Array) -> None:
     out[2, 1] += factor * v[0]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def _divide(b: Array, a: Array, g: Array) -> None:
     """a <- b^-1 a and g <- b^-1 g by elimination in place (b 6 x 6, destroyed).
 
@@ -99,7 +100,7 @@ def _divide(b: Array, a: Array, g: Array) -> None:
         g[p] *= inv
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def solve_chain(low: Array, diag: Array, up: Array, g: Array, fixed_base: bool) -> None:
     """Solve low_i x_(i-1) + diag_i x_i + up_i x_(i+1) = g_i, blocks of 6; x replaces g, the matrix is destroyed.
 

@@ -3,20 +3,20 @@
 Node i has a position r_i and an orientation q_i (unit quaternion); segment k joins nodes k and k+1. With the middle
 frame R of the two and d = r_(k+1) - r_k, the segment's strain is constant:
 
-    shear, stretch = R^T d (1 + a^2 / 24) / h,    curvature, twist = log(q_k^* q_(k+1)) / h,    a = |log(q_k^* q_(k+1))|
+    shear, stretch = R^T d / h,    curvature, twist = log(q_k^* q_(k+1)) / h
 
-where the bracket turns the chord of an arc into its length. Conditions of balance: balance.py.
+Conditions of balance: balance.py.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from .blocks import rotation
+from .kernels import kernel
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def straight(h: Array) -> Chain:
     return Chain(r, q, np.ascontiguousarray(h))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def relative_rotation(p: Array, q: Array, out: Array) -> None:
     """Rotation vector (rad) of p^* q, for rotations below pi."""
     w = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
@@ -77,7 +77,7 @@ def relative_rotation(p: Array, q: Array, out: Array) -> None:
     out[2] = f * z
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def segment_strain(chain: Chain, k: int, mid: Array, frame: Array, d: Array, strain: Array) -> None:
     """Middle frame, chord and strain of segment k."""
     h = chain.h[k]
@@ -94,17 +94,15 @@ def segment_strain(chain: Chain, k: int, mid: Array, frame: Array, d: Array, str
         mid[i] *= norm
     rotation(mid, frame)
     relative_rotation(chain.q[k], chain.q[k + 1], strain[3:])
-    arc = 1.0
     for i in range(3):
-        arc += strain[3 + i] * strain[3 + i] / 24
         strain[3 + i] /= h
         d[i] = chain.r[k + 1, i] - chain.r[k, i]
     for i in range(3):
-        strain[i] = arc * (frame[0, i] * d[0] + frame[1, i] * d[1] + frame[2, i] * d[2]) / h
+        strain[i] = (frame[0, i] * d[0] + frame[1, i] * d[1] + frame[2, i] * d[2]) / h
     strain[2] -= 1.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def strains(chain: Chain, out: Array) -> None:
     """Strain of every segment, (n, 6)."""
     mid = np.empty(4)

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from .kernels import kernel
 
 Array = NDArray[np.float64]
 
@@ -98,7 +99,7 @@ def fresh_history(segments: int) -> History:
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
+@kernel
 def yeoh(e: float, modulus: float, h: float, c1: float, c2: float) -> tuple[float, float]:
     """Stress and tangent of one fibre; squeezed below 40 % it goes on straight."""
     a = max(1.0 + e, 0.4)
@@ -111,7 +112,7 @@ def yeoh(e: float, modulus: float, h: float, c1: float, c2: float) -> tuple[floa
     return modulus * ((1.0 - h) * e + h * stress), modulus * (1.0 - h + h * tangent)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def _silicone(s: Sections, k: int, e: Array, stress: Array, t: Array) -> None:
     """Stress and tangent of the silicone at elastic strain `e`."""
     m = s.silicone[k]
@@ -147,7 +148,7 @@ def _silicone(s: Sections, k: int, e: Array, stress: Array, t: Array) -> None:
         t[7] += slope * x * x
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def _friction(s: Sections, hist: History, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
     """Add the sliders' stress and consistent tangent; with `commit` their positions are kept.
 
@@ -197,7 +198,7 @@ def _friction(s: Sections, hist: History, k: int, strain: Array, stress: Array, 
             hist.axial_slider[k, j] = strain[2]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def respond(
     s: Sections, hist: History, k: int, strain: Array, stress: Array, t: Array, elastic: Array, commit: bool
 ) -> None:
@@ -258,7 +259,7 @@ def respond(
             hist.strain[k, i] = strain[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
+@kernel
 def add_linear(g: Array, e: Array, factor: float, stress: Array) -> None:
     """stress += factor * stiffness(g) * e."""
     stress[0] += factor * g[0] * e[0]

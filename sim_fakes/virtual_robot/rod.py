@@ -23,11 +23,6 @@ MOST_FORESIGHT = 3.0
 """Longest step, relative to the one before, over which the last motion is carried on."""
 
 
-CONTACT_MOVE = 0.03
-"""Largest move of a contact in one go, relative to the rod's length."""
-MOST_MOVES = 40
-
-
 class NoEquilibrium(RuntimeError):
     """No equilibrium was found under these loads; the rod was left in its last one."""
 
@@ -84,7 +79,6 @@ class Rod:
         r, q = self._before
         foresee(self.chain, r, q, ratio if ratio < MOST_FORESIGHT else 0.0)
         self._last_step = dt
-        self._lead(sections, loads)
         iterations = equilibrium(self.chain, sections, self.history, loads)
         if iterations < 0:
             self.chain.r[:], self.chain.q[:] = r, q
@@ -94,19 +88,8 @@ class Rod:
         commit(self.chain, sections, self.history)
         return moved
 
-    def _lead(self, sections: Sections, loads: Loads) -> None:
-        """Let a contact that has come far lead the shape there in small moves; the memory is not touched."""
-        for k, w, nx, ny, nz, level, soft_depth, soft, stiff in loads.contacts:
-            point = (1 - w) * self.chain.r[int(k)] + w * self.chain.r[int(k) + 1]
-            at = float(point @ (nx, ny, nz))
-            moves = math.ceil((level - at) / (CONTACT_MOVE * float(self.chain.h.sum())))
-            for i in range(1, min(moves, MOST_MOVES)):
-                row = np.array([[k, w, nx, ny, nz, at + (level - at) * i / moves, soft_depth, soft, stiff]])
-                if equilibrium(self.chain, sections, self.history, loads._replace(contacts=row)) < 0:
-                    return
-
     def _creep_there(self, sections: Sections, loads: Loads) -> None:
-        """Reach a far equilibrium in braked steps; the brake is eased while they succeed and tightened when one fails."""
+        """Reach a far equilibrium in braked steps; the brake is eased as they succeed and tightened when one fails."""
         state = (self.chain.r, self.chain.q, *self.history)
         begin = [a.copy() for a in state]
         brake = FIRST_BRAKE

@@ -6,7 +6,6 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +13,7 @@ from .blocks import rotation
 from .chain import Chain
 from .directions import Directions
 from .effects import Laws
+from .kernels import kernel
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Cameras:
         return TipView(position, rotation, markers)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel
 def centre_line(chain: Chain, arc_lengths: Array) -> Array:
     """Points (k, 3) of the centre line at rising arc lengths (m), cubic between nodes along their axes."""
     out = np.empty((len(arc_lengths), 3))

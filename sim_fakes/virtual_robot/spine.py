@@ -17,8 +17,6 @@ from .effects import Laws
 from .truth import RobotTruth
 
 JAM_CURVE = 0.9
-STUB = 1e-3
-"""m: a shorter spine counts as this long, so that it keeps a modulus."""
 SINGLE_MODULUS = 6.6e6
 SHEAR_STIFFNESS = 0.09e6
 """Pa: the one modulus of the spine and its shear modulus times shear factor, at full `spine_shear`."""
@@ -34,8 +32,6 @@ def table_modulus(truth: RobotTruth, length: float) -> float:
     """Apparent modulus of the spine at nominal vacuum, Pa, at a length in m."""
     lengths = sorted(truth.spine_modulus)
     values = [truth.spine_modulus[x] for x in lengths]
-    if length < lengths[0]:
-        return values[0] * (max(length, STUB) / lengths[0]) ** 2
     if length > lengths[-1]:
         slope = (values[-1] - values[-2]) / (lengths[-1] - lengths[-2])
         return values[-1] + slope * (length - lengths[-1])

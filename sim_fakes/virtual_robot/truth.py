@@ -54,8 +54,8 @@ class RobotTruth(BaseModel):
 
     # spine
     spine_modulus: dict[float, float] = Field(default_factory=lambda: dict(TABLE_II))
-    """Apparent modulus (Pa) at nominal vacuum over spine length (m): linear between points, as the square of the
-    length below the first point, straight on beyond the last one."""
+    """Apparent modulus (Pa) at nominal vacuum over spine length (m): straight between points and beyond the last one,
+    constant below the first one."""
     spine_radius: float = Field(default=0.029, gt=0, le=0.5, json_schema_extra={"unit": "m"})
     nominal_vacuum: float = Field(default=80e3, gt=1e3, lt=101e3, json_schema_extra={"unit": "Pa"})
     pump_time: float = Field(default=1.5, gt=0, le=600, json_schema_extra={"unit": "s"})

@@ -1,0 +1,229 @@
+"""The virtual robot without effects is the robot of the paper, and it moves like a plant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim_fakes.plant import AMBIENT, Plant
+from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot
+from sim_fakes.virtual_robot.truth import TABLE_II
+
+CONVERGED_TIPS_MM = {
+    0.00: """-23.265687 403.896067 -59.174490 402.057387 -108.384877 392.375035
+             -169.873106 368.680966 -239.509465 322.875895""",
+    0.10: """-20.627443 403.591562 -51.821151 402.484340 -94.187001 395.386688
+             -147.155722 377.809735 -208.079651 343.984436""",
+    0.20: """-13.519996 402.698634 -32.954293 403.015653 -58.705616 400.997735
+             -90.861718 395.098990 -128.995021 383.356816""",
+    0.30: """-7.948362 401.803812 -18.746965 402.537608 -32.568804 402.598711
+             -49.539904 401.597467 -69.713213 399.040631""",
+}
+"""Tip x, z at 50, 100 .. 250 kPa over spine length (m) of the continuous rod, converged by two other methods."""
+REFERENCE = RobotTruth(area_factor=1.5, spine_modulus={0.05: 0.318e6, 0.30: 4.389e6})
+
+
+def bend(pressure: float) -> tuple[float, ...]:
+    """Chambers 9, 1 and 2 at a pressure in Pa."""
+    return tuple(pressure if i in (8, 0, 1) else 0.0 for i in range(9))
+
+
+def settled(robot: VirtualRobot, *states: Condition) -> list[Reading]:
+    return robot.settle(states)
+
+
+def run(robot: VirtualRobot, plant: Plant, duration: float, dt: float = 0.02) -> None:
+    for _ in range(round(duration / dt)):
+        robot.advance(plant, dt)
+
+
+def test_tip_agrees_with_the_converged_continuous_rod_at_all_twenty_points() -> None:
+    states = [Condition(length, bend(50e3 * (i + 1))) for length in CONVERGED_TIPS_MM for i in range(5)]
+    tips = np.array([r.position for r in VirtualRobot(REFERENCE).settle(states)]) * 1e3
+    expected = np.array([float(x) for row in CONVERGED_TIPS_MM.values() for x in row.split()]).reshape(20, 2)
+    assert np.abs(tips[:, [0, 2]] - expected).max() < 0.04
+    assert np.abs(tips[:, 1]).max() < 1e-6
+
+
+def test_error_falls_with_the_square_of_the_segment_length() -> None:
+    expected = np.array([float(x) for x in CONVERGED_TIPS_MM[0.0].split()[-2:]])
+    errors = []
+    for segments in (20, 40, 80):
+        robot = VirtualRobot(REFERENCE.model_copy(update={"segments": segments}))
+        (reading,) = settled(robot, Condition(0.0, bend(250e3), hold=60))
+        errors.append(float(np.abs(reading.position[[0, 2]] * 1e3 - expected).max()))
+    assert errors[2] < errors[1] < errors[0]
+    assert errors[0] / errors[2] > 10
+
+
+def test_tip_varies_smoothly_with_spine_length() -> None:
+    lengths = np.arange(0.101, 0.149, 0.0005)
+    robot = VirtualRobot()
+    x = np.array([r.position[0] for r in robot.settle([Condition(float(n), bend(200e3), hold=20) for n in lengths])])
+    steps = np.diff(x)
+    assert np.all(steps > 0)
+    assert np.abs(np.diff(steps)).max() < 0.02 * steps.mean()
+
+
+def test_same_seed_gives_the_same_readings_to_the_last_bit() -> None:
+    truth = RobotTruth(scatter_length=0.001, scatter_stiffness=0.02)
+    states = [Condition(0.2, bend(p), rejam=p == 0) for p in (0.0, 150e3, 0.0, 150e3)]
+    first, again, other = (VirtualRobot(truth, {"spine_slip": 0.1}, seed) for seed in (3, 3, 4))
+    a, b, c = (np.array([r.position for r in robot.settle(states)]) for robot in (first, again, other))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+    first.reset()
+    assert np.array_equal(a, np.array([r.position for r in first.settle(states)]))
+
+
+def test_scatter_is_drawn_anew_at_each_jamming_only() -> None:
+    robot = VirtualRobot(RobotTruth(scatter_length=0.001, scatter_stiffness=0.02), seed=1)
+    states = [
+        Condition(0.2, bend(p), rejam=r, hold=20) for p, r in ((2e5, True), (0.0, False), (2e5, False), (2e5, True))
+    ]
+    x = [r.position[0] for r in robot.settle(states)]
+    assert x[2] == pytest.approx(x[0], abs=1e-7)
+    assert 5e-5 < abs(x[3] - x[0]) < 5e-3
+
+
+def test_rolling_the_chambers_turns_the_deflection() -> None:
+    flat, rolled = (
+        settled(VirtualRobot(), Condition(0.1, bend(150e3), roll=a))[0].position for a in (0.0, np.radians(90))
+    )
+    assert rolled[:2] == pytest.approx([-flat[1], flat[0]], abs=1e-7)
+    assert rolled[2] == pytest.approx(flat[2], abs=1e-7)
+
+
+def test_equal_pressures_only_lengthen_and_markers_lie_along_the_body() -> None:
+    hanging, long = settled(VirtualRobot(), Condition(0.0), Condition(0.0, (100e3,) * 9))
+    assert np.abs(long.position[:2]).max() < 1e-9
+    assert 0.01 < long.position[2] - hanging.position[2] < 0.03
+    assert hanging.markers[:, 2] == pytest.approx([0.1, 0.2, 0.3], abs=2e-3)
+    assert np.all(long.markers[:, 2] > hanging.markers[:, 2])
+
+
+def test_chambers_fill_with_their_time_constant_whatever_the_step() -> None:
+    for dt in (0.01, 0.05, 0.25):
+        plant, robot = Plant(), VirtualRobot()
+        plant.regulator[:3] = 100e3
+        run(robot, plant, 0.25, dt)
+        assert plant.chamber_pressure[:3] == pytest.approx(100e3 * (1 - np.exp(-1)), rel=1e-9)
+        assert plant.time == pytest.approx(0.25)
+
+
+def test_supply_limits_the_pressure() -> None:
+    plant, robot = Plant(), VirtualRobot(RobotTruth(supply_pressure=200e3))
+    plant.regulator[0] = 300e3
+    run(robot, plant, 10.0, 0.5)
+    assert plant.chamber_pressure[0] == 200e3
+
+
+def test_vacuum_pumps_down_and_releases_with_its_own_times() -> None:
+    plant, robot = Plant(), VirtualRobot()
+    plant.valve_on = True
+    run(robot, plant, 1.5)
+    assert AMBIENT - plant.vacuum_absolute == pytest.approx(80e3 * (1 - np.exp(-1)), rel=1e-6)
+    run(robot, plant, 20.0, 0.1)
+    plant.valve_on = False
+    run(robot, plant, 0.7)
+    assert AMBIENT - plant.vacuum_absolute == pytest.approx(80e3 * np.exp(-1), rel=1e-3)
+
+
+def test_jammed_spine_blocks_the_unit_and_lets_go_when_vented() -> None:
+    plant, robot = Plant(), VirtualRobot()
+    plant.spine_drive = 0.1
+    run(robot, plant, 2.0)
+    assert (plant.spine_length, plant.spine_blocked) == (0.1, False)
+    plant.valve_on = True
+    run(robot, plant, 5.0)
+    plant.spine_drive = 0.15
+    run(robot, plant, 1.0)
+    assert (plant.spine_length, plant.spine_blocked) == (0.1, True)
+    plant.valve_on = False
+    run(robot, plant, 4.0)
+    assert (plant.spine_length, plant.spine_blocked) == (0.15, False)
+
+
+def test_unjammed_spine_hardly_changes_the_bending() -> None:
+    bare, loose, jammed = (
+        settled(VirtualRobot(), Condition(n, bend(150e3), vacuum=v))[0].position[0]
+        for n, v in ((0.0, 0.0), (0.3, 0.0), (0.3, 80e3))
+    )
+    assert loose == pytest.approx(bare, rel=1e-3)
+    assert jammed / bare < 0.4
+
+
+def test_driving_by_the_plant_ends_where_settling_ends() -> None:
+    plant, robot = Plant(), VirtualRobot()
+    plant.spine_drive = 0.2
+    run(robot, plant, 3.0)
+    plant.valve_on = True
+    run(robot, plant, 30.0, 0.1)
+    plant.regulator[:] = bend(200e3)
+    run(robot, plant, 10.0)
+    (reading,) = settled(VirtualRobot(), Condition(0.2, bend(200e3), hold=10))
+    assert plant.tip_position == pytest.approx(reading.position, abs=1e-5)
+    assert plant.markers == pytest.approx(reading.markers, abs=1e-5)
+    assert plant.tip_rotation == pytest.approx(reading.rotation, abs=1e-4)
+
+
+def test_path_does_not_depend_on_the_step_once_pressures_rest() -> None:
+    tips = []
+    for dt in (0.005, 0.1, 1.0):
+        plant, robot = Plant(), VirtualRobot()
+        plant.regulator[:] = bend(220e3)
+        run(robot, plant, 6.0, dt)
+        assert robot.failures == 0
+        tips.append(plant.tip_position)
+    assert tips[1] == pytest.approx(tips[0], abs=1e-5)
+    assert tips[2] == pytest.approx(tips[0], abs=1e-5)
+
+
+def test_rod_settles_with_its_time_constant_in_small_steps_and_in_one() -> None:
+    # without weight, which would pull it straight beside its own stiffness
+    truth = RobotTruth(fill_time=1e-4, settling_time=0.06, gravity=(0.0, 0.0, 0.0))
+    final = settled(VirtualRobot(truth), Condition(0.0, bend(5e3), hold=10))[0].position[0]
+    for dt in (0.005, 0.06):
+        plant, robot = Plant(), VirtualRobot(truth)
+        plant.regulator[:] = bend(5e3)
+        run(robot, plant, 0.06, dt)
+        assert plant.tip_position[0] / final == pytest.approx(1 - np.exp(-1), rel=0.02)
+
+
+def test_nothing_is_computed_while_nothing_moves() -> None:
+    plant, robot = Plant(), VirtualRobot()
+    plant.regulator[:] = bend(100e3)
+    run(robot, plant, 10.0)
+    before = robot.solves
+    run(robot, plant, 10.0, 0.01)
+    assert robot.solves - before < 40
+
+
+def test_a_hidden_tip_stays_hidden() -> None:
+    plant, robot = Plant(), VirtualRobot()
+    plant.tip_visible = False
+    robot.advance(plant, 0.1)
+    assert plant.tip_visible is False
+
+
+def test_unknown_mount_and_bad_states_are_refused() -> None:
+    plant = Plant(mount="table")
+    with pytest.raises(ValueError, match="mount 'table'"):
+        VirtualRobot().advance(plant, 0.1)
+    with pytest.raises(ValueError, match="give nine"):
+        Condition(0.1, (1e5,))
+    with pytest.raises(ValueError, match="rate"):
+        Condition(0.1, rate=0.0)
+
+
+def test_truth_comes_from_yaml_and_refuses_what_it_does_not_know(tmp_path: Path) -> None:
+    path = tmp_path / "truth.yaml"
+    path.write_text("area_factor: 1.8\nspine_modulus: {0.05: 3.0e+5, 0.3: 4.0e+6}\n")
+    truth = RobotTruth.from_yaml(path)
+    assert (truth.area_factor, truth.spine_modulus[0.3]) == (1.8, 4.0e6)
+    assert RobotTruth().spine_modulus == TABLE_II
+    path.write_text("area: 1.8\n")
+    with pytest.raises(ValueError, match="area"):
+        RobotTruth.from_yaml(path)
