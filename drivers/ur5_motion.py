@@ -22,12 +22,18 @@ LEVER = 0.2
 class Limits(Protocol):
     """The limits of `drivers.ur5.Config`, in its units."""
 
-    workspace_min: Vector3
-    workspace_max: Vector3
-    max_step: float
-    max_turn: float
-    max_speed: float
-    max_acceleration: float
+    @property
+    def workspace_min(self) -> Vector3: ...
+    @property
+    def workspace_max(self) -> Vector3: ...
+    @property
+    def max_step(self) -> float: ...
+    @property
+    def max_turn(self) -> float: ...
+    @property
+    def max_speed(self) -> float: ...
+    @property
+    def max_acceleration(self) -> float: ...
 
 
 def distance_between(a: Sequence[float], b: Sequence[float]) -> float:

@@ -1,7 +1,8 @@
 """The actuator process: regulators, length unit, valve, gauge and arm motion live behind one process boundary.
 
-The parent sends one command at a time through a pipe and gets one answer. Readings polled in the child come back through a
-second pipe. When the parent is gone the child lands the rig safe and ends; when the child is gone every call raises ActuatorsLost.
+The parent sends one command at a time through a pipe and gets one answer. Readings polled in the child come back
+through a second pipe. When the parent is gone the child lands the rig safe and ends; when the child is gone every call
+raises ActuatorsLost.
 """
 
 from __future__ import annotations
@@ -193,7 +194,8 @@ def _serve(rig_json: str, start: float, commands: Connection, samples: Connectio
                 if method == "open":
                     answer = child.open(name)
                 elif method == "close":
-                    answer = child.close_one(name)
+                    child.close_one(name)
+                    answer = None
                 elif method == "safe":
                     answer = child.safe()
                 else:

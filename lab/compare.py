@@ -73,5 +73,8 @@ def sheet(table: ErrorTable) -> Sheet:
             f"{r.spine_length * 100:.1f} cm", str(r.n),
             *(f"{v * 1e3:.2f} mm" for v in (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y, r.rmse, r.worst)),
         )  # fmt: skip
-    t.caption = f"largest mean error: {table.worst_percent_x:.2f} % of the length in X, {table.worst_percent_z:.2f} % in Y; rms {table.rmse * 1e3:.2f} mm"
+    t.caption = (
+        f"largest mean error: {table.worst_percent_x:.2f} % of the length in X, {table.worst_percent_z:.2f} % in Y; "
+        f"rms {table.rmse * 1e3:.2f} mm"
+    )
     return t

@@ -179,18 +179,23 @@ def _own_loc(loc: Loc, data: object) -> Loc:
     own: list[str | int] = []
     for i, step in enumerate(loc):
         last = i == len(loc) - 1
-        if (
-            isinstance(data, dict)
-            and step in data
-            or isinstance(data, list)
-            and isinstance(step, int)
-            and step < len(data)
-        ):
-            data = data[step]
+        if _holds(data, step):
+            data = _inside(data, step)
             own.append(step)
         elif isinstance(data, dict) and last:
             own.append(step)
     return tuple(own)
+
+
+def _holds(data: object, step: str | int) -> bool:
+    if isinstance(data, list):
+        return isinstance(step, int) and step < len(data)
+    return isinstance(data, dict) and step in data
+
+
+def _inside(data: Any, step: str | int) -> object:
+    """What stands at a step; None where there is no such step."""
+    return data[step] if _holds(data, step) else None
 
 
 def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel]) -> str:
@@ -241,8 +246,7 @@ def _find(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | N
             siblings = list(current.model_fields)
             field = current.model_fields.get(step)
             current = None
-        data = data[step] if isinstance(data, dict) and step in data else (
-            data[step] if isinstance(data, list) and isinstance(step, int) and step < len(data) else None)  # fmt: skip
+        data = _inside(data, step)
         if field is not None and isinstance(data, dict):
             current = _models(field.annotation, data)
     return field, siblings

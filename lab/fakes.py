@@ -1,4 +1,4 @@
-"""`lab fakes`: start the fake instruments and print the rig.yaml that reaches them. The only place outside their room that knows them."""
+"""`lab fakes`: start the fake instruments and print the rig.yaml that reaches them."""
 
 from __future__ import annotations
 

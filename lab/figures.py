@@ -1,4 +1,4 @@
-"""Figures of measured data: tip curves, force over deflection, moduli. Drawn without a screen, legible in grey and by the colour-blind."""
+"""Figures of measured data: tip curves, force over deflection, moduli; legible in grey and by the colour-blind."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
     "figure.dpi": 110, "savefig.dpi": 150, "legend.frameon": False, "axes.titlesize": 10,
 }  # fmt: skip
+
+
+BLUE, GREY = "#20639b", "#b9c3cb"
 
 
 def colours(n: int) -> list[tuple[float, float, float, float]]:
@@ -74,32 +77,68 @@ def _label(axis: Axes, text: str) -> None:
     axis.set_ylabel(text)
 
 
-def force_curves(table: Table, path: Path) -> Path:
-    """Force over deflection of each stiffness trial."""
+def stiffness_curves(
+    table: Table, measured: Mapping[float, Estimate], reference: Mapping[float, float], path: Path
+) -> Path:
+    """Force over deflection of each trial, and the modulus it gives over the spine's length beside a reference."""
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(4.6, 3.6), layout="constrained")
+        figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
         trials = sorted({r.trial for r in table if r.force is not None})
         for trial, colour in zip(trials, colours(len(trials)), strict=True):
             rows = [r for r in table if r.trial == trial and r.force is not None and r.deflection is not None]
-            axis.plot([1e3 * (r.deflection or 0) for r in rows], [r.force for r in rows], "o-", ms=3, lw=1, color=colour,
-                      label=f"{rows[0].spine_length * 100:.0f} cm")  # fmt: skip
-        axis.set_xlabel("deflection, mm")
-        axis.set_ylabel("force, N")
-        axis.legend(title="spine", fontsize=8)
+            way, force = [1e3 * (r.deflection or 0.0) for r in rows], [r.force for r in rows]
+            left.plot(way, force, "o-", ms=3, lw=1, color=colour, label=f"{rows[0].spine_length * 100:.0f} cm")
+        left.set_xlabel("deflection after contact, mm")
+        left.set_ylabel("force, N")
+        left.legend(title="spine", fontsize=8)
+        _moduli(right, measured, reference)
         return save(figure, path)
 
 
-def moduli(measured: Mapping[float, Estimate], reference: Mapping[float, float], path: Path) -> Path:
-    """Apparent modulus of the spine over its length, with 95 % intervals, beside the paper's Table II."""
+def _moduli(axis: Axes, measured: Mapping[float, Estimate], reference: Mapping[float, float]) -> None:
+    """Apparent modulus of the spine over its length, with 95 % intervals."""
+    value = np.array([e.value for e in measured.values()]) / 1e6
+    half = np.array([(e.interval[1] - e.interval[0]) / 2 for e in measured.values()]) / 1e6
+    axis.plot([100 * k for k in reference], [v / 1e6 for v in reference.values()], "k--", lw=1, label="paper, Table II")
+    axis.errorbar(
+        np.array(list(measured)) * 100, value, half, fmt="o", ms=4, capsize=3, color=BLUE, label="measured, 95 %"
+    )
+    axis.set_xlabel("spine length, cm")
+    axis.set_ylabel("Young's modulus, MPa")
+    axis.legend(fontsize=8)
+
+
+def story(
+    measured: Mapping[float, Estimate],
+    reference: Mapping[float, float],
+    before: Comparison,
+    after: Comparison,
+    path: Path,
+) -> Path:
+    """One picture of a day in the lab: stiffness, the tip's way in the bending plane, and the error before and after."""
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(4.6, 3.6), layout="constrained")
-        x = np.array(list(measured)) * 100
-        y = np.array([e.value for e in measured.values()]) / 1e6
-        half = np.array([(e.interval[1] - e.interval[0]) / 2 for e in measured.values()]) / 1e6
-        axis.errorbar(x, y, half, fmt="o", ms=4, capsize=3, color="#20639b", label="measured, 95 %")
-        axis.plot([100 * k for k in reference], [v / 1e6 for v in reference.values()], "k--", lw=1, marker="s", ms=4, mfc="none",
-                  label="paper, Table II")  # fmt: skip
-        axis.set_xlabel("spine length, cm")
-        axis.set_ylabel("Young's modulus, MPa")
-        axis.legend(fontsize=8)
+        figure, (left, middle, right) = plt.subplots(1, 3, figsize=(11, 3.7), layout="constrained")
+        _moduli(left, measured, reference)
+        left.set_title("the arm pushes: stiffness of the spine")
+        lengths = list(after.condition.by_spine_length())
+        pressure = after.condition.pressure.max(axis=1) / 1e3
+        for (length, own), colour in zip(lengths, colours(len(lengths)), strict=True):
+            middle.plot(
+                pressure[own], -after.measured[own, 0] * 1e3, "o", ms=3.5, color=colour, label=f"{length * 100:.0f} cm"
+            )
+            order = np.argsort(pressure[own])
+            for c, line in ((after, "-"), (before, ":")):
+                middle.plot(pressure[own][order], -c.predicted[own][order, 0] * 1e3, line, lw=1, color=colour)
+        middle.set_xlabel("pressure, kPa")
+        middle.set_ylabel("tip deflection, mm")
+        middle.set_title("three chambers inflate: tip and model (dotted: paper's)")
+        middle.legend(title="spine", fontsize=7, loc="upper left")
+        at = np.arange(len(before.table.rows))
+        for offset, c, shade, name in ((-0.2, before, GREY, "paper's parameters"), (0.2, after, BLUE, "calibrated")):
+            right.bar(at + offset, [1e3 * r.rmse for r in c.table.rows], 0.38, color=shade, label=name)
+        right.set_xticks(at, [f"{r.spine_length * 100:.0f}" for r in before.table.rows])
+        right.set_xlabel("spine length, cm")
+        right.set_ylabel("tip error, mm rms")
+        right.set_title("model against measurement")
+        right.legend(fontsize=8)
         return save(figure, path)

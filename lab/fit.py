@@ -23,11 +23,11 @@ from model.calibration import (
 from model.errors import ModelError
 from model.estimate import Estimate
 from model.robot import Robot
+from recordings.trials import TrialRow
 
 from .config import ConfigError
 from .console import out
 from .inputs import Case, read_case
-
 
 LENGTH_KNOWN_TO = 0.1e-3
 """m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""
@@ -91,7 +91,7 @@ def _spine_modulus(case: Case) -> dict[float, Estimate]:
         x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)
     }
     found = fit_spine_modulus(
-        case.robot.spine.radius, [lengths[x] for x in nominal], [r.deflection for r in rows], [r.force for r in rows],
+        case.robot.spine.radius, [lengths[x] for x in nominal], *_pushes(rows),
         trial=[r.trial for r in rows],
     )  # fmt: skip
     return {length: _with_length(e, length) for length, e in found.items()}
@@ -106,9 +106,15 @@ def _body_modulus(case: Case) -> Estimate | None:
     rows = [r for r in case.of("stiffness") if r.specimen == "body" and r.force is not None and r.spine_length < 1e-3]
     if not rows:
         return None
-    return fit_body_modulus(
-        case.robot, [r.deflection for r in rows], [r.force for r in rows], trial=[r.trial for r in rows]
-    )
+    return fit_body_modulus(case.robot, *_pushes(rows), trial=[r.trial for r in rows])
+
+
+def _pushes(rows: Sequence[TrialRow]) -> tuple[list[float], list[float]]:
+    """Deflections (m) and forces (N) of stiffness rows; NaN where one is missing."""
+    nan = float("nan")
+    return [nan if r.deflection is None else r.deflection for r in rows], [
+        nan if r.force is None else r.force for r in rows
+    ]
 
 
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers import alicat, dynamixel, ft300s, natnet_mocap, numato, pfeiffer, smc_itv, tmcl, ur5
 from drivers.interfaces import Vector3
@@ -20,20 +20,61 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def named(driver: str, config: type[BaseModel], **more: Any) -> Any:
-    """The driver's own Config plus the key `driver` that chooses it, and fields that only the rig needs."""
-    return create_model(config.__name__, __base__=config, driver=(Literal[driver], ...), **more)
+class ArmConfig(ur5.Config):
+    """The arm: motion and streamed state."""
+
+    driver: Literal["ur5"]
+    max_age: float = Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"})
+    """How old its streamed state may be, host time."""
 
 
-STATE_AGE: Any = (float, Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"}))
-"""How old the arm's streamed state may be, host time."""
-ArmConfig = named("ur5", ur5.Config, max_age=STATE_AGE)
-ForceConfig = named("ft300s", ft300s.Config)
-AlicatConfig, ItvConfig = named("alicat", alicat.Config), named("smc_itv", smc_itv.Config)
-DynamixelConfig, TmclConfig = named("dynamixel", dynamixel.Config), named("tmcl", tmcl.Config)
-ValveConfig = named("numato", numato.Config)
-GaugeConfig = named("pfeiffer", pfeiffer.Config)
-MocapConfig = named("natnet", natnet_mocap.Config)
+class ForceConfig(ft300s.Config):
+    """Force-torque sensor."""
+
+    driver: Literal["ft300s"]
+
+
+class AlicatConfig(alicat.Config):
+    """Regulators on one bus."""
+
+    driver: Literal["alicat"]
+
+
+class ItvConfig(smc_itv.Config):
+    """Regulators on a port each."""
+
+    driver: Literal["smc_itv"]
+
+
+class DynamixelConfig(dynamixel.Config):
+    """Length unit."""
+
+    driver: Literal["dynamixel"]
+
+
+class TmclConfig(tmcl.Config):
+    """Length unit."""
+
+    driver: Literal["tmcl"]
+
+
+class ValveConfig(numato.Config):
+    """Jamming valve."""
+
+    driver: Literal["numato"]
+
+
+class GaugeConfig(pfeiffer.Config):
+    """Vacuum gauge at the spine."""
+
+    driver: Literal["pfeiffer"]
+
+
+class MocapConfig(natnet_mocap.Config):
+    """Motion capture of the tip."""
+
+    driver: Literal["natnet"]
+
 
 PressureConfig = Annotated[AlicatConfig | ItvConfig, Field(discriminator="driver")]
 SpineConfig = Annotated[DynamixelConfig | TmclConfig, Field(discriminator="driver")]

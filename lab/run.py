@@ -114,8 +114,8 @@ def _check_limits(job: Job) -> None:
         allowed = getattr(getattr(instruments, instrument), limit, None)
         if key in asked and allowed is not None and asked[key] > allowed * (1 + 1e-9):
             problems.append(
-                f"{job.experiment.name}: asks for {asked[key]:g} {unit}, above instruments.{instrument}.{limit} = {allowed:g} {unit} "
-                f"of {job.rig_path}; ask for less, or raise the limit if the rig can take it"
+                f"{job.experiment.name}: asks for {asked[key]:g} {unit}, above instruments.{instrument}.{limit} = "
+                f"{allowed:g} {unit} of {job.rig_path}; ask for less, or raise the limit if the rig can take it"
             )
     if problems:
         raise ConfigError("\n".join(problems))
@@ -205,7 +205,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
             "robot.yaml": j.rig.robot.read_bytes(),
             "protocol.yaml": j.protocol_yaml.encode(),
         },
-        metadata=provenance({n: i for n, i in rig.identities.items()}),
+        metadata=provenance(rig.identities),
         markers=markers,
     )
     lost_before = rig.lost()

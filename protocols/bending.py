@@ -1,7 +1,8 @@
 """Bending sweep: grow the spine, inflate a group of chambers step by step and let off again, and read the tip at each state.
 
-The defaults are the paper's: spine 0..30 cm by 5 cm, three adjacent chambers at 50..250 kPa by 50 kPa. States are read when settled,
-or on the fly while ramping (`reading: sweep`), or after given hold times at each pressure (`reading: hold`, creep).
+The defaults are the paper's: spine 0..30 cm by 5 cm, three adjacent chambers at 50..250 kPa by 50 kPa. States are read
+when settled, or on the fly while ramping (`reading: sweep`), or after given hold times at each pressure (`reading:
+hold`, creep).
 """
 
 from __future__ import annotations
@@ -209,6 +210,6 @@ def _chambers(p: Bending, pressure: float) -> list[float]:
 def _channels(bench: Bench, p: Bending, pressure: float) -> tuple[float, ...]:
     """Channel set-points, Pa; ProtocolError when the wiring cannot make the group."""
     try:
-        return bench.chambers.setpoints({c: x for c, x in enumerate(_chambers(p, pressure), 1)})
+        return bench.chambers.setpoints(dict(enumerate(_chambers(p, pressure), 1)))
     except ValueError as e:
         raise WrongWiring(f"chambers {p.chambers}: {e}") from e

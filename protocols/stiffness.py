@@ -118,7 +118,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
 
 
 class ProbeMotion:
-    """Moves the probe in the stand's frame: `along` the specimen from the clamp, `depth` in the push direction from its axis, m."""
+    """Moves the probe in the stand's frame: `along` the specimen from the clamp, `depth` along the push from its axis, m."""
 
     def __init__(self, bench: Bench, p: Stiffness, stand: StandFrame) -> None:
         self.bench, self.p = bench, p

@@ -39,7 +39,7 @@ class Plant:
     probe_rotation: Array = field(default_factory=lambda: np.eye(3))
     """Orientation of the arm's TCP, columns = TCP axes in the arm base frame."""
     mount: str = "robot"
-    """What a person has mounted: "robot" (body hanging, spine inside), "body" (robot at the stiffness stand), "spine" (bare spine)."""
+    """What a person has mounted: "robot" (body hanging, spine inside), "body" (robot at the stand), "spine" (bare spine)."""
     tip_mass: float = 0.053
     """Mass hung at the tip, kg."""
     roll: float = 0.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from virtual_lab import VirtualLab
 
 from lab.fakes import write_rig
 from sim_fakes.rig import FakeRig
-from virtual_lab import VirtualLab
 
 
 @pytest.fixture(scope="session")

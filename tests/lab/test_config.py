@@ -46,7 +46,8 @@ def problems(tmp_path: Path, text: str) -> list[str]:
 
 
 def test_quantities_with_units_become_si(tmp_path: Path) -> None:
-    file = read(tmp_path, "name: a\nlength: 40 cm\nlevels: [50 kPa, 0.1 MPa, 2e5]\ndevice: {driver: alpha, max_pressure: 2 bar}\n")
+    text = "name: a\nlength: 40 cm\nlevels: [50 kPa, 0.1 MPa, 2e5]\ndevice: {driver: alpha, max_pressure: 2 bar}\n"
+    file = read(tmp_path, text)
     assert file.length == pytest.approx(0.4)
     assert file.levels == pytest.approx([5e4, 1e5, 2e5])
     assert isinstance(file.device, Alpha) and file.device.max_pressure == pytest.approx(2e5)
@@ -57,7 +58,9 @@ def test_a_table_of_quantities_is_converted_too(tmp_path: Path) -> None:
 
 
 def test_all_problems_of_a_file_come_at_once_with_their_lines(tmp_path: Path) -> None:
-    found = problems(tmp_path, "name: a\nlenght: 0.4\nlevels: [50e3, 250]\ndevice:\n  driver: alpha\n  max_pressure: 2e6\n")
+    found = problems(
+        tmp_path, "name: a\nlenght: 0.4\nlevels: [50e3, 250]\ndevice:\n  driver: alpha\n  max_pressure: 2e6\n"
+    )
     assert len(found) == 4
     assert "file.yaml:2: lenght: unknown key; did you mean 'length'?" in found[0]
     assert "file.yaml:3: levels[1] = 250 Pa: must be at least 1000 Pa" in found[1]

@@ -11,13 +11,12 @@ import time
 from pathlib import Path
 
 import pytest
+from virtual_lab import VirtualLab
 
 from lab.cli import main
 from lab.fit import calibrate
 from lab.inputs import read_case
 from sim_fakes.virtual_robot.truth import TABLE_II
-from virtual_lab import VirtualLab
-
 
 SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]"]
 
@@ -108,11 +107,22 @@ def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, capsys: pytest.C
 
 
 def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    settings = ["--set", "reading=sweep", "--set", "spine_lengths=[0.0]", "--set", "rate=10 kPa/s", "--set", "settle.average=2"]
+    settings = [
+        "--set",
+        "reading=sweep",
+        "--set",
+        "spine_lengths=[0.0]",
+        "--set",
+        "rate=10 kPa/s",
+        "--set",
+        "settle.average=2",
+    ]
     assert lab("run", "bending", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
     rows = read_case([recorded(tmp_path)]).table
     moving = [r for r in rows if r.hold == 0.0]
-    assert [round(r.pressures[0] / 1e3) for r in moving if r.branch == "load"][:4] == pytest.approx([50, 100, 150, 200], abs=3)
+    assert [round(r.pressures[0] / 1e3) for r in moving if r.branch == "load"][:4] == pytest.approx(
+        [50, 100, 150, 200], abs=3
+    )
     assert {r.rate for r in moving} == {10e3, -10e3}
 
 
