@@ -50,6 +50,18 @@ def _info(a: argparse.Namespace) -> int:
     return info(a.file, a.json)
 
 
+def _verify(a: argparse.Namespace) -> int:
+    from .repair import verify
+
+    return verify(a.file, a.json)
+
+
+def _recover(a: argparse.Namespace) -> int:
+    from .repair import recover
+
+    return recover(a.file, a.out, a.json)
+
+
 def _export(a: argparse.Namespace) -> int:
     from .recorded import export
 
@@ -137,6 +149,11 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("info", _info, "what a recording holds: streams, rates, losses, provenance, outcome", reads=True)
     p.add_argument("file", type=Path)
+    p = verb("verify", _verify, "compare every checksum, record and index of a recording", reads=True)
+    p.add_argument("file", type=Path)
+    p = verb("recover", _recover, "keep all that can be read of a damaged or torn recording", reads=True)
+    p.add_argument("file", type=Path)
+    p.add_argument("--out", type=Path, help="the new file (default: <name>-recovered.mcap beside the old one)")
     p = verb(
         "replay",
         _replay,

@@ -1,26 +1,53 @@
 """The outside of an MCAP file: its records in order, without looking into chunks. Reads whole and truncated files
 alike.
 
-Layout: https://mcap.dev/spec. Only record heads are touched, so this costs little however large the file is.
+Layout: https://mcap.dev/spec. Only record heads are touched, so this costs little however large the file is. Nothing a
+file says about lengths is believed before it is held against the bytes that are there.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from .errors import NotARecording
+from .errors import Damaged, NotARecording, Oversized
 
 MAGIC = b"\x89MCAP0\r\n"
+MAX_CHUNK = 64 * 2**20
+"""Bytes a chunk may grow to when decompressed; ours have about 20 000."""
+MAX_TOTAL = 4 * 2**30
+"""Bytes of all chunks together, decompressed: more than twelve hours of the rig."""
 _HEAD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _U64 = struct.Struct("<Q")
 _INDEX = struct.Struct("<HI")
+_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError)
+
+
+@dataclass(frozen=True)
+class Head:
+    """One record: `start` of it, `body` where its content begins, `end` of it."""
+
+    opcode: int
+    start: int
+    body: int
+    end: int
+
+
+def head_at(data: memoryview | bytes, at: int) -> Head | None:
+    """The record that begins at a byte; None when none does, or it is not whole."""
+    if at + _HEAD.size > len(data):
+        return None
+    opcode, length = _HEAD.unpack_from(data, at)
+    body = at + _HEAD.size
+    return None if opcode == 0 or length > len(data) - body else Head(opcode, at, body, body + length)
 
 
 @dataclass(frozen=True)
@@ -71,58 +98,81 @@ def walk(data: memoryview, name: str) -> Contents:
     if bytes(data[: len(MAGIC)]) != MAGIC:
         raise NotARecording(f"{name} is not an MCAP file: it begins with {bytes(data[:8])!r}")
     contents = Contents(len(data), len(MAGIC))
-    at, size = len(MAGIC), len(data)
-    while at + _HEAD.size <= size:
-        opcode, length = _HEAD.unpack_from(data, at)
-        body = at + _HEAD.size
-        if opcode == 0 or length > size - body:
-            break
-        _take(contents, opcode, data, body, body + length)
-        at = contents.end = body + length
-        if opcode == Opcode.FOOTER:
-            if data[at : at + len(MAGIC)] == MAGIC:
+    while (head := head_at(data, contents.end)) is not None:
+        try:
+            _take(contents, data, head)
+        except _UNPARSABLE as error:
+            raise Damaged(
+                f"{name}: the record at byte {head.start} makes no sense ({error}); run `lab verify`"
+            ) from error
+        contents.end = head.end
+        if head.opcode == Opcode.FOOTER:
+            if data[head.end : head.end + len(MAGIC)] == MAGIC:
                 contents.finished = True
-                contents.end = at + len(MAGIC)
+                contents.end = head.end + len(MAGIC)
             break
+    total = sum(chunk.size for chunk in contents.chunks)
+    if total > MAX_TOTAL:
+        raise Oversized(
+            f"{name}: says that its chunks hold {total} bytes, {MAX_TOTAL} are read at most; "
+            "the file is damaged, or longer than this software reads at once"
+        )
     if not contents.finished and contents.chunks:
         # Some of its indexes may be cut off; without any, its records are walked over instead.
         contents.chunks[-1].indexes.clear()
     return contents
 
 
-def _take(contents: Contents, opcode: int, data: memoryview, start: int, end: int) -> None:
-    if opcode == Opcode.CHUNK:
-        contents.chunks.append(_chunk(data, start))
-    elif opcode == Opcode.MESSAGE_INDEX and contents.chunks:
-        channel, length = _INDEX.unpack_from(data, start)
-        pairs = start + _INDEX.size
-        contents.chunks[-1].indexes.append((channel, pairs, pairs + length))
-    elif opcode == Opcode.ATTACHMENT:
-        attachment = Attachment.read(ReadDataStream(BytesIO(data[start:end])))
+def _take(contents: Contents, data: memoryview, head: Head) -> None:
+    if head.opcode == Opcode.CHUNK:
+        contents.chunks.append(chunk_place(data, head))
+    elif head.opcode == Opcode.MESSAGE_INDEX and contents.chunks:
+        contents.chunks[-1].indexes.append(index_place(data, head))
+    elif head.opcode == Opcode.ATTACHMENT:
+        attachment = Attachment.read(stream(data, head))
         contents.attachments[attachment.name] = attachment.data
-    elif opcode == Opcode.METADATA:
-        metadata = Metadata.read(ReadDataStream(BytesIO(data[start:end])))
+    elif head.opcode == Opcode.METADATA:
+        metadata = Metadata.read(stream(data, head))
         contents.metadata[metadata.name] = metadata.metadata
-    elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-        contents.add(opcode, bytes(data[start:end]))
+    elif head.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        contents.add(head.opcode, bytes(data[head.body : head.end]))
 
 
-def _chunk(data: memoryview, start: int) -> ChunkPlace:
-    first, last, size, crc, name = _CHUNK.unpack_from(data, start)
-    at = start + _CHUNK.size
+def stream(data: memoryview | bytes, head: Head) -> ReadDataStream:
+    """A record's content, for the library to parse."""
+    return ReadDataStream(BytesIO(data[head.body : head.end]))
+
+
+def index_place(data: memoryview, head: Head) -> tuple[int, int, int]:
+    """Channel, start and end of the pairs of a message index; struct.error when it is none."""
+    channel, length = _INDEX.unpack_from(data, head.body)
+    pairs = head.body + _INDEX.size
+    if pairs + length != head.end or length % 16:
+        raise struct.error("a message index of another length than it says")
+    return channel, pairs, pairs + length
+
+
+def chunk_place(data: memoryview, head: Head) -> ChunkPlace:
+    """Where the parts of a chunk are; struct.error when it is none."""
+    first, last, size, crc, name = _CHUNK.unpack_from(data, head.body)
+    at = head.body + _CHUNK.size
+    if name > 16:
+        raise struct.error(f"a compression of {name} letters")
     compression = bytes(data[at : at + name]).decode()
     at += name
     (length,) = _U64.unpack_from(data, at)
     at += _U64.size
-    return ChunkPlace(start - _HEAD.size, first, last, size, crc, compression, at, at + length)
+    if at + length != head.end:
+        raise struct.error("a chunk of another length than it says")
+    return ChunkPlace(head.start, first, last, size, crc, compression, at, at + length)
 
 
-def records_in(chunk: memoryview) -> list[tuple[int, int, int, int]]:
-    """(opcode, start of the record, start and end of its body) of every record in a decompressed chunk."""
-    out, at = [], 0
-    while at + _HEAD.size <= len(chunk):
-        opcode, length = _HEAD.unpack_from(chunk, at)
-        body = at + _HEAD.size
-        out.append((opcode, at, body, body + length))
-        at = body + length
-    return out
+def records_in(chunk: bytes) -> Iterator[Head]:
+    """Every record in a decompressed chunk; the first one that is not whole raises struct.error."""
+    at = 0
+    while at < len(chunk):
+        head = head_at(chunk, at)
+        if head is None:
+            raise struct.error(f"no whole record at byte {at} of {len(chunk)} in the chunk")
+        yield head
+        at = head.end

@@ -4,6 +4,7 @@
     |-- NotARecording    (ValueError)      the file is not an MCAP file, or not one of this house
     |-- Truncated        (EOFError)        the file ends before its end mark
     |-- Damaged          (ValueError)      bytes of the file changed since they were written
+    |-- Oversized        (MemoryError)     a file that says it holds more than is ever read at once
     |-- MissingStream    (LookupError)     a topic that the file does not hold
     |-- OtherVersion     (ValueError)      messages of a schema version this software does not read
     |-- BadMessage       (ValueError)      a message or state that does not fit its definition; it was not recorded
@@ -31,6 +32,10 @@ class Truncated(RecordingError, EOFError):
 
 class Damaged(RecordingError, ValueError):
     """Bytes of the file changed since they were written."""
+
+
+class Oversized(RecordingError, MemoryError):
+    """A file that says it holds more than is ever read at once."""
 
 
 class MissingStream(RecordingError, LookupError):

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from .container import ChunkPlace, Contents, records_in
-from .errors import Damaged
+from .container import MAX_CHUNK, ChunkPlace, Contents, records_in
+from .errors import Damaged, Oversized
 
 BATCH = 4 * 2**20
 """Bytes of decompressed chunks held at a time; small enough for the allocator to use the same memory again."""
@@ -28,9 +29,10 @@ _RECORD = np.dtype(
 )
 HEAD = _RECORD.itemsize
 """Bytes of a message record in front of the message itself."""
-_HEAD_IN_LENGTH = HEAD - 9
-
-_CHANNEL = struct.Struct("<H")
+HEAD_IN_LENGTH = HEAD - 9
+"""Of these, so many are counted in the record's length."""
+MESSAGE = struct.Struct("<HIQ")
+"""Channel, sequence and log time (ns) of a message record."""
 
 
 @dataclass(frozen=True)
@@ -60,27 +62,35 @@ class Picked:
 
 
 def decompress(data: memoryview, chunk: ChunkPlace, name: str) -> bytes:
-    """The records of a chunk; raises `Damaged` when they are not what was written."""
+    """The records of a chunk; raises `Damaged` when they are not what was written, `Oversized` when too many."""
+    where = f"{name}: chunk at byte {chunk.start}"
     packed = data[chunk.data_start : chunk.data_end]
+    if chunk.size > MAX_CHUNK:
+        raise Oversized(f"{where} says it holds {chunk.size} bytes, {MAX_CHUNK} are read at most; run `lab verify`")
     try:
-        if chunk.compression == "zstd":
-            raw = _ZSTD.decompress(packed, max_output_size=chunk.size)
-        elif chunk.compression == "lz4":
-            raw = lz4.frame.decompress(packed)
-        elif chunk.compression == "":
-            raw = bytes(packed)
-        else:
-            raise Damaged(
-                f"{name}: chunk at byte {chunk.start} is compressed by {chunk.compression!r}, not zstd or lz4"
-            )
+        raw = _unpacked(packed, chunk, where)
     except (zstandard.ZstdError, RuntimeError) as error:
-        raise Damaged(f"{name}: chunk at byte {chunk.start} does not decompress: {error}; run `lab verify`") from error
+        raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
     if len(raw) != chunk.size or (chunk.crc and zlib.crc32(raw) != chunk.crc):
-        raise Damaged(f"{name}: chunk at byte {chunk.start} fails its checksum; run `lab verify`")
+        raise Damaged(f"{where} fails its checksum; run `lab verify`")
     return raw
 
 
-_ZSTD = zstandard.ZstdDecompressor()
+def _unpacked(packed: memoryview, chunk: ChunkPlace, where: str) -> bytes:
+    """Never more than one byte beyond the size that the chunk tells."""
+    if chunk.compression == "":
+        return bytes(packed)
+    if chunk.compression == "lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size + 1))
+    if chunk.compression != "zstd":
+        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
+    # The size inside the packed data is what the library would reserve memory for.
+    if zstandard.frame_content_size(packed) not in (chunk.size, -1):
+        raise Damaged(f"{where} fails its checksum: its packed data tell another size; run `lab verify`")
+    return _ZSTD.decompress(packed, max_output_size=chunk.size + 1)
+
+
+_ZSTD = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK)
 
 
 def find_channels(data: memoryview, contents: Contents, name: str) -> None:
@@ -88,8 +98,15 @@ def find_channels(data: memoryview, contents: Contents, name: str) -> None:
     for chunk in contents.chunks:
         if not chunk.indexes or any(channel not in contents.channels for channel, _, _ in chunk.indexes):
             raw = decompress(data, chunk, name)
-            for opcode, _, start, end in records_in(memoryview(raw)):
-                contents.add(opcode, raw[start:end])
+            try:
+                for head in records_in(raw):
+                    contents.add(head.opcode, raw[head.body : head.end])
+            except (struct.error, McapError, UnicodeDecodeError) as error:
+                raise _senseless(name, chunk, error) from error
+
+
+def _senseless(name: str, chunk: ChunkPlace, error: Exception) -> Damaged:
+    return Damaged(f"{name}: the chunk at byte {chunk.start} holds what makes no sense ({error}); run `lab recover`")
 
 
 def pick(data: memoryview, contents: Contents, name: str) -> Iterator[Picked]:
@@ -115,7 +132,7 @@ def _pick(data: memoryview, batch: list[ChunkPlace], name: str) -> Iterator[Pick
         raw = decompress(data, chunk, name)
         raws.append(raw)
         bases[number + 1] = bases[number] + len(raw)
-        indexes = [(channel, data[a:b]) for channel, a, b in chunk.indexes] or _index(raw)
+        indexes = [(channel, data[a:b]) for channel, a, b in chunk.indexes] or _index(raw, chunk, name)
         for channel, entries in indexes:
             pairs.setdefault(channel, []).append(entries)
             places.setdefault(channel, []).append((number, len(entries) // 16))
@@ -131,7 +148,10 @@ def _pick(data: memoryview, batch: list[ChunkPlace], name: str) -> Iterator[Pick
             yield picked
     for number in np.flatnonzero(accounted != np.diff(bases)).tolist():
         raw = raws[number]
-        others = sum(end - at for opcode, at, _, end in records_in(memoryview(raw)) if opcode != Opcode.MESSAGE)
+        try:
+            others = sum(head.end - head.start for head in records_in(raw) if head.opcode != Opcode.MESSAGE)
+        except struct.error as error:
+            raise _senseless(name, batch[number], error) from error
         if accounted[number] + others != len(raw):
             raise Damaged(
                 f"{name}: the index of the chunk at byte {batch[number].start} does not list all its messages; "
@@ -149,7 +169,10 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
         raise Damaged(f"{name}: a message index points outside its chunk; run `lab recover` to have it made anew")
     windows = np.ndarray((len(whole) - HEAD + 1,), np.dtype((np.void, HEAD)), whole, strides=(1,))
     heads = windows[offsets].view(_RECORD)
-    ends = offsets + 9 + heads["length"].astype(np.int64)
+    lengths = heads["length"]
+    if (lengths < HEAD_IN_LENGTH).any() or (lengths > len(whole)).any():
+        raise Damaged(f"{name}: a message is longer than its chunk; run `lab recover` to leave it out")
+    ends = offsets + 9 + lengths.astype(np.int64)
     if (heads["opcode"] != Opcode.MESSAGE).any() or (heads["channel"] != channel).any() or (ends > len(whole)).any():
         raise Damaged(f"{name}: a message index points at no message; run `lab recover` to have it made anew")
     if (np.diff(offsets) <= 0).any() and len(np.unique(offsets)) < len(offsets):
@@ -157,11 +180,20 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
     return Picked(channel, heads["log"].astype(np.int64), offsets + HEAD, ends, whole)
 
 
-def _index(raw: bytes) -> list[tuple[int, bytes]]:
+def _index(raw: bytes, chunk: ChunkPlace, name: str) -> list[tuple[int, bytes]]:
     """The index of a chunk that has none: walk over its records."""
+    try:
+        return [(channel, pairs.tobytes()) for channel, pairs in index_of(raw).items()]
+    except struct.error as error:
+        raise _senseless(name, chunk, error) from error
+
+
+def index_of(raw: bytes) -> dict[int, NDArray[np.uint64]]:
+    """(log time ns, offset) of each channel's messages in a decompressed chunk, shape (n, 2), as a message index lists
+    them; struct.error when a record is not whole."""
     out: dict[int, list[tuple[int, int]]] = {}
-    for opcode, at, start, _ in records_in(memoryview(raw)):
-        if opcode == Opcode.MESSAGE:
-            (channel,) = _CHANNEL.unpack_from(raw, start)
-            out.setdefault(channel, []).append((0, at))
-    return [(channel, np.array(pairs, "<u8").tobytes()) for channel, pairs in out.items()]
+    for head in records_in(raw):
+        if head.opcode == Opcode.MESSAGE:
+            channel, _, log_time = MESSAGE.unpack_from(raw, head.body)
+            out.setdefault(channel, []).append((log_time, head.start))
+    return {channel: np.array(pairs, "<u8") for channel, pairs in out.items()}

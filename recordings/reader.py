@@ -17,12 +17,15 @@ from numpy.typing import NDArray
 
 from . import events, protobuf_runtime
 from .container import Contents, walk
-from .errors import MissingStream, NotARecording, OtherVersion, Truncated
+from .errors import Damaged, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
 from .gather import find_channels, pick
 from .messages import SCHEMA_VERSION, STREAMS, MessageType
 from .samples import Samples
 from .states import State
 from .trials import TrialRow
+
+MAX_NUMBERS = 10_000
+"""Numbers in one array of a message."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,16 @@ class LogLine:
     text: str
 
 
+def mapped(path: Path) -> memoryview:
+    """A file's bytes; raises `NotARecording` when it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
+    except OSError as error:
+        raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
+
+
 class Recording:
     """One recording, read. Streams are decoded at the first use of any of them and then kept."""
 
@@ -72,12 +85,7 @@ class Recording:
         Raises `NotARecording`, or `Truncated` telling how much is readable.
         """
         path = Path(path)
-        try:
-            with open(path, "rb") as file:
-                size = os.fstat(file.fileno()).st_size
-                data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
-        except OSError as error:
-            raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
+        data = mapped(path)
         contents = walk(data, str(path))
         if not contents.finished and not truncated:
             raise Truncated(
@@ -169,7 +177,8 @@ class Recording:
     def _expected(self, channel: Channel) -> int:
         """How many messages of a channel the indexes list."""
         indexes = (index for chunk in self.contents.chunks for index in chunk.indexes)
-        return sum(end - start for number, start, end in indexes if number == channel.id) // 16
+        listed = sum(end - start for number, start, end in indexes if number == channel.id) // 16
+        return min(listed, sum(chunk.size for chunk in self.contents.chunks) // self._message(channel).size)
 
     def _decode(self, topic: str) -> NDArray[np.void]:
         channel = self._channel(topic)
@@ -191,11 +200,18 @@ class Recording:
 
     def _message(self, channel: Channel) -> MessageType:
         """The stream's message with the array sizes of this recording."""
-        shapes = {
-            key.removeprefix("shape."): tuple(int(n) for n in text.split("x"))
-            for key, text in channel.metadata.items()
-            if key.startswith("shape.")
-        }
+        try:
+            shapes = {
+                key.removeprefix("shape."): tuple(int(n) for n in text.split("x"))
+                for key, text in channel.metadata.items()
+                if key.startswith("shape.")
+            }
+        except ValueError as error:
+            raise Damaged(f"{self.path}: {channel.topic} tells a shape that is none: {error}") from error
+        if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
+            raise Oversized(
+                f"{self.path}: {channel.topic} tells arrays of shape {shapes}, read are {MAX_NUMBERS} numbers at most"
+            )
         return STREAMS[channel.topic].sized(**shapes)
 
     def _version(self, channel: Channel) -> str:

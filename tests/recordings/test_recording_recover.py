@@ -1,0 +1,161 @@
+"""Recover: every message that is whole is kept, nothing is invented, and what is missing is told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from synthetic_run import Run
+
+from recordings.container import walk
+from recordings.errors import NotARecording, WriteFailed
+from recordings.info import info
+from recordings.reader import Recording
+from recordings.recover import Recovery, recover
+from recordings.scan import messages, scan
+from recordings.verify import verify
+from recordings.writer import Recorder
+
+Key = tuple[str, int, int, bytes]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished file of many small chunks."""
+    folder = tmp_path_factory.mktemp("whole")
+    with Recorder(folder / "one.mcap", start_wall_ns=10**18, attachments={"rig.yaml": b"x: 1"}, markers=2) as recorder:
+        for topic, t, values in Run(duration=2.0).messages():
+            recorder.push(topic, t, values)
+    return copied(folder / "one.mcap", folder / "many.mcap", CompressionType.ZSTD)
+
+
+def copied(source: Path, target: Path, compression: CompressionType) -> Path:
+    with open(source, "rb") as file, open(target, "wb") as out:
+        reader, writer = make_reader(file), Writer(out, 4000, compression, enable_data_crcs=True)
+        writer.start()
+        for attachment in reader.iter_attachments():
+            writer.add_attachment(1, 1, attachment.name, "text/plain", attachment.data)
+        channels: dict[str, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "protobuf", number, channel.metadata)
+            writer.add_message(
+                channels[channel.topic], message.log_time, message.data, message.log_time, message.sequence
+            )
+        writer.finish()
+    return target
+
+
+def held(path: Path) -> list[Key]:
+    """All messages, by the library's reader, in the file's order of time."""
+    with open(path, "rb") as file:
+        found = make_reader(file, validate_crcs=True).iter_messages()
+        return [(channel.topic, message.log_time, message.sequence, message.data) for _, channel, message in found]
+
+
+def recovered(data: bytes, folder: Path) -> tuple[Recovery, Path]:
+    (folder / "bad.mcap").write_bytes(data)
+    (folder / "good.mcap").unlink(missing_ok=True)
+    return recover(folder / "bad.mcap", folder / "good.mcap"), folder / "good.mcap"
+
+
+def test_a_whole_file_is_recovered_message_by_message_and_nothing_is_lost(whole: Path, tmp_path: Path) -> None:
+    result, target = recovered(whole.read_bytes(), tmp_path)
+    assert result.complete and result.seconds_lost == 0 and result.lost == {}
+    assert held(target) == held(whole) and verify(target).ok
+    assert Recording.open(target).attachments == {"rig.yaml": b"x: 1"}
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE], ids=["zstd", "not packed"])
+def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
+    tmp_path: Path, compression: CompressionType
+) -> None:
+    with Recorder(tmp_path / "short.mcap", start_wall_ns=10**18, markers=2) as recorder:
+        for topic, t, values in Run(duration=0.15).messages():
+            recorder.push(topic, t, values)
+    source = copied(tmp_path / "short.mcap", tmp_path / "source.mcap", compression)
+    data = source.read_bytes()
+    chunks = walk(memoryview(data), "").chunks
+    ends = []  # (byte at which a message is whole, messages until then)
+    count = 0
+    for chunk, place in zip(chunks, scan(memoryview(data), "").chunks, strict=True):
+        for message in messages(memoryview(data), place, ""):
+            count += 1
+            if compression is CompressionType.NONE:
+                ends.append((data.index(message.data, chunk.data_start) + len(message.data), count))
+        ends.append((chunk.data_end, count))
+    all_messages = held(source)
+    for cut in range(chunks[-2].start, chunks[-1].data_end + 200):
+        found = scan(memoryview(data[:cut]), "")
+        kept = sum(len(messages(memoryview(data[:cut]), chunk, "")) for chunk in found.chunks)
+        assert kept >= max(n for end, n in ends if end <= cut), cut
+        if cut % 61 == 0:
+            result, target = recovered(data[:cut], tmp_path)
+            assert held(target) == all_messages[: sum(result.messages.values())] and not result.complete
+            assert sum(result.messages.values()) == kept and verify(target).ok
+
+
+def test_a_broken_chunk_costs_its_own_messages_and_seconds_only(whole: Path, tmp_path: Path) -> None:
+    data = bytearray(whole.read_bytes())
+    chunks = walk(memoryview(bytes(data)), "").chunks
+    broken = chunks[len(chunks) // 2]
+    data[(broken.data_start + broken.data_end) // 2] ^= 4
+    result, target = recovered(bytes(data), tmp_path)
+    kept, all_messages = held(target), held(whole)
+    missing = [m for m in all_messages if m not in set(kept)]
+    assert missing and all(broken.first_time <= time <= broken.last_time for _, time, _, _ in missing)
+    assert len(kept) + len(missing) == len(all_messages) and sum(result.lost.values()) == len(missing)
+    assert result.finished and not result.complete
+    spanned = (broken.last_time - broken.first_time) / 1e9
+    assert spanned <= result.seconds_lost <= spanned + 0.02
+
+
+def test_any_changed_byte_costs_one_chunk_at_most(whole: Path, tmp_path: Path) -> None:
+    random = np.random.default_rng(8)
+    data, all_messages = whole.read_bytes(), set(held(whole))
+    chunks = walk(memoryview(data), "").chunks
+    largest = max(len(messages(memoryview(data), c, "")) for c in scan(memoryview(data), "").chunks)
+    for at in random.integers(chunks[1].start, len(data), 40).tolist():
+        bad = bytearray(data)
+        bad[at] ^= 1 << int(random.integers(8))
+        _, target = recovered(bytes(bad), tmp_path)
+        kept = set(held(target))
+        assert kept <= all_messages and len(all_messages) - len(kept) <= largest
+
+
+def test_what_is_missing_is_counted_in_the_new_file_and_shown_by_info(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=0) as recorder:
+        for k in range(100):
+            recorder.push("/vacuum", k * 0.01, absolute=1.0)
+            if k == 50:
+                recorder.push("/vacuum", 0.0, absolute=1.0)
+    data = (tmp_path / "a.mcap").read_bytes()
+    result, target = recovered(data[: walk(memoryview(data), "").chunks[-1].data_end], tmp_path)
+    assert result.lost == {"/vacuum": 1} and not result.finished
+    summary = info(target)
+    assert (summary.outcome, summary.streams["/vacuum"].dropped, summary.complete) == ("abrupt", 1, False)
+    assert json.loads(Recording.open(target).metadata["recovery"]["finished"]) is False
+
+
+def test_the_source_stays_and_nothing_is_written_over(whole: Path, tmp_path: Path) -> None:
+    before = whole.read_bytes()
+    (tmp_path / "there.mcap").write_text("precious")
+    with pytest.raises(WriteFailed, match="exists"):
+        recover(whole, tmp_path / "there.mcap")
+    with pytest.raises(WriteFailed, match="cannot be written"):
+        recover(whole, tmp_path / "no such folder" / "a.mcap")
+    recover(whole, tmp_path / "new.mcap")
+    assert whole.read_bytes() == before and (tmp_path / "there.mcap").read_text() == "precious"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["new.mcap", "there.mcap"]
+
+
+def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(bytes(100))
+    with pytest.raises(NotARecording):
+        recover(tmp_path / "a.mcap")
