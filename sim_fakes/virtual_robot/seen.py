@@ -64,7 +64,7 @@ class Cameras:
 
 @kernel
 def centre_line(chain: Chain, arc_lengths: Array) -> Array:
-    """Points (k, 3) of the centre line at rising arc lengths (m), cubic between nodes along their axes."""
+    """Points (k, 3) of the centre line at rising arc lengths (m), cubic between nodes; its end beyond the end."""
     out = np.empty((len(arc_lengths), 3))
     a = np.empty((3, 3))
     b = np.empty((3, 3))
@@ -74,7 +74,7 @@ def centre_line(chain: Chain, arc_lengths: Array) -> Array:
         while arc_lengths[m] > start + chain.h[k] and k < len(chain.h) - 1:
             start += chain.h[k]
             k += 1
-        x = (arc_lengths[m] - start) / chain.h[k]
+        x = min((arc_lengths[m] - start) / chain.h[k], 1.0)
         rotation(chain.q[k], a)
         rotation(chain.q[k + 1], b)
         chord = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from sim_fakes.plant import AMBIENT, Plant
 from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot
+from sim_fakes.virtual_robot.kernels import forget_stale_cache
 from sim_fakes.virtual_robot.truth import TABLE_II
 
 CONVERGED_TIPS_MM = {
@@ -78,8 +80,9 @@ def test_same_seed_gives_the_same_readings_to_the_last_bit() -> None:
     assert np.array_equal(a, np.array([r.position for r in first.settle(states)]))
 
 
-def test_scatter_is_drawn_anew_at_each_jamming_only() -> None:
-    robot = VirtualRobot(RobotTruth(scatter_length=0.001, scatter_stiffness=0.02), seed=1)
+@pytest.mark.parametrize("scatter", [{"scatter_length": 0.001}, {"scatter_stiffness": 0.02}])
+def test_scatter_is_drawn_anew_at_each_jamming_only(scatter: dict[str, float]) -> None:
+    robot = VirtualRobot(RobotTruth(**scatter), seed=1)
     states = [
         Condition(0.2, bend(p), rejam=r, hold=20) for p, r in ((2e5, True), (0.0, False), (2e5, False), (2e5, True))
     ]
@@ -102,6 +105,13 @@ def test_equal_pressures_only_lengthen_and_markers_lie_along_the_body() -> None:
     assert 0.01 < long.position[2] - hanging.position[2] < 0.03
     assert hanging.markers[:, 2] == pytest.approx([0.1, 0.2, 0.3], abs=2e-3)
     assert np.all(long.markers[:, 2] > hanging.markers[:, 2])
+
+
+def test_markers_lie_on_the_bent_centre_line() -> None:
+    coarse, fine = (
+        settled(VirtualRobot(RobotTruth(segments=n)), Condition(0.1, bend(200e3), hold=20))[0] for n in (40, 160)
+    )
+    assert coarse.markers == pytest.approx(fine.markers, abs=5e-5)
 
 
 def test_chambers_fill_with_their_time_constant_whatever_the_step() -> None:
@@ -206,6 +216,18 @@ def test_a_hidden_tip_stays_hidden() -> None:
     plant.tip_visible = False
     robot.advance(plant, 0.1)
     assert plant.tip_visible is False
+
+
+def test_compile_cache_is_dropped_when_any_source_is_newer(tmp_path: Path) -> None:
+    (tmp_path / "__pycache__").mkdir()
+    source, index = tmp_path / "a.py", tmp_path / "__pycache__" / "b.nbi"
+    for age_of_source, kept in ((100, True), (300, False)):
+        source.touch()
+        index.touch()
+        os.utime(source, (age_of_source, age_of_source))
+        os.utime(index, (200, 200))
+        forget_stale_cache(tmp_path)
+        assert index.exists() is kept
 
 
 def test_unknown_mount_and_bad_states_are_refused() -> None:
