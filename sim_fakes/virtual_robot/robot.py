@@ -172,10 +172,11 @@ class VirtualRobot:
             return
         with plant.lock:
             regulator, drive, valve = plant.regulator.copy(), plant.spine_drive, plant.valve_on
+            supply = plant.vacuum_supply
             probe = plant.probe_position.copy()
             hands = Hands(plant.mount, plant.tip_mass, plant.roll)
         self.pneumatics.step(regulator, dt)
-        self.spine.step(drive, valve, dt)
+        self.spine.step(drive, valve, supply, dt)
         if hands.mount != self.hands.mount or hands.roll != self.hands.roll:
             self.remount(hands)
         radius = self.truth.spine_radius if hands.mount == "spine" else self.truth.outer_radius

@@ -59,10 +59,10 @@ class Spine:
         self._length_error = 0.0
         self._stiffness_factor = 1.0
 
-    def step(self, drive: float, valve_on: bool, dt: float) -> None:
-        """Follow the unit (drive: m paid out) and the valve for dt seconds."""
+    def step(self, drive: float, valve_on: bool, supply: float, dt: float) -> None:
+        """Follow the unit (drive: m paid out) and the valve for dt seconds; `supply`: vacuum level of the pump, Pa."""
         t = self._truth
-        goal, time = (self._pumped(), t.pump_time) if valve_on else (0.0, t.release_time)
+        goal, time = (self._pumped(supply), t.pump_time) if valve_on else (0.0, t.release_time)
         self.vacuum = goal + (self.vacuum - goal) * math.exp(-dt / time)
         self._notice()
         drive = max(0.0, drive)
@@ -104,13 +104,9 @@ class Spine:
         """Lost share of the vacuum; a longer spine leaks more, the effect's size holds at 15 cm."""
         return min(self._laws.vacuum_leak * (0.7 + 0.3 * self.true_length / 0.15), 0.95)
 
-    def _pumped(self) -> float:
+    def _pumped(self, supply: float) -> float:
         """Vacuum the pump reaches at the gauge, Pa."""
-        return (
-            self._truth.nominal_vacuum * (1 - GAUGE_SHARE * self._leak())
-            if self._laws.vacuum_leak
-            else self._truth.nominal_vacuum
-        )
+        return supply * (1 - GAUGE_SHARE * self._leak()) if self._laws.vacuum_leak else supply
 
     @property
     def jammed(self) -> bool:

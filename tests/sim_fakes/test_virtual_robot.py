@@ -249,3 +249,11 @@ def test_truth_comes_from_yaml_and_refuses_what_it_does_not_know(tmp_path: Path)
     path.write_text("area: 1.8\n")
     with pytest.raises(ValueError, match="area"):
         RobotTruth.from_yaml(path)
+
+
+def test_the_vacuum_follows_the_level_set_at_the_supply() -> None:
+    plant, robot = Plant(), VirtualRobot()
+    plant.valve_on, plant.vacuum_supply = True, 40e3
+    for _ in range(300):
+        robot.advance(plant, 0.05)
+    assert AMBIENT - plant.vacuum_absolute == pytest.approx(40e3, rel=1e-3)
