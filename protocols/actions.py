@@ -82,7 +82,7 @@ def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
         lambda: True if (s := unit.read()) and not s.moving and abs(s.length - goal) <= motion.tolerance else None,
         5.0 + 3.0 * abs(goal - start) / motion.speed,
     )
-    bench.clock.sleep(motion.settle)
+    bench.pause(motion.settle)
 
 
 def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, rules: Jam) -> float:
@@ -111,4 +111,4 @@ def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
             return now
         if now > deadline:
             bench.wait("pressure set-points confirmed", lambda: None, 0.0)
-        bench.clock.sleep(RAMP_STEP)
+        bench.pause(RAMP_STEP)

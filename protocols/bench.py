@@ -108,10 +108,21 @@ class Bench:
         self.narrator.say(text)
         self.recorder.log("info", text, self.clock.now())
 
+    def pause(self, duration: float) -> None:
+        """Wait `duration` seconds of rig time; WriteFailed within a fifth of a second when the recording fails."""
+        end = self.clock.now() + duration
+        while (left := end - self.clock.now()) > 0:
+            self.recorder.check()
+            self.clock.sleep(min(left, 0.2))
+
     def wait(self, what: str, done: Callable[[], T | None], within: float) -> T:
-        """Look until `done` returns something else than None; NotReached after `within` seconds of rig time."""
+        """Look until `done` returns something else than None.
+
+        NotReached after `within` seconds of rig time; WriteFailed when the recording fails meanwhile.
+        """
         deadline = self.clock.now() + within
         while True:
+            self.recorder.check()
             result = done()
             if result is not None:
                 return result

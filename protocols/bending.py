@@ -121,7 +121,7 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
     """Do the sweep. Raises ProtocolError; the caller lands the rig safe whatever happens."""
     _channels(bench, p, max(p.pressures))  # a pattern that the wiring cannot make fails before anything moves
     vent(bench)
-    for vacuum, sweeps in itertools.groupby(_sweeps(p), key=lambda s: s[1]):
+    for vacuum, sweeps in itertools.groupby(trials.remaining(_sweeps(p), 1 + len(levels(p))), lambda s: s[1]):
         bench.operator.prepare(Setup("robot", p.tip_mass, p.roll_deg, vacuum))
         home(bench)
         for repeat, _, spine in sweeps:
@@ -133,6 +133,7 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
             _sweep(bench, p, trial, trials)
+            trials.end(trial)
             vent(bench)
 
 

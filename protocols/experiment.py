@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from recordings.concluding import conclude
 from recordings.errors import NotSettled
+from recordings.journal import Journal
 from recordings.states import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.trials import TrialRow
 
 from .bench import Bench
 from .errors import NotReached
 from .parameters import Settle
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -52,12 +56,21 @@ class Trial:
 
 
 class Trials:
-    """Numbers trials and states, has each state read, and tells how far the run is."""
+    """Numbers trials and states, has each state read, tells how far the run is, and keeps the journal.
 
-    def __init__(self, bench: Bench, plan: Plan) -> None:
-        self.bench, self.plan = bench, plan
+    `finished`: so many trials were done by the run that this one resumes.
+    """
+
+    def __init__(self, bench: Bench, plan: Plan, journal: Journal | None = None, finished: int = 0) -> None:
+        self.bench, self.plan, self.journal = bench, plan, journal
         self.rows: list[TrialRow] = []
-        self._trial = self._step = self._done = 0
+        self._trial = finished
+        self._step = self._done = 0
+
+    def remaining(self, trials: Iterable[T], steps: int) -> list[T]:
+        """Of all trials of the protocol, in order, those that are not finished; each has so many planned steps."""
+        self._done = self._trial * steps
+        return list(trials)[self._trial :]
 
     def begin(
         self,
@@ -104,7 +117,16 @@ class Trials:
             raise NotReached(str(e)) from e
         self.bench.recorder.trial(self.bench.clock.now(), number, row)
         self.rows.append(row)
+        if self.journal is not None:
+            self.bench.recorder.sync()
+            self.journal.step(trial.number, self._step)
         return row
+
+    def end(self, trial: Trial) -> None:
+        """A trial is finished and will not be done again when the run is resumed."""
+        if self.journal is not None:
+            self.bench.recorder.sync()
+            self.journal.done(trial.number, self._step)
 
     def step_done(self) -> None:
         """One planned step is finished."""

@@ -104,7 +104,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
         vent(bench)
     probe = ProbeMotion(bench, p, stand)
     home(bench)
-    for repeat, spine in itertools.product(range(1, p.repeats + 1), p.lengths):
+    for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.lengths), 2 + p.steps):
         bench.check_stop()
         bench.say(f"{p.specimen.capitalize()} with the spine at {spine * 100:g} cm (repeat {repeat} of {p.repeats})")
         probe.go(0.1 if p.specimen == "spine" else p.body_length, -stand.standoff, p.speed)
@@ -115,6 +115,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
             _push(bench, p, trial, trials, probe, p.cantilever(spine))
         finally:
             probe.retreat()
+        trials.end(trial)
 
 
 class ProbeMotion:

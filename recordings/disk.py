@@ -58,6 +58,10 @@ class Disk:
             self._committed = self._position
             self._wake.set()
 
+    def sync(self) -> None:
+        """Return when everything written so far is on the disk; OSError when it did not get there."""
+        os.fsync(self._fd)
+
     def _sync(self) -> None:
         while not self._closing:
             self._wake.wait()

@@ -10,7 +10,8 @@
     |-- BadMessage       (ValueError)      a message or state that does not fit its definition; it was not recorded
     |-- WriteFailed      (OSError)         the file can no longer be written
     |-- NotSettled       (TimeoutError)    a state that never met the rule by which it was to be read
-    `-- BadTable         (ValueError)      a table of trials that cannot be right
+    |-- BadTable         (ValueError)      a table of trials that cannot be right
+    `-- BadJournal       (ValueError)      a journal that does not tell what is finished
 
 Each message names the file or topic, the value with its unit, the limit and what to do next.
 """
@@ -60,3 +61,7 @@ class NotSettled(RecordingError, TimeoutError):
 
 class BadTable(RecordingError, ValueError):
     """A table of trials that cannot be right."""
+
+
+class BadJournal(RecordingError, ValueError):
+    """A journal that does not tell what is finished."""

@@ -76,7 +76,7 @@ class Recorder:
         self.messages: dict[str, MessageType] = streams(chambers, markers)
         self.buffers = Buffers(self.messages, keep)
         self._topics = {topic: Tally() for topic in (*self.messages, *events.EVENTS)}
-        self._queue: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[_Item | threading.Event | None] = queue.SimpleQueue()
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
@@ -116,6 +116,7 @@ class Recorder:
         first = events.encode_log(self.start_wall_ns, "info", "recording starts", "recorder")
         self._write(self._item("/log", 0, first))
         self._flush()
+        self._disk.sync()
         self._disk.sync_name()
 
     def _register(self, topic: str, schema: int, metadata: dict[str, str]) -> None:
@@ -253,6 +254,14 @@ class Recorder:
             payload = events.encode_pose(self.start_wall_ns + ns, fields["position"], fields["orientation"])
             self._event("/tip/pose", ns, payload)
 
+    def sync(self) -> None:
+        """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
+        self._check()
+        done = threading.Event()
+        self._queue.put(done)
+        while not done.wait(0.1):
+            self._check()
+
     def check(self) -> None:
         """Raises `WriteFailed` when the file can no longer be written."""
         self._check()
@@ -278,7 +287,12 @@ class Recorder:
                 else:
                     if item is None:
                         break
-                    self._write(item)
+                    if isinstance(item, threading.Event):
+                        self._flush()
+                        self._disk.sync()
+                        item.set()
+                    else:
+                        self._write(item)
                 if time.monotonic() >= due:
                     self._flush()
                     due = time.monotonic() + FLUSH_PERIOD
