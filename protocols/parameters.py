@@ -50,7 +50,7 @@ class Settle(Parameters):
     """No stream may pause longer than this meanwhile."""
     max_hidden: float = Field(0.5, gt=0, le=60, json_schema_extra={"unit": "s"})
     """Nor may the tip be untracked for longer than this."""
-    within: float = Field(60.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
+    within: float = Field(120.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
 
 
 class SpineMotion(Parameters):

@@ -57,6 +57,7 @@ class FakeRig:
         self.clock = SimClock(speed)
         self.truth = truth or RobotTruth()
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
+        self._warm_up(dict(effects or {}))
         self.wiring = NINE if channels == 9 else THREE_SETS
         self.host = free_host()
         self.lines: dict[str, PtyFake] = {
@@ -79,6 +80,20 @@ class FakeRig:
         self._running = False
         self._threads: list[threading.Thread] = []
         self.ur: UrProcess | None = None
+
+    def _warm_up(self, effects: dict[str, float]) -> None:
+        """Have the physics compiled before any instrument answers: a compiler holds the interpreter for seconds."""
+        plant = Plant()
+        for plant.mount in ("robot", "body", "spine"):
+            plant.regulator[:3], plant.valve_on, plant.spine_drive = 50e3, True, 0.1
+            robot = VirtualRobot(self.truth, effects)
+            plant.probe_position = np.array(self.truth.stand)[:3, 3] + np.array(self.truth.stand)[:3, :3] @ [
+                0.0,
+                0.0,
+                0.1,
+            ]
+            for _ in range(5):
+                robot.advance(plant, 0.1)
 
     def start(self) -> FakeRig:
         """Start everything; returns when every instrument answers."""
