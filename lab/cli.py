@@ -29,7 +29,7 @@ def _plan(a: argparse.Namespace) -> int:
 def _run(a: argparse.Namespace) -> int:
     from .run import run
 
-    return run(a.protocol, a.rig, a.set, a.out, a.json)
+    return run(a.protocol, a.rig, a.set, a.out, a.json, a.resume)
 
 
 def _safe(a: argparse.Namespace) -> int:
@@ -126,11 +126,16 @@ def parser() -> argparse.ArgumentParser:
     for name, handler, text in (("plan", _plan, "steps, duration and limits of a protocol; nothing moves"),
                                 ("run", _run, "run a protocol and record it")):  # fmt: skip
         p = verb(name, handler, text, reads=True)
-        p.add_argument("protocol", help=f"{', '.join(EXPERIMENTS)}, or a protocol file (.yaml)")
+        p.add_argument(
+            "protocol",
+            nargs="?" if name == "run" else None,
+            help=f"{', '.join(EXPERIMENTS)}, or a protocol file (.yaml)",
+        )
         p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
         p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one parameter")
         if name == "run":
-            p.add_argument("--out", type=Path, default=Path("."), help="folder for the recording")
+            p.add_argument("--out", type=Path, help="folder for the recording (default: this one)")
+            p.add_argument("--resume", type=Path, metavar="RUN", help="go on with a run that was broken off (.mcap)")
 
     p = verb("safe", _safe, "vent, stop and un-jam, confirmed by reading back", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from model.condition import Condition, conditions
 from model.robot import Robot
+from recordings.campaign import tables
 from recordings.reader import Recording
-from recordings.replay import table_of
 from recordings.table_file import read_csv
 from recordings.trials import Table, TrialRow
 
@@ -52,10 +52,16 @@ def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> Condition:
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError."""
     robots: list[tuple[str, Robot]] = []
-    rows: list[TrialRow] = []
+    parts: list[Table] = []
+    recordings = [Recording.open(path) for path in inputs if not path.is_dir()]
     for path in inputs:
-        robot, table = _folder(path) if path.is_dir() else _recording(path)
-        robots.append((str(path), robot))
+        if path.is_dir():
+            robot, table = _folder(path)
+            robots.append((str(path), robot))
+            parts.append(table)
+    robots += [(str(recording.path), _robot_of(recording)) for recording in recordings]
+    rows: list[TrialRow] = []
+    for table in (*parts, *tables(recordings)):
         first = max((r.trial for r in rows), default=0)
         rows += [replace(r, trial=r.trial + first) for r in table]
     if robot_path is not None:
@@ -71,9 +77,8 @@ def _folder(path: Path) -> tuple[Robot, Table]:
     return load(path / "robot.yaml", Robot), read_csv(path / "trials.csv")
 
 
-def _recording(path: Path) -> tuple[Robot, Table]:
-    recording = Recording.open(path)
+def _robot_of(recording: Recording) -> Robot:
     robot = recording.attachments.get("robot.yaml")
     if robot is None:
-        raise ConfigError(f"{path}: has no robot.yaml attached; give one with --robot")
-    return check(parse_yaml(robot.decode(), f"{path}:robot.yaml"), Robot), table_of(recording)
+        raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
+    return check(parse_yaml(robot.decode(), f"{recording.path}:robot.yaml"), Robot)

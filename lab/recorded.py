@@ -10,10 +10,11 @@ from pathlib import Path
 
 from rich.table import Table as Sheet
 
+from recordings.campaign import tables
 from recordings.export import export_case, export_streams
 from recordings.info import info as summary
 from recordings.reader import Recording
-from recordings.replay import Comparison, replay_states, table_of
+from recordings.replay import Comparison, replay_states
 from recordings.replay import compare as hold_against
 from recordings.trials import Table, TrialRow
 
@@ -54,7 +55,7 @@ def export(files: Sequence[Path], folder: Path, case: bool) -> int:
                 raise ConfigError(
                     f"{other.path}: was recorded with another robot.yaml than {first.path}; export them apart"
                 )
-        export_case(first, folder, joined([table_of(r) for r in recordings]))
+        export_case(first, folder, joined(tables(recordings)))
         out.print(f"{folder}/robot.yaml and {folder}/trials.csv")
         return 0
     for recording in recordings:

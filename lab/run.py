@@ -21,13 +21,16 @@ from protocols.catalog import EXPERIMENTS, Experiment
 from protocols.errors import Stopped
 from protocols.experiment import Trials
 from protocols.parameters import Parameters
+from recordings.campaign import metadata as campaign
 from recordings.errors import RecordingError
+from recordings.journal import Journal
 from recordings.trials import Table
 from recordings.writer import Recorder
 
 from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
 from .console import Screen, clock, err, out
 from .provenance import provenance
+from .resume import Broken, find
 from .rig import Rig
 from .rig_file import RigFile, load_rig
 
@@ -48,11 +51,14 @@ class Job:
         return yaml.safe_dump(values, sort_keys=False)
 
 
-def job(protocol: str, rig_path: Path, settings: list[str]) -> Job:
-    """Read and check everything before anything moves; raises ConfigError with all problems."""
+def job(protocol: str, rig_path: Path, settings: list[str], source: Source | None = None) -> Job:
+    """Read and check everything before anything moves; raises ConfigError with all problems.
+
+    `source`: the protocol file, when it was read already.
+    """
     rig = load_rig(rig_path)
     load(rig.robot, Robot)
-    source = _with(_source(protocol), settings)
+    source = _with(source or _source(protocol), settings)
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
     if name not in EXPERIMENTS:
@@ -150,13 +156,21 @@ class Outcome:
     error: Exception | None = None
 
 
-def run(protocol: str, rig_path: Path, settings: list[str], folder: Path, as_json: bool) -> int:
-    """Run a protocol, print what came out, and return the exit code."""
-    j = job(protocol, rig_path, settings)
+def run(
+    protocol: str | None, rig_path: Path, settings: list[str], folder: Path | None, as_json: bool, resume: Path | None
+) -> int:
+    """Run a protocol or resume a run, print what came out, and return the exit code."""
+    broken = find(resume) if resume is not None else None
+    if broken is None and protocol is None:
+        raise ConfigError("name a protocol, or --resume a run")
+    if broken is not None and (protocol is not None or settings or folder is not None):
+        raise ConfigError("--resume goes on with the protocol, settings and folder of the run: leave them out")
+    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path)
+    folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, quiet=as_json)
-        result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json))
+        result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
     lost = result.lost
     if as_json:
         print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
@@ -172,6 +186,16 @@ def run(protocol: str, rig_path: Path, settings: list[str], folder: Path, as_jso
     if result.error is not None or not result.safe:
         return 1
     return 3 if lost else 0
+
+
+def job_again(broken: Broken, rig_path: Path) -> Job:
+    """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one."""
+    name = f"{broken.journal}: protocol.yaml"
+    source = parse_yaml(broken.protocol, name)
+    j = job(name, rig_path, [], source)
+    if j.rig.robot.read_bytes() != broken.robot:
+        raise ConfigError(f"{j.rig.robot}: is not the robot.yaml of the run to resume; start a new run instead")
+    return j
 
 
 def connect(rig: Rig, quiet: bool = False) -> None:
@@ -190,13 +214,18 @@ def connect(rig: Rig, quiet: bool = False) -> None:
         raise failures[0]
 
 
-def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
-    """Run the experiment on an opened rig: record, conclude, and land safe whatever happens."""
+def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | None = None) -> Outcome:
+    """Run the experiment (or what is left of a broken one) on an opened rig: record, conclude, and land safe whatever
+    happens."""
     started = time.time_ns()
     file = folder / f"{j.experiment.name}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started / 1e9))}.mcap"
     if file.exists():
         file = file.with_stem(f"{file.stem}-{started % 1_000_000_000 // 1_000_000:03d}")
     markers = len(getattr(j.rig.instruments.mocap, "markers", ()) or ())
+    finished = broken.finished if broken is not None else 0
+    journal = Journal.begin(file, j.experiment.name) if broken is None else Journal.reopen(broken.journal)
+    if broken is not None:
+        journal.recording(file, finished + 1)
     recorder = Recorder(
         file,
         start_wall_ns=started - round(rig.clock.now() * 1e9),
@@ -205,16 +234,16 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
             "robot.yaml": j.rig.robot.read_bytes(),
             "protocol.yaml": j.protocol_yaml.encode(),
         },
-        metadata=provenance(rig.identities),
+        metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1),
         markers=markers,
     )
     lost_before = rig.lost()
     p = j.experiment.plan(j.parameters)
     error: Exception | None = None
     outcome = "completed"
-    with screen, _interrupts(screen.say) as stopping:
+    with journal, screen, _interrupts(screen.say) as stopping:
         bench = rig.bench(recorder, screen, stopping)
-        trials = Trials(bench, p)
+        trials = Trials(bench, p, journal, finished)
         rig.record_to(recorder)
         try:
             j.experiment.run(bench, j.parameters, trials)
@@ -229,7 +258,8 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen) -> Outcome:
         for topic, n in rig.lost().items():
             recorder.note_lost(topic, n - lost_before.get(topic, 0))
         lost = _finish(recorder, outcome, str(error or ""), report)
-    return Outcome(file, outcome, Table(tuple(trials.rows)), lost, report, error)
+    rows = (*(broken.table if broken is not None else ()), *trials.rows)
+    return Outcome(file, outcome, Table(rows), lost, report, error)
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:

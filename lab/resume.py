@@ -1,0 +1,73 @@
+"""`lab run --resume RUN`: what of a broken-off run is finished, and the same experiment again for the rest.
+
+Trials are the unit: a sweep that was broken off is done again from its beginning, because what the robot does depends
+on the pressures before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from recordings.campaign import campaign_of, merged
+from recordings.journal import Progress, read
+from recordings.reader import Recording
+from recordings.trials import Table
+
+from .config import ConfigError
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A campaign that can go on."""
+
+    journal: Path
+    progress: Progress
+    finished: int
+    """Trials 1 to this one are done, and all their states are in the recordings."""
+    table: Table
+    """The rows of the finished trials."""
+    protocol: str
+    """protocol.yaml of the campaign, in full."""
+    robot: bytes
+
+
+def find(run: Path) -> Broken:
+    """The campaign of a recording or journal; raises ConfigError or RecordingError when it cannot go on."""
+    journal = run if run.suffix == ".journal" else _journal_of(run)
+    progress = read(journal)
+    names = list(progress.recordings)
+    if len(names) > 1 and not (journal.parent / names[-1][0]).exists() and max(progress.done, default=0) < names[-1][1]:
+        names.pop()  # the crash came before the file was there
+    recordings = [_open(journal.parent / name, progress.campaign) for name, _ in names]
+    rows = merged(recordings)
+    held = {trial: sum(row.trial == trial for row in rows) for trial in progress.done}
+    finished = 0
+    while finished < progress.finished and held[finished + 1] == progress.done[finished + 1]:
+        finished += 1
+    first = recordings[0]
+    missing = [name for name in ("protocol.yaml", "robot.yaml") if name not in first.attachments]
+    if missing:
+        raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
+    return Broken(
+        journal, progress, finished, Table(tuple(row for row in rows if row.trial <= finished)),
+        first.attachments["protocol.yaml"].decode(), first.attachments["robot.yaml"],
+    )  # fmt: skip
+
+
+def _journal_of(run: Path) -> Path:
+    name = Recording.open(run, truncated=True).metadata.get("campaign", {}).get("journal")
+    if name is None:
+        raise ConfigError(f"{run}: does not name a journal; runs that were recorded without one cannot be resumed")
+    return run.parent / name
+
+
+def _open(path: Path, campaign: str) -> Recording:
+    """One recording of the campaign, or what was recovered of it; an unfinished file is read as far as it goes."""
+    saved = path.with_name(f"{path.stem}-recovered.mcap")
+    if not path.exists() and not saved.exists():
+        raise ConfigError(f"{path}: is named in the journal but not there; put it beside the journal")
+    recording = Recording.open(path if path.exists() else saved, truncated=True)
+    if campaign_of(recording) != campaign:
+        raise ConfigError(f"{recording.path}: belongs to another campaign than the journal says")
+    return recording
