@@ -1,0 +1,64 @@
+"""The smooth remainder that no effect of the catalogue explains, as a Gaussian process over the states.
+
+Kernel: squared exponential over spine length, pressure and the other settings of a state; the two branches and
+different kinds of experiment are alike only in part. It grows with pressure, as nearly everything on this robot does.
+Instead of the kernel its leading eigenvectors are used, which makes the process a few dozen columns with unit prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+KEPT = 2e-3
+"""Eigenvalues below this share of the largest are left out."""
+AT_REST = 0.3
+"""Size at zero pressure, of that at the highest."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where n states lie, in units over which a discrepancy is expected to stay alike."""
+
+    place: Array
+    """(n, d) coordinates: spine length, pressure, branch, and those of other experiments."""
+    size: Array
+    """(n,) relative size of the discrepancy."""
+
+
+def settings(spine_length: Array, pressure: Array, branch: Array, kind: Array, robot_length: float) -> Settings:
+    """Coordinates of states: spine length m, pressure Pa (highest chamber), branch -1 or 1, kind any number a family."""
+    highest = max(float(np.max(np.abs(pressure), initial=0.0)), 1.0)
+    share = pressure / highest
+    different = np.unique(kind, return_inverse=True)[1]
+    # Two kinds of experiment lie 1.5 apart whichever they are: one axis each.
+    kinds = 1.5 / np.sqrt(2) * np.eye(different.max(initial=0) + 1)[different]
+    place = np.column_stack([spine_length / (0.35 * robot_length), share / 0.45, 0.5 * branch, kinds])
+    return Settings(place, AT_REST + (1 - AT_REST) * np.abs(share))
+
+
+def columns(where: Settings) -> Array:
+    """(n, m) columns whose unit normal coefficients draw the process over n states of one channel."""
+    place, index = np.unique(np.round(where.place, 3), axis=0, return_inverse=True)
+    squared = ((place[:, None, :] - place[None, :, :]) ** 2).sum(axis=-1)
+    value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
+    kept = value > KEPT * value.max()
+    basis = vector[:, kept] * np.sqrt(value[kept])
+    return basis[index.reshape(-1)] * where.size[:, None]
+
+
+def by_channel(states: Array, state: NDArray[np.intp], channel: NDArray[np.intp], unit: Array) -> Array:
+    """Columns (n, m * channels) for measured values: the same process, drawn anew for each channel.
+
+    `states` (states, m) from `columns`; `state`, `channel` (n,) of each value; `unit` (channels,) the size of 1.
+    """
+    n, m = len(state), states.shape[1]
+    out = np.zeros((n, m * len(unit)))
+    for c, size in enumerate(unit):
+        own = np.flatnonzero(channel == c)
+        out[own, c * m : (c + 1) * m] = size * states[state[own]]
+    return out

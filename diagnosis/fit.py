@@ -1,0 +1,125 @@
+"""The most probable parameters under one hypothesis: Gauss-Newton with bounds, the discrepancy integrated out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from .linear import Linear
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+ROUNDS = 6
+CLOSE = 0.05
+"""Steps shorter than this, in prior standard deviations of an effect, end the search: evidence changes by far less."""
+SHORTEST = 0.1
+"""Share of a step below which it is no longer shortened."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A most probable point and the linear problem around it."""
+
+    theta: Array
+    """(k,) parameters, in their own units."""
+    linear: Linear
+    cost: float
+    """Half the squared misfit plus half the squared distance from the prior."""
+
+
+def fit(problem: Problem, variance: Array, size: float, start: Array, rounds: int = ROUNDS) -> Fit:
+    """Search from `start` (k,); `variance` (p,) of the effects in units of their scale, `size` of the discrepancy.
+
+    Effects of variance 0 stay where `start` has them.
+    """
+    p = problem.parameters
+    scale = np.where(p.of_effect, 0.0, p.sd)
+    scale[p.of_effect] = np.sqrt(variance) * p.sd[p.of_effect]
+    weigh = _Weigher(problem, size)
+    theta = np.clip(start, p.lower, p.upper)
+    predicted, slope = problem.forward.linearise(theta)
+    cost = weigh.cost(predicted) + _distance(theta, p.mean, scale)
+    for _ in range(rounds):
+        goal = _goal(problem, weigh, theta, predicted, slope, scale)
+        step = goal - theta
+        share = 1.0
+        while True:
+            tried = np.clip(theta + share * step, p.lower, p.upper)
+            seen, turned = problem.forward.linearise(tried)
+            reached = weigh.cost(seen) + _distance(tried, p.mean, scale) if np.isfinite(seen).all() else np.inf
+            if reached <= cost + 1e-9 or share < SHORTEST:
+                break
+            share *= 0.4
+        if not reached <= cost + 1e-9:
+            break
+        moved = float(np.max(np.abs((tried - theta) / p.sd)[p.of_effect | (scale > 0)], initial=0.0))
+        gained = cost - reached
+        theta, predicted, slope, cost = tried, seen, turned, reached
+        if moved < CLOSE or gained < 0.02:
+            break
+    return Fit(theta, problem.linear(theta, predicted, slope), cost)
+
+
+def _distance(theta: Array, mean: Array, scale: Array) -> float:
+    free = scale > 0
+    return 0.5 * float((((theta - mean)[free] / scale[free]) ** 2).sum())
+
+
+class _Weigher:
+    """Squared misfits with the discrepancy of one size integrated out."""
+
+    def __init__(self, problem: Problem, size: float) -> None:
+        self._problem = problem
+        self._columns = size * problem.whitened_discrepancy
+        m = self._columns.shape[1]
+        self._factor = cho_factor(np.eye(m) + self._columns.T @ self._columns, lower=True) if size and m else None
+
+    def without(self, values: Array) -> Array:
+        """C^-1 values, where C is the covariance of the whitened values with the discrepancy."""
+        if self._factor is None:
+            return values
+        pulled: Array = values - self._columns @ cho_solve(self._factor, self._columns.T @ values)
+        return pulled
+
+    def cost(self, predicted: Array) -> float:
+        """Half the squared misfit of a prediction (n,)."""
+        missed = self._problem.noise.whiten(self._problem.observed - predicted)
+        return 0.5 * float(missed @ self.without(missed))
+
+
+def _goal(problem: Problem, weigh: _Weigher, theta: Array, predicted: Array, slope: Array, scale: Array) -> Array:
+    """Where the linear problem around theta has its optimum within the bounds (k,)."""
+    p = problem.parameters
+    free = np.flatnonzero(scale > 0)
+    columns = problem.noise.whiten(slope[:, free] * scale[free])
+    missed = problem.noise.whiten(problem.observed - predicted)
+    pulled = weigh.without(columns)
+    curve = np.eye(free.size) + columns.T @ pulled
+    here = (theta - p.mean)[free] / scale[free]
+    score = pulled.T @ missed + (columns.T @ pulled) @ here
+    low, high = (p.lower - p.mean)[free] / scale[free], (p.upper - p.mean)[free] / scale[free]
+    goal = theta.copy()
+    goal[free] = p.mean[free] + scale[free] * _bounded(curve, score, low, high)
+    return goal
+
+
+def _bounded(curve: Array, score: Array, low: Array, high: Array) -> Array:
+    """Minimum of x.curve.x / 2 - score.x with low <= x <= high, by fixing what runs out of its bounds."""
+    x = np.linalg.solve(curve, score)
+    held = np.zeros(len(x), bool)
+    for _ in range(8):
+        out = (x < low) | (x > high)
+        if not out.any():
+            break
+        held |= out
+        x = np.clip(x, low, high)
+        loose = ~held
+        if loose.any():
+            x[loose] = np.linalg.solve(
+                curve[np.ix_(loose, loose)], score[loose] - curve[np.ix_(loose, held)] @ x[held]
+            )
+    return np.clip(x, low, high)

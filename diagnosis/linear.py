@@ -1,0 +1,100 @@
+"""The linear-Gaussian heart of the attribution.
+
+Around a point the measured states are taken as
+
+    y = A theta + N u + g D w + e,     e ~ N(0, I),  u ~ N(0, I),  w ~ N(0, I),  theta_j ~ N(0, v_j)
+
+after whitening by the noise and after every column has been scaled by its prior. theta are the catalogue's effects in
+units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g. u and w are integrated out by
+algebra, once a size g; what is left is a small problem in theta alone in which any choice of the variances v (which
+effects are present, how narrow the others are held) costs one small factorisation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A whitened linear problem; columns are scaled so that a coefficient of 1 is one prior standard deviation."""
+
+    observed: Array
+    """(n,) whitened, with the prediction at theta = u = w = 0 taken off."""
+    effects: Array
+    """(n, p) A."""
+    nuisance: Array
+    """(n, q) N."""
+    discrepancy: Array
+    """(n, m) D, for a discrepancy of size 1."""
+    log_noise: float
+    """Sum of the logarithms of the noise's standard deviations (half its log determinant)."""
+
+    def __post_init__(self) -> None:
+        n = len(self.observed)
+        for name in ("effects", "nuisance", "discrepancy"):
+            value: Array = getattr(self, name)
+            if value.ndim != 2 or len(value) != n:
+                raise ValueError(f"{name}: shape {value.shape}, must be ({n}, columns)")
+
+    def reductions(self, sizes: Array) -> list[Reduced]:
+        """The problem in theta alone, for each size (s,) of the discrepancy."""
+        q, m = self.nuisance.shape[1], self.discrepancy.shape[1]
+        other = np.hstack([self.nuisance, self.discrepancy])
+        known = np.column_stack([self.effects, self.observed])
+        own = known.T @ known
+        across, within = other.T @ known, other.T @ other
+        made = []
+        for size in np.asarray(sizes, float):
+            scale = np.concatenate([np.ones(q), np.full(m, size)])
+            kept = slice(0, q) if size == 0 else slice(None)
+            made.append(self._reduced(own, scale[kept, None] * across[kept], np.outer(scale, scale)[kept, kept] * within[kept, kept]))  # fmt: skip
+        return made
+
+    def _reduced(self, own: Array, across: Array, within: Array) -> Reduced:
+        n, p = self.effects.shape
+        half_log_det = 0.0
+        if len(within):
+            factor = cho_factor(np.eye(len(within)) + within, lower=True)
+            own = own - across.T @ cho_solve(factor, across)
+            half_log_det = float(np.log(np.diag(factor[0])).sum())
+        base = -0.5 * (own[p, p] + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
+        return Reduced(0.5 * (own[:p, :p] + own[:p, :p].T), own[:p, p].copy(), float(base), float(own[p, p]), n)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """log p(y | theta) = base + g.theta - theta.H.theta / 2, all else integrated out."""
+
+    information: Array
+    """(p, p) H."""
+    score: Array
+    """(p,) g."""
+    base: float
+    """log p(y | theta = 0)."""
+    misfit: float
+    """chi-square at theta = 0."""
+    n: int
+
+    def log_evidence(self, variance: Array) -> Array:
+        """log p(y) for prior variances (..., p) of theta; a variance of 0 leaves an effect out."""
+        root = np.sqrt(variance)
+        p = len(self.score)
+        inner = np.eye(p) + root[..., :, None] * self.information * root[..., None, :]
+        factor = np.linalg.cholesky(inner)
+        pulled = np.linalg.solve(factor, (root * self.score)[..., None])[..., 0]
+        log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+        return self.base - log_det + 0.5 * (pulled**2).sum(axis=-1)
+
+    def posterior(self, variance: Array) -> tuple[Array, Array]:
+        """Mean (p,) and covariance (p, p) of theta under prior variances (p,)."""
+        root = np.sqrt(variance)
+        inner = np.eye(len(self.score)) + root[:, None] * self.information * root[None, :]
+        covariance = root[:, None] * np.linalg.inv(inner) * root[None, :]
+        return covariance @ self.score, 0.5 * (covariance + covariance.T)

@@ -1,0 +1,78 @@
+"""From evidence to probabilities: prior over hypotheses, tempered evidence, the 95 % set.
+
+Prior: none, one effect, two, three, or something outside the catalogue have fixed shares; within a share all
+combinations of the catalogue are alike. A pair must therefore pay not only for its free parameters but also for being
+one of several hundred.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evidence import Hypothesis
+from .search import Candidate
+
+Array = NDArray[np.float64]
+
+UNKNOWN: Hypothesis = ("unknown",)
+"""Stands in credible sets and rankings for a cause outside the catalogue."""
+SHARES = {0: 0.30, 1: 0.45, 2: 0.12, 3: 0.03}
+"""Prior share of hypotheses by the number of effects they name."""
+UNKNOWN_SHARE = 0.10
+COVERED = 0.95
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities of all hypotheses weighed, most probable first."""
+
+    ranking: tuple[tuple[Hypothesis, float], ...]
+    """`UNKNOWN` stands for a cause outside the catalogue, () for none."""
+    candidates: Mapping[Hypothesis, Candidate]
+
+    def probability(self, named: Hypothesis) -> float:
+        """Of exactly this hypothesis."""
+        return dict(self.ranking).get(named, 0.0)
+
+    def of_effect(self, effect: str) -> float:
+        """Probability that an effect is among those named."""
+        return sum(p for named, p in self.ranking if effect in named)
+
+    @property
+    def credible_set(self) -> tuple[Hypothesis, ...]:
+        """The fewest hypotheses that hold 95 % together."""
+        total, chosen = 0.0, []
+        for named, p in self.ranking:
+            chosen.append(named)
+            total += p
+            if total >= COVERED:
+                break
+        return tuple(chosen)
+
+    def by_stage(self, stages: Mapping[str, str]) -> dict[str, float]:
+        """Probability by stage of the chain, given each effect's stage; an effect of a pair counts for half."""
+        out = dict.fromkeys(dict.fromkeys(stages.values()), 0.0)
+        for named, p in self.ranking:
+            for effect in named if named != UNKNOWN else ():
+                out[stages[effect]] += p / len(named)
+        return out
+
+
+def posterior(candidates: Sequence[Candidate], unknown: Candidate | None, effects: int, temperature: float) -> Posterior:
+    """Probabilities; `effects` is how many the catalogue holds, `temperature` divides log evidence (see tempering)."""
+    entries = [(c.named, c, np.log(SHARES.get(len(c.named), 1e-3) / comb(effects, len(c.named)))) for c in candidates]
+    if unknown is not None:
+        entries.append((UNKNOWN, unknown, np.log(UNKNOWN_SHARE)))
+    score = np.array([c.log_evidence / temperature + prior for _, c, prior in entries])
+    share = np.exp(score - score.max())
+    share /= share.sum()
+    order = np.argsort(-share, kind="stable")
+    return Posterior(
+        ranking=tuple((entries[i][0], float(share[i])) for i in order),
+        candidates={named: c for named, c, _ in entries},
+    )

@@ -1,0 +1,96 @@
+"""The non-linear problem: a forward model with named parameters, measured values and their noise.
+
+`Problem.at(theta)` makes the linear problem around a point; its evidence is then the Laplace approximation there
+(Gauss-Newton form), exact where the model is linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .linear import Linear
+from .noise import Noise
+
+Array = NDArray[np.float64]
+
+
+class Forward(Protocol):
+    """What is asked of a model of the measured values."""
+
+    def predict(self, theta: Array) -> Array:
+        """Predicted values (n,) at parameters (k,)."""
+
+    def linearise(self, theta: Array) -> tuple[Array, Array]:
+        """Predicted values (n,) and their derivatives (n, k)."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The k parameters of a forward model; each has a normal prior, cut at its bounds."""
+
+    names: tuple[str, ...]
+    effects: tuple[str, ...]
+    """The catalogue's id each parameter belongs to; empty for calibration and nuisances."""
+    mean: Array
+    sd: Array
+    """Prior standard deviation; for an effect its plausible scale."""
+    lower: Array
+    upper: Array
+    units: tuple[str, ...]
+    stages: tuple[str, ...] = ()
+    """Stage of the chain each effect's parameter belongs to."""
+
+    @property
+    def of_effect(self) -> NDArray[np.bool_]:
+        """(k,) which parameters belong to an effect."""
+        return np.array([bool(e) for e in self.effects])
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The effects, once each, in order."""
+        return tuple(dict.fromkeys(e for e in self.effects if e))
+
+    def mask(self, chosen: tuple[str, ...]) -> NDArray[np.bool_]:
+        """(p,) which of the effects' parameters belong to the chosen effects."""
+        return np.array([e in chosen for e in self.effects if e])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything needed to weigh hypotheses."""
+
+    forward: Forward
+    parameters: Parameters
+    observed: Array
+    """(n,) measured values, in the unit of each channel."""
+    noise: Noise
+    discrepancy: Array
+    """(n, m) columns of a discrepancy of size 1."""
+
+    @cached_property
+    def whitened_discrepancy(self) -> Array:
+        """(n, m)."""
+        return self.noise.whiten(self.discrepancy)
+
+    def at(self, theta: Array) -> Linear:
+        """The linear problem around parameters (k,), in units of their priors."""
+        predicted, slope = self.forward.linearise(theta)
+        return self.linear(theta, predicted, slope)
+
+    def linear(self, theta: Array, predicted: Array, slope: Array) -> Linear:
+        """The same from a prediction (n,) and slope (n, k) that are known already."""
+        p = self.parameters
+        own = p.of_effect
+        scaled = self.noise.whiten(slope * p.sd)
+        shift = scaled @ ((theta - p.mean) / p.sd)
+        observed = self.noise.whiten(self.observed - predicted) + shift
+        return Linear(observed, scaled[:, own], scaled[:, ~own], self.whitened_discrepancy, self.noise.log_sd)
+
+    def misfit(self, theta: Array) -> Array:
+        """Whitened residual (n,)."""
+        return self.noise.whiten(self.observed - self.forward.predict(theta))

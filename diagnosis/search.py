@@ -1,0 +1,147 @@
+"""Which hypotheses are weighed, and where each is linearised: none, all single effects, guided pairs and triples.
+
+Effects are not linear at full size, so each hypothesis is weighed in the linear problem around its own most probable
+point. Screening is cheap: every single effect is tried from two or three points (absent, full size up, full size down)
+with one step each; only the leading ones are followed to the end. Pairs grow from the leading singles, triples from the
+leading pairs, as long as naming one more effect pays for its prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, Weighed, weigh_at
+from .fit import Fit, fit
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+START_SPIKE, START_SIZE = 0.1, 0.5
+"""Spike and discrepancy with which the first fits are made."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far the search goes."""
+
+    polish: int = 8
+    """Leading singles that are followed to their most probable point."""
+    within: float = 12.0
+    """Singles whose log evidence is further than this behind the best are not followed."""
+    parents: int = 4
+    """Leading singles from which pairs grow, and leading pairs from which triples grow."""
+    pairs: int = 6
+    """Leading pairs that are followed."""
+    triples: int = 2
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis with its evidence, and the fit around which it was weighed."""
+
+    named: Hypothesis
+    weighed: Weighed
+    fit: Fit
+    spike: float
+    """The most probable cell of the grid: spike, and size of the discrepancy."""
+    size: float
+    unknown: bool = False
+
+    @property
+    def log_evidence(self) -> float:
+        return self.weighed.log_evidence
+
+
+class Search:
+    """Weighs hypotheses of one problem, keeping what it has found."""
+
+    def __init__(self, problem: Problem, grid: Grid = KNOWN, extent: Extent | None = None) -> None:
+        self.problem, self.grid, self.extent = problem, grid, extent or Extent()
+        p = problem.parameters
+        own = p.of_effect
+        self._low, self._high = (p.lower / p.sd)[own], (p.upper / p.sd)[own]
+        self.none = self._none()
+        self.found: dict[Hypothesis, Candidate] = {NONE: self.none}
+
+    def run(self) -> list[Candidate]:
+        """All candidates of the catalogue, most probable data first."""
+        singles = self._singles()
+        pairs = self._grow(singles[: self.extent.parents], self.extent.pairs)
+        if pairs and pairs[0].log_evidence > singles[0].log_evidence + 2.0:
+            self._grow(pairs[: self.extent.parents], self.extent.triples)
+        return sorted(self.found.values(), key=lambda c: -c.log_evidence)
+
+    def unknown(self, near: Candidate) -> Candidate:
+        """The hypothesis that something outside the catalogue is at work, around the fit of another candidate."""
+        masks = np.zeros((1, len(self._low)), bool)
+        found = weigh_at(near.fit.linear, LARGE, masks, self._low, self._high)[0]
+        spike, size = _peak(found, LARGE)
+        return Candidate(NONE, found, near.fit, spike, size, unknown=True)
+
+    def _none(self) -> Candidate:
+        fitted = self._fit(NONE, START_SPIKE, START_SIZE, self.problem.parameters.mean)
+        first = self._weigh(NONE, fitted)
+        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted.theta, 2))
+
+    def _singles(self) -> list[Candidate]:
+        ids = self.problem.parameters.ids
+        screened = {(e,): self._screened((e,)) for e in ids}
+        leading = sorted(screened.values(), key=lambda c: -c.log_evidence)
+        self.found |= {c.named: c for c in leading}
+        best = leading[0].log_evidence
+        for c in leading[: self.extent.polish]:
+            if c.log_evidence > best - self.extent.within:
+                self.found[c.named] = self._polished(c)
+        return sorted((self.found[(e,)] for e in ids), key=lambda c: -c.log_evidence)
+
+    def _screened(self, named: Hypothesis) -> Candidate:
+        """One step from each starting point; the best by evidence at the point reached."""
+        p = self.problem.parameters
+        near = self._weigh(named, self.none.fit)
+        own = np.array([e in named for e in p.effects])
+        starts = [self.none.fit.theta]
+        starts += [np.where(own, np.clip(sign * p.sd, p.lower, p.upper), starts[0]) for sign in (1.0, -1.0)]
+        different = [s for i, s in enumerate(starts) if not any(np.allclose(s[own], t[own]) for t in starts[:i])]
+        tried = [self._weigh(named, self._fit(named, near.spike, near.size, start, 1)) for start in different]
+        return max(tried, key=lambda c: c.log_evidence)
+
+    def _polished(self, c: Candidate) -> Candidate:
+        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit.theta))
+
+    def _grow(self, parents: Sequence[Candidate], follow: int) -> list[Candidate]:
+        """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
+        grown: dict[Hypothesis, Candidate] = {}
+        for parent in parents:
+            children = self._children(parent)
+            masks = np.array([self.problem.parameters.mask(h) for h in children])
+            for named, found in zip(children, weigh_at(parent.fit.linear, self.grid, masks, self._low, self._high), strict=True):  # fmt: skip
+                if named not in grown or grown[named].log_evidence < found.log_evidence:
+                    grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid))
+        leading = sorted(grown.values(), key=lambda c: -c.log_evidence)
+        for c in leading[:follow]:
+            grown[c.named] = self._polished(c)
+        self.found |= grown
+        return sorted(grown.values(), key=lambda c: -c.log_evidence)
+
+    def _children(self, parent: Candidate) -> list[Hypothesis]:
+        ids = self.problem.parameters.ids
+        more: Iterable[str] = (e for e in ids if e not in parent.named)
+        return [tuple(sorted((*parent.named, e), key=ids.index)) for e in more]
+
+    def _fit(self, named: Hypothesis, spike: float, size: float, start: Array, rounds: int = 4) -> Fit:
+        variance = np.where(self.problem.parameters.mask(named), 1.0, spike**2)
+        return fit(self.problem, variance, size, start, rounds)
+
+    def _weigh(self, named: Hypothesis, fitted: Fit) -> Candidate:
+        mask = self.problem.parameters.mask(named)[None, :]
+        found = weigh_at(fitted.linear, self.grid, mask, self._low, self._high)[0]
+        return Candidate(named, found, fitted, *_peak(found, self.grid))
+
+
+def _peak(found: Weighed, grid: Grid) -> tuple[float, float]:
+    i, j = np.unravel_index(int(np.argmax(found.cells)), found.cells.shape)
+    return float(grid.spikes[i]), float(grid.sizes[j])

@@ -1,0 +1,82 @@
+"""Evidence is the marginal likelihood, to rounding, wherever it can be computed another way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
+
+from diagnosis.evidence import Grid, weigh_at
+from diagnosis.linear import Linear
+from diagnosis.noise import Noise
+
+RNG = np.random.default_rng(7)
+PLAIN = Grid(np.array([0.1]), np.array([1.0]), np.array([0.5]), np.array([1.0]))
+
+
+def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
+    return Linear(RNG.normal(size=n), RNG.normal(size=(n, p)), RNG.normal(size=(n, q)), RNG.normal(size=(n, m)), 1.7)
+
+
+def dense_log_evidence(linear: Linear, variance: np.ndarray, size: float) -> float:
+    a, n, d = linear.effects, linear.nuisance, size * linear.discrepancy
+    covariance = np.eye(len(a)) + (a * variance) @ a.T + n @ n.T + d @ d.T
+    return float(multivariate_normal(np.zeros(len(a)), covariance).logpdf(linear.observed)) - linear.log_noise
+
+
+@pytest.mark.parametrize("size", [0.0, 0.5, 3.0])
+@pytest.mark.parametrize("variance", [[0.0, 0.0, 0.0], [1.0, 0.01, 0.01], [1.0, 0.0, 4.0]])
+def test_log_evidence_equals_the_gaussian_marginal_likelihood(size: float, variance: list[float]) -> None:
+    linear = small_problem()
+    v = np.array(variance)
+    got = linear.reductions(np.array([size]))[0].log_evidence(v)
+    assert got == pytest.approx(dense_log_evidence(linear, v, size), abs=1e-9)
+
+
+def test_a_bounded_effect_is_weighed_with_the_prior_cut_at_its_bound() -> None:
+    a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
+    linear = Linear(y, a, np.zeros((8, 0)), np.zeros((8, 0)), 0.0)
+
+    def joint(theta: float) -> float:
+        return float(norm.pdf(y - a[:, 0] * theta).prod() * 2 * norm.pdf(theta))
+
+    exact = np.log(quad(joint, 0, 10)[0])
+    one = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]))
+    found = weigh_at(linear, one, np.array([[True]]), np.array([0.0]), np.array([np.inf]))[0]
+    assert found.log_evidence == pytest.approx(exact, abs=1e-6)
+
+
+def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
+    linear = small_problem()
+    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]))
+    found = weigh_at(linear, grid, np.array([[False, True, False]]), np.full(3, -np.inf), np.full(3, np.inf))[0]
+    cells = [
+        w * v * np.exp(dense_log_evidence(linear, np.array([k**2, 1.0, k**2]), g))
+        for k, w in zip(grid.spikes, grid.spike_weights, strict=True)
+        for g, v in zip(grid.sizes, grid.size_weights, strict=True)
+    ]
+    assert found.log_evidence == pytest.approx(np.log(sum(cells)), abs=1e-9)
+    assert found.share.sum() == pytest.approx(1.0)
+
+
+def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
+    linear, v = small_problem(), np.array([1.0, 0.04, 0.04])
+    mean, covariance = linear.reductions(np.array([0.5]))[0].posterior(v)
+    n, d = linear.nuisance, 0.5 * linear.discrepancy
+    noise = np.eye(12) + n @ n.T + d @ d.T
+    exact = np.linalg.inv(linear.effects.T @ np.linalg.solve(noise, linear.effects) + np.diag(1 / v))
+    assert covariance == pytest.approx(exact, abs=1e-10)
+    assert mean == pytest.approx(exact @ linear.effects.T @ np.linalg.solve(noise, linear.observed), abs=1e-10)
+
+
+def test_whitening_turns_the_noise_covariance_into_the_identity() -> None:
+    state = np.repeat(np.arange(4), 3)
+    noise = Noise(state, RNG.uniform(0.5, 2, 12), np.where(state == 2, 0.0, RNG.normal(size=12)))
+    covariance = np.diag(noise.sd**2)
+    for i in range(4):
+        own = np.where(state == i, noise.shared, 0)
+        covariance += np.outer(own, own)
+    white = noise.whiten(np.linalg.cholesky(covariance))
+    assert white @ white.T == pytest.approx(np.eye(12), abs=1e-12)
+    assert noise.log_sd == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1])

@@ -1,0 +1,47 @@
+"""The search finds what is there, and nothing where nothing is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.evidence import NONE, Hypothesis
+from diagnosis.fit import fit
+from diagnosis.posterior import posterior
+from diagnosis.problem import Problem
+from diagnosis.search import Search
+from tests.diagnosis.toy import IDS, toy_problem
+
+
+def most_probable(problem: Problem) -> Hypothesis:
+    return posterior(Search(problem).run(), None, len(IDS), 1.0).ranking[0][0]
+
+
+@pytest.mark.parametrize("effect", ["stiffer", "ballooning", "play", "turned", "bent"])
+def test_a_single_effect_is_ranked_first_with_its_size(effect: str) -> None:
+    found = Search(toy_problem(3, {effect: 0.8})).run()
+    assert found[0].named == (effect,)
+    assert found[0].fit.theta[IDS.index(effect)] == pytest.approx(0.8, abs=0.25)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("clutter", [0.0, 0.15])
+def test_no_effect_is_ranked_first_where_there_is_none(seed: int, clutter: float) -> None:
+    assert most_probable(toy_problem(seed, {}, clutter=clutter)) == NONE
+
+
+def test_two_effects_are_found_together() -> None:
+    assert set(most_probable(toy_problem(5, {"play": 1.0, "turned": -0.9}))) == {"play", "turned"}
+
+
+def test_a_fit_stays_within_bounds() -> None:
+    problem = toy_problem(1, {"turned": 1.5})
+    upper = problem.parameters.upper
+    upper[IDS.index("turned")] = 0.7
+    fitted = fit(problem, np.where(problem.parameters.mask(("turned",)), 1.0, 0.0), 0.5, problem.parameters.mean)
+    assert fitted.theta[IDS.index("turned")] == pytest.approx(0.7)
+
+
+def test_the_same_data_give_the_same_answer_to_the_last_bit() -> None:
+    a, b = (Search(toy_problem(2, {"play": 1.0})).run() for _ in range(2))
+    assert [(c.named, c.log_evidence) for c in a] == [(c.named, c.log_evidence) for c in b]
