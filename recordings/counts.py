@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from .timing import timing
+from .timing import Timing, timing
+
+_DOUBLE = struct.Struct("<d")
 
 
 @dataclass(frozen=True)
@@ -24,9 +27,19 @@ class StreamCounts:
     dropped: int
     lost: int
     rate: float
-    jitter: float
+    jitter_p50: float
+    jitter_p99: float
+    jitter_max: float
     gaps: int
     longest: float
+
+    @classmethod
+    def of(cls, generated: int, written: int, lost: int, at: Timing) -> StreamCounts:
+        """Counts with the timing of what was written."""
+        return cls(
+            generated, written, generated - written, lost,
+            at.rate, at.jitter_p50, at.jitter_p99, at.jitter_max, at.gaps, at.longest,
+        )  # fmt: skip
 
     @property
     def complete(self) -> bool:
@@ -41,15 +54,27 @@ class Tally:
     channel: int = 0
     lock: threading.Lock = field(default_factory=threading.Lock)
     generated: int = 0
+    skipped: int = 0
+    """Of these, views with nothing to see."""
     pending: int = 0
     written: int = 0
     lost: int = 0
     last: int = -1
     stamps: array[int] = field(default_factory=lambda: array("q"))
+    """Rig time of each message in the file or on its way there, ns."""
+    stamp_at: int | None = None
+    """Where in the message the instrument's own stamp is; None: it has none."""
+    device_stamps: array[float] = field(default_factory=lambda: array("d"))
     complained: bool = False
+
+    def note(self, ns: int, payload: bytes) -> None:
+        """A message goes into the file."""
+        self.pending += 1
+        self.stamps.append(ns)
+        if self.stamp_at is not None:
+            self.device_stamps.append(_DOUBLE.unpack_from(payload, self.stamp_at)[0])
 
     def counts(self) -> StreamCounts:
         """The counts so far; what is still on its way to the disk counts as dropped until it is there."""
         at = timing(np.array(self.stamps[: self.written], dtype=np.int64) / 1e9)
-        dropped = self.generated - self.written
-        return StreamCounts(self.generated, self.written, dropped, self.lost, at.rate, at.jitter, at.gaps, at.longest)
+        return StreamCounts.of(self.generated - self.skipped, self.written, self.lost, at)

@@ -1,4 +1,4 @@
-"""Messages of the experiment itself: /state (what is asked for), /trial (what was concluded), /log and /tip/pose.
+"""Messages of the experiment itself: /state (what is asked for), /trial (what was concluded), /log; and those for viewers.
 
 They hold text, so their layout is not fixed and the protobuf runtime encodes them. On /state and /trial the flat
 fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back.
@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
@@ -22,7 +24,9 @@ from .states import State
 from .trials import TrialRow
 
 BASE_FRAME = "base"
-"""Name of the robot's base frame in /tip/pose."""
+"""Name of the robot's base frame in /tip/pose and /tip/markers."""
+JOINTS_OF_ARM = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+"""Names of the arm's joints in /arm/joints, from base to tool."""
 
 _OPTIONAL, _REPEATED = FieldDescriptorProto.LABEL_OPTIONAL, FieldDescriptorProto.LABEL_REPEATED
 _DOUBLE, _INT64 = FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.TYPE_INT64
@@ -101,8 +105,10 @@ STATE = _ours("State", "/state", _STATE)
 TRIAL = _ours("Trial", "/trial", _TRIAL)
 LOG = _foreign("/log", Log)
 POSE = _foreign("/tip/pose", PoseInFrame)
+POSES = _foreign("/tip/markers", PosesInFrame)
+JOINTS = _foreign("/arm/joints", JointStates)
 
-EVENTS: dict[str, EventType] = {event.topic: event for event in (STATE, TRIAL, LOG, POSE)}
+EVENTS: dict[str, EventType] = {event.topic: event for event in (STATE, TRIAL, LOG, POSE, POSES, JOINTS)}
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
 
@@ -157,4 +163,24 @@ def encode_pose(log_time: int, position: Sequence[float], orientation: Sequence[
     message.pose.position.x, message.pose.position.y, message.pose.position.z = position
     turn = message.pose.orientation
     turn.w, turn.x, turn.y, turn.z = orientation
+    return message.SerializeToString()
+
+
+def encode_poses(log_time: int, positions: Sequence[Sequence[float]]) -> bytes:
+    """Body markers in the base frame: positions (m); a marker has no orientation of its own."""
+    message = PosesInFrame(frame_id=BASE_FRAME)
+    message.timestamp.FromNanoseconds(log_time)
+    for place in positions:
+        pose = message.poses.add()
+        pose.position.x, pose.position.y, pose.position.z = place
+        pose.orientation.w = 1.0
+    return message.SerializeToString()
+
+
+def encode_joints(log_time: int, angles: Sequence[float]) -> bytes:
+    """Angles of the arm's joints, rad."""
+    message = JointStates()
+    message.timestamp.FromNanoseconds(log_time)
+    for name, angle in zip(JOINTS_OF_ARM, angles, strict=True):
+        message.joints.add(name=name, position=angle)
     return message.SerializeToString()

@@ -175,14 +175,5 @@ def _counts(kept: dict[int, _Kept], found: Scan) -> dict[str, StreamCounts]:
         told = json.loads(found.metadata.get("counts", {}).get(entry.topic, "{}"))
         generated = max(entry.highest, entry.count, told.get("generated", 0))
         at = timing((np.sort(np.array(entry.log_times, dtype=np.int64)) - start) / 1e9)
-        out[entry.topic] = StreamCounts(
-            generated,
-            entry.count,
-            generated - entry.count,
-            told.get("lost", 0),
-            at.rate,
-            at.jitter,
-            at.gaps,
-            at.longest,
-        )
+        out[entry.topic] = StreamCounts.of(generated, entry.count, told.get("lost", 0), at)
     return out

@@ -5,7 +5,7 @@ metadata, attachments and schemas are there before the constructor returns. The 
 start; the metadata record `outcome` is written by `close` alone, so a file without it ended abruptly.
 
 Metadata records: `recording` (schema_version, start_wall_ns, chambers, markers), those given by the caller, and at
-the end `counts` (one JSON text a topic) and `outcome`.
+the end `counts` and `clocks` (one JSON text a topic) and `outcome`.
 """
 
 from __future__ import annotations
@@ -18,30 +18,31 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
 from . import events
 from .buffer import KEEP, Buffers
+from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
 from .disk import Disk
 from .errors import BadMessage, RecordingError, WriteFailed
 from .messages import SCHEMA_VERSION, MessageType, streams
 from .states import Crossing, State
 from .trials import TrialRow
+from .views import VIEWS, Pace
 
 FLUSH_PERIOD = 0.1
 """Host seconds between finished chunks."""
 
 QUEUE_LIMIT = 200_000
 """Messages waiting for the disk; beyond it they are dropped and counted."""
-
-POSE_PERIOD = 1 / 30
-"""Rig seconds between poses on /tip/pose, which serves the eye only."""
 
 LIBRARY = "softlab recordings"
 
@@ -50,7 +51,8 @@ class _Item(NamedTuple):
     topic: Tally
     log_time: int
     sequence: int
-    payload: bytes
+    payload: bytes | Callable[[], bytes | None]
+    """A view is encoded in the writer's thread; None: there is nothing to see."""
 
 
 class Recorder:
@@ -80,7 +82,7 @@ class Recorder:
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
-        self._last_pose = -math.inf
+        self._paces = {topic: Pace() for topic in VIEWS}
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
         self._mcap = Writer(self._disk, compression=CompressionType.ZSTD, enable_data_crcs=True)  # type: ignore[arg-type]
@@ -109,6 +111,9 @@ class Recorder:
         for message in self.messages.values():
             schema = mcap.register_schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
             self._register(message.topic, schema, message.metadata)
+            if has_stamp(message.topic):
+                fields: Any = message.wire_dtype.fields
+                self._topics[message.topic].stamp_at = fields[STAMP][1]
         for event in events.EVENTS.values():
             schema = mcap.register_schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
             self._register(event.topic, schema, event.metadata)
@@ -152,8 +157,8 @@ class Recorder:
                 self.buffers[topic].append(stamp, payload)
                 self._queue.put(self._item(topic, ns, payload))
         self._check()
-        if topic == "/tip":
-            self._push_pose(message, stamp, ns, values)
+        if topic in self._paces and self._paces[topic].due(stamp):
+            self._push_views(message, ns, values)
 
     def _in_order(self, message: MessageType, fields: Mapping[str, object]) -> tuple[object, ...]:
         if fields.keys() != set(message.value_names):
@@ -171,7 +176,7 @@ class Recorder:
         open_ = self._failure is None and self._outcome is None
         return open_ and ns >= entry.last and self._queue.qsize() < QUEUE_LIMIT
 
-    def _item(self, topic: str, ns: int, payload: bytes) -> _Item:
+    def _item(self, topic: str, ns: int, payload: bytes | Callable[[], bytes | None]) -> _Item:
         """Count a message and number it; the topic's lock is held."""
         entry = self._topics[topic]
         entry.generated += 1
@@ -240,19 +245,17 @@ class Recorder:
     def _newest(self) -> int:
         return max(entry.last for entry in self._topics.values())
 
-    def _event(self, topic: str, ns: int, payload: bytes) -> None:
+    def _event(self, topic: str, ns: int, payload: bytes | Callable[[], bytes | None]) -> None:
         """Events are few and never dropped for their order."""
         with self._topics[topic].lock:
             if self._failure is None and self._outcome is None:
                 self._queue.put(self._item(topic, ns, payload))
         self._check()
 
-    def _push_pose(self, message: MessageType, stamp: float, ns: int, values: tuple[object, ...]) -> None:
-        fields: dict[str, Any] = dict(zip(message.value_names, values, strict=True))
-        if fields["valid"] and stamp >= self._last_pose + POSE_PERIOD:
-            self._last_pose = stamp
-            payload = events.encode_pose(self.start_wall_ns + ns, fields["position"], fields["orientation"])
-            self._event("/tip/pose", ns, payload)
+    def _push_views(self, message: MessageType, ns: int, values: tuple[object, ...]) -> None:
+        fields = dict(zip(message.value_names, values, strict=True))
+        for topic, encode in VIEWS[message.topic]:
+            self._event(topic, ns, partial(encode, self.start_wall_ns + ns, fields))
 
     def sync(self) -> None:
         """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
@@ -303,9 +306,14 @@ class Recorder:
             self._disk.give_up()
 
     def _write(self, item: _Item) -> None:
-        item.topic.pending += 1
-        item.topic.stamps.append(item.log_time - self.start_wall_ns)
-        self._mcap.add_message(item.topic.channel, item.log_time, item.payload, item.log_time, item.sequence)
+        topic = item.topic
+        payload = item.payload if isinstance(item.payload, bytes) else item.payload()
+        if payload is None:
+            topic.skipped += 1
+            return
+        topic.note(item.log_time - self.start_wall_ns, payload)
+        sequence = item.sequence - topic.skipped
+        self._mcap.add_message(topic.channel, item.log_time, payload, item.log_time, sequence)
 
     def _flush(self) -> None:
         self._mcap.flush()
@@ -318,10 +326,20 @@ class Recorder:
         outcome = self._outcome or {}
         counts = {topic: json.dumps(asdict(count)) for topic, count in self.counts().items()}
         self._mcap.add_metadata("counts", counts)
+        self._mcap.add_metadata("clocks", self._clocks())
         self._mcap.add_metadata("outcome", outcome)
         self._mcap.finish()
         self._disk.commit()
         self._disk.close()
+
+    def _clocks(self) -> dict[str, str]:
+        """The model of each instrument's clock, as JSON text by topic."""
+        stamped = {name: topic for name, topic in self._topics.items() if topic.stamp_at is not None}
+        models = {
+            name: fit(np.array(topic.device_stamps), np.array(topic.stamps, np.int64) / 1e9)
+            for name, topic in stamped.items()
+        }
+        return {name: json.dumps(model.to_dict()) for name, model in models.items() if model is not None}
 
     def counts(self) -> dict[str, StreamCounts]:
         """What became of each topic's messages so far."""
