@@ -34,12 +34,23 @@ class Noise:
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""
         ratio, norm = self._ratio
-        scaled = (values.T / self.sd).T
-        share = np.where(norm > 0, (1 - 1 / np.sqrt(1 + norm)) / np.maximum(norm, 1e-300), 0.0)
-        columns = scaled.reshape(len(scaled), -1)
-        summed = np.zeros((len(norm), columns.shape[1]))
-        np.add.at(summed, self.state, ratio[:, None] * columns)
-        return (columns - (ratio * share[self.state])[:, None] * summed[self.state]).reshape(values.shape)
+        share = (1 / np.sqrt(1 + norm) - 1) / np.maximum(norm, 1e-300)
+        return self._stretched((values.T / self.sd).T, ratio, share)
+
+    def colour(self, white: Array) -> Array:
+        """The inverse of `whiten`."""
+        ratio, norm = self._ratio
+        share = (np.sqrt(1 + norm) - 1) / np.maximum(norm, 1e-300)
+        return (self._stretched(white, ratio, share).T * self.sd).T
+
+    def _stretched(self, values: Array, ratio: Array, share: Array) -> Array:
+        """Within each state, (I + share ratio ratio^T) values."""
+        columns = values.reshape(len(values), -1)
+        order = np.argsort(self.state, kind="stable")
+        first = np.flatnonzero(np.diff(self.state[order], prepend=-1))
+        summed = np.zeros((len(share), columns.shape[1]))
+        summed[self.state[order][first]] = np.add.reduceat((ratio[:, None] * columns)[order], first, axis=0)
+        return (columns + (ratio * share[self.state])[:, None] * summed[self.state]).reshape(values.shape)
 
     @property
     def log_sd(self) -> float:

@@ -79,4 +79,5 @@ def test_whitening_turns_the_noise_covariance_into_the_identity() -> None:
         covariance += np.outer(own, own)
     white = noise.whiten(np.linalg.cholesky(covariance))
     assert white @ white.T == pytest.approx(np.eye(12), abs=1e-12)
+    assert noise.colour(white) == pytest.approx(np.linalg.cholesky(covariance), abs=1e-12)
     assert noise.log_sd == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1])

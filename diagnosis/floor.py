@@ -1,0 +1,137 @@
+"""The noise floor from repeats: what differs between readings of the same state, and how much of it belongs to a trial.
+
+Only differences between repeats enter (orthonormal contrasts within each condition), so nothing that the model gets
+wrong can leak into the floor. Components: white noise of each kind of channel, the reading of the pressure (which moves
+all channels of a state together), and what a trial has of its own (spine length, stiffness of the re-jammed spine, ..),
+all by maximum likelihood with weak priors at the instruments' usual values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from .noise import Noise
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+VAGUE = 0.7
+"""Prior standard deviation of the logarithm of each component: a factor of two either way is nothing unusual."""
+SMALLEST = 0.05
+"""No component is taken below this share of its usual value."""
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Measured minus predicted for states that were meant to be the same."""
+
+    residual: Array
+    """(n, c) of complete states, in the unit of each channel."""
+    condition: Ints
+    """(n,)"""
+    trial: Ints
+    """(n,)"""
+    group: tuple[str, ...]
+    """(c,) kind of each channel: channels of a kind share their white noise."""
+    pressure_response: Array
+    """(n, c) d(prediction)/d(pressure reading), per Pa."""
+    trial_response: Mapping[str, Array]
+    """Component -> (n, c) d(prediction)/d(what a trial has of its own)."""
+
+
+@dataclass(frozen=True)
+class Components:
+    """Standard deviations."""
+
+    channel: Mapping[str, float]
+    """Kind of channel -> unit of the channel."""
+    pressure: float
+    """Pa."""
+    trial: Mapping[str, float]
+    """Component -> its unit."""
+    contrasts: int
+    """Independent differences between repeats behind the estimate; 0: usual values, nothing was repeated."""
+
+
+def components(data: Repeated, usual: Components) -> Components:
+    """Maximum a posteriori; `usual` holds the centre of the priors and is returned where nothing was repeated."""
+    contrast = _contrasts(data.condition)
+    if not len(contrast):
+        return usual
+    groups = list(usual.channel)
+    member = np.array([groups.index(g) for g in data.group])
+    names = list(data.trial_response)
+    centre = np.log([*usual.channel.values(), usual.pressure, *(usual.trial[k] for k in names)])
+    loss = _Loss(data, contrast, member, names, centre)
+    # What no contrast depends on stays where its prior has it.
+    found = minimize(loss, np.zeros(len(centre)), method="L-BFGS-B", bounds=[(np.log(SMALLEST), 3.0)] * len(centre))
+    value = np.exp(centre + found.x)
+    g = len(groups)
+    return Components(
+        channel=dict(zip(groups, value[:g].tolist(), strict=True)),
+        pressure=float(value[g]),
+        trial=dict(zip(names, value[g + 1 :].tolist(), strict=True)),
+        contrasts=len(contrast),
+    )
+
+
+def reading_rms(data: Repeated, channels: NDArray[np.bool_]) -> float:
+    """Root mean square distance of a single reading from what its condition would give on average.
+
+    Over the channels marked (c,), summed in squares: the noise floor of the tip when these are x, y, z. NaN when
+    nothing was repeated.
+    """
+    contrast = _contrasts(data.condition)
+    if not len(contrast):
+        return float("nan")
+    return float(np.sqrt(((contrast @ data.residual[:, channels]) ** 2).sum(axis=1).mean()))
+
+
+def _contrasts(condition: Ints) -> Array:
+    """(k, n) orthonormal rows, each a difference between repeats of one condition."""
+    rows = []
+    for c in np.unique(condition):
+        own = np.flatnonzero(condition == c)
+        for k in range(1, own.size):
+            row = np.zeros(len(condition))
+            row[own[:k]], row[own[k]] = -1.0, k
+            rows.append(row / np.sqrt(k * (k + 1)))
+    return np.array(rows).reshape(len(rows), len(condition))
+
+
+class _Loss:
+    """Minus the log posterior of the components' logarithms, off the centre of their priors."""
+
+    def __init__(self, data: Repeated, contrast: Array, member: Ints, names: list[str], centre: Array) -> None:
+        k, c = len(contrast), data.residual.shape[1]
+        self._centre, self._groups = centre, int(member.max()) + 1
+        self._value = (contrast @ data.residual).ravel()
+        self._state = np.repeat(np.arange(k), c)
+        self._member = np.tile(member, k)
+        # A contrast's weights squared sum to one: the response of its states, averaged.
+        self._pressure = (contrast**2 @ data.pressure_response).ravel()
+        own = data.trial[:, None] == np.unique(data.trial)[None, :]
+        self._trial = [
+            np.einsum("kn,nc,nt->kct", contrast, data.trial_response[name], own, optimize=True).reshape(k * c, -1)
+            for name in names
+        ]
+
+    def __call__(self, shift: Array) -> float:
+        value = np.exp(self._centre + shift)
+        g = self._groups
+        noise = Noise(self._state, value[:g][self._member], value[g] * self._pressure)
+        white = noise.whiten(self._value)
+        prior = 0.5 * float(((shift / VAGUE) ** 2).sum())
+        total = noise.log_sd + 0.5 * float(white @ white) + prior
+        if self._trial:
+            columns = noise.whiten(np.hstack([sd * block for sd, block in zip(value[g + 1 :], self._trial, strict=True)]))
+            factor = cho_factor(np.eye(columns.shape[1]) + columns.T @ columns, lower=True)
+            pulled = columns.T @ white
+            total += float(np.log(np.diag(factor[0])).sum()) - 0.5 * float(pulled @ cho_solve(factor, pulled))
+        return total

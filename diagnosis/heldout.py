@@ -1,0 +1,64 @@
+"""Predicting data that a fit did not see: a share of the values is left out, the model refitted, the rest predicted.
+
+A refit solves the linear problem of the other values, is linearised again where that leads, and solved once more; the
+discrepancy weighs the fit but takes no part in the prediction, which is the model's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .problem import Problem
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model that is refitted to parts of the data: prior variances of the effects, size of the discrepancy, a start."""
+
+    variance: Array
+    """(p,) in units of each effect's scale; 0 leaves an effect as it is in `start`."""
+    size: float
+    start: Array
+    """(k,) parameters around which the first refit is linearised."""
+
+
+def left_out(problem: Problem, model: Model, fold: Ints) -> Array:
+    """Measured minus predicted (n,) for each value, predicted by a fit to all values of the other folds.
+
+    `fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN).
+    """
+    predicted, slope = problem.forward.linearise(model.start)
+    missed = np.full(len(problem.observed), np.nan)
+    for part in np.unique(fold[fold >= 0]):
+        seen, own = fold != part, fold == part
+        theta = _refitted(problem, model, model.start, predicted, slope, seen)
+        there, steep = problem.forward.linearise(theta)
+        theta = _refitted(problem, model, theta, there, steep, seen)
+        missed[own] = (problem.observed - problem.forward.predict(theta))[own]
+    return missed
+
+
+def _refitted(problem: Problem, model: Model, at: Array, predicted: Array, slope: Array, seen: NDArray[np.bool_]) -> Array:
+    """Parameters (k,) that fit the values marked `seen`, by the linear problem around `at`."""
+    p = problem.parameters
+    scale = p.sd.copy()
+    scale[p.of_effect] *= np.sqrt(model.variance)
+    noise = problem.noise.take(seen)
+    free = np.flatnonzero(scale > 0)
+    columns = [noise.whiten(slope[np.ix_(seen, free)] * scale[free])]
+    if model.size:
+        columns.append(model.size * noise.whiten(problem.discrepancy[seen]))
+    x = np.hstack(columns)
+    here = np.zeros(x.shape[1])
+    here[: free.size] = (at - p.mean)[free] / scale[free]
+    missed = noise.whiten((problem.observed - predicted)[seen]) + x @ here
+    found = np.linalg.solve(np.eye(x.shape[1]) + x.T @ x, x.T @ missed)
+    theta = at.copy()
+    theta[free] = p.mean[free] + scale[free] * found[: free.size]
+    return np.clip(theta, p.lower, p.upper)

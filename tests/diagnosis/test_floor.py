@@ -1,0 +1,47 @@
+"""The noise floor comes from repeats alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from diagnosis.floor import Components, Repeated, components, reading_rms
+
+USUAL = Components({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 0)
+
+
+def repeated(seed: int, sd: float, pressure_sd: float, trial_sd: float, repeats: int = 3, error: float = 0.0) -> Repeated:
+    rng = np.random.default_rng(seed)
+    conditions = 60
+    condition = np.repeat(np.arange(conditions), repeats)
+    trial = np.tile(np.arange(repeats), conditions) + repeats * (condition // 10)
+    n = condition.size
+    per_pascal = np.column_stack([np.linspace(0, 2e-6, n), np.zeros(n), np.linspace(0, 1e-6, n)])
+    per_trial = np.column_stack([np.full(n, 0.5), np.zeros(n), np.full(n, -0.2)]) * (condition[:, None] % 10) / 10
+    own = trial_sd * rng.normal(size=trial.max() + 1)
+    residual = sd * rng.normal(size=(n, 3)) + per_pascal * pressure_sd * rng.normal(size=(n, 1))
+    residual += per_trial * own[trial][:, None]
+    residual += error * np.sin(condition)[:, None]
+    return Repeated(residual, condition, trial, ("tip",) * 3, per_pascal, {"spine_length": per_trial})
+
+
+@pytest.mark.parametrize("error", [0.0, 0.05])
+def test_components_are_found_whatever_the_model_gets_wrong(error: float) -> None:
+    found = components(repeated(1, 0.2e-3, 800.0, 2e-3, error=error), USUAL)
+    assert found.channel["tip"] == pytest.approx(0.2e-3, rel=0.15)
+    assert found.pressure == pytest.approx(800, rel=0.2)
+    assert found.trial["spine_length"] == pytest.approx(2e-3, rel=0.4)
+    assert found.contrasts == 120
+
+
+def test_without_repeats_the_usual_values_are_returned_and_said_to_be_no_measurement() -> None:
+    data = repeated(1, 0.2e-3, 800.0, 2e-3, repeats=1)
+    assert components(data, USUAL) == USUAL
+    assert math.isnan(reading_rms(data, np.ones(3, bool)))
+
+
+def test_the_rms_of_a_reading_is_its_spread_about_the_mean_of_its_condition() -> None:
+    data = repeated(2, 0.3e-3, 0.0, 0.0)
+    assert reading_rms(data, np.ones(3, bool)) == pytest.approx(math.sqrt(3) * 0.3e-3, rel=0.1)

@@ -1,0 +1,79 @@
+"""What is predicted was not seen; what the catalogue cannot explain leaves signs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.heldout import Model, left_out
+from diagnosis.noise import Noise
+from diagnosis.problem import Problem
+from diagnosis.search import Search
+from diagnosis.unknown import signs
+from tests.diagnosis.toy import IDS, MM, Grid, toy_problem
+
+GRID = Grid()
+LENGTH = np.repeat(np.round(GRID.length / 0.05).astype(np.int64), 3)
+TRIAL = np.repeat(GRID.trial, 3)
+KIND = np.zeros(TRIAL.size, np.int64)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def changed(problem: Problem, by: np.ndarray) -> Problem:
+    return Problem(problem.forward, problem.parameters, problem.observed + by, problem.noise, problem.discrepancy)
+
+
+def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
+    problem = toy_problem(1, {"play": 1.0})
+    model = Model(np.where(problem.parameters.mask(("play",)), 1.0, 0.01), 0.5, problem.parameters.mean)
+    before = problem.observed - left_out(problem, model, LENGTH)
+    lifted = changed(problem, np.where(LENGTH == 3, 5 * MM, 0.0))
+    after = lifted.observed - left_out(lifted, model, LENGTH)
+    assert after[LENGTH == 3] == pytest.approx(before[LENGTH == 3], abs=1e-9)
+    assert rms(after[LENGTH != 3] - before[LENGTH != 3]) > 1e-5
+
+
+def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_without_it_they_are_not() -> None:
+    problem = toy_problem(2, {"play": 1.0})
+    zero = np.zeros(len(IDS))
+    without = rms(left_out(problem, Model(zero, 0.0, problem.parameters.mean), LENGTH))
+    named = np.where(problem.parameters.mask(("play",)), 1.0, 0.0)
+    assert rms(left_out(problem, Model(named, 0.5, problem.parameters.mean), LENGTH)) < 0.4 * MM < 0.8 * MM < without
+
+
+def test_values_of_no_fold_are_not_predicted() -> None:
+    problem = toy_problem(2, {})
+    fold = np.where(LENGTH == 2, 0, -1)
+    missed = left_out(problem, Model(np.zeros(len(IDS)), 0.0, problem.parameters.mean), fold)
+    assert np.isnan(missed[fold < 0]).all() and np.isfinite(missed[fold == 0]).all()
+
+
+def test_a_world_of_the_catalogue_leaves_no_sign() -> None:
+    problem = toy_problem(3, {"play": 1.0})
+    found = signs(problem, Search(problem).run()[0], TRIAL, KIND)
+    assert found.discrepancy_gain < 0
+    assert found.lack_of_fit == pytest.approx(1.0, abs=0.15)
+    assert found.outlier_trial is None and found.transport is None
+
+
+def test_a_smooth_cause_outside_the_catalogue_is_seen_as_discrepancy() -> None:
+    wave = np.column_stack([np.zeros(len(GRID.length)), np.sin(GRID.length / 0.05) * GRID.pressure / 250e3, np.zeros(len(GRID.length))])
+    problem = changed(toy_problem(3, {}), 3 * MM * wave.ravel())
+    found = signs(problem, Search(problem).run()[0], TRIAL, KIND)
+    assert found.discrepancy_gain > 5
+    assert found.discrepancy_size > 2
+
+
+def test_one_bad_trial_is_named() -> None:
+    problem = changed(toy_problem(3, {}), np.where(TRIAL == 12, 1.5 * MM, 0.0))
+    assert signs(problem, Search(problem).run()[0], TRIAL, KIND).outlier_trial == 12
+
+
+def test_noise_of_a_part_is_the_part_of_the_noise() -> None:
+    noise = Noise(np.repeat(np.arange(5), 3), np.arange(1.0, 16), np.linspace(-1, 1, 15))
+    own = np.repeat(np.arange(5), 3) == 3
+    values = np.linspace(0, 1, 15)
+    assert noise.take(own).whiten(values[own]) == pytest.approx(noise.whiten(values)[own])
