@@ -65,7 +65,7 @@ def _recover(a: argparse.Namespace) -> int:
 def _export(a: argparse.Namespace) -> int:
     from .recorded import export
 
-    return export(a.file, a.out, a.case)
+    return export(a.file, a.out, a.case, a.parquet, a.json)
 
 
 def _replay(a: argparse.Namespace) -> int:
@@ -166,10 +166,11 @@ def parser() -> argparse.ArgumentParser:
         reads=True,
     )
     p.add_argument("file", type=Path)
-    p = verb("export", _export, "recording to CSV files or to a case folder")
+    p = verb("export", _export, "recording to CSV or Parquet files or to a case folder", reads=True)
     p.add_argument("file", type=Path, nargs="+")
     p.add_argument("--out", type=Path, required=True)
     p.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
+    p.add_argument("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)")
 
     for name, handler, text in (("fit", _fit, "calibrate the model on recordings or a case folder"),
                                 ("compare", _compare, "measured against model: error table and figure")):  # fmt: skip

@@ -29,11 +29,12 @@ def info(file: Path, as_json: bool) -> int:
         print(json.dumps(s.to_dict(), indent=1))
         return 0 if s.complete else 3
     t = Sheet(title=str(file), title_justify="left")
-    for column in ("topic", "messages", "rate", "gaps", "longest", "dropped", "lost"):
+    for column in ("topic", "messages", "rate", "jitter p50/p99/max", "gaps", "longest", "dropped", "lost"):
         t.add_column(column, justify="right")
     for topic, stream in s.streams.items():
         at = stream.timing
-        t.add_row(topic, str(at.count), f"{at.rate:.1f} Hz", str(at.gaps), f"{at.longest:.3f} s",
+        jitter = " / ".join(f"{1e3 * x:.1f}" for x in (at.jitter_p50, at.jitter_p99, at.jitter_max))
+        t.add_row(topic, str(at.count), f"{at.rate:.1f} Hz", f"{jitter} ms", str(at.gaps), f"{at.longest:.3f} s",
                   *("?" if n is None else str(n) for n in (stream.dropped, stream.lost)))  # fmt: skip
     out.print(t)
     ended = s.outcome or f"ended abruptly; {s.readable} of {s.size} bytes are whole"
@@ -41,11 +42,16 @@ def info(file: Path, as_json: bool) -> int:
         f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
     )
     out.print(f"attached: {', '.join(s.attachments)}")
+    for topic, clock in s.clocks.items():
+        out.print(
+            f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay beyond the least "
+            f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
+        )
     return 0 if s.complete else 3
 
 
-def export(files: Sequence[Path], folder: Path, case: bool) -> int:
-    """CSV files of each stream, or one case folder from all files."""
+def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_json: bool) -> int:
+    """CSV or Parquet files of each stream, or one case folder from all files."""
     folder.mkdir(parents=True, exist_ok=True)
     recordings = [Recording.open(f) for f in files]
     if case:
@@ -56,12 +62,22 @@ def export(files: Sequence[Path], folder: Path, case: bool) -> int:
                     f"{other.path}: was recorded with another robot.yaml than {first.path}; export them apart"
                 )
         export_case(first, folder, joined(tables(recordings)))
-        out.print(f"{folder}/robot.yaml and {folder}/trials.csv")
+        _told([folder / "robot.yaml", folder / "trials.csv"], as_json)
         return 0
+    written: list[Path] = []
     for recording in recordings:
-        for path in export_streams(recording, folder / recording.path.stem if len(files) > 1 else folder):
-            out.print(str(path))
+        place = folder / recording.path.stem if len(files) > 1 else folder
+        written += export_streams(recording, place, "parquet" if parquet else "csv")
+    _told(written, as_json)
     return 0
+
+
+def _told(files: Sequence[Path], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({"files": [str(path) for path in files]}, indent=1))
+        return
+    for path in files:
+        out.print(str(path))
 
 
 def joined(tables: Sequence[Table]) -> Table:

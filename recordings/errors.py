@@ -11,7 +11,8 @@
     |-- WriteFailed      (OSError)         the file can no longer be written
     |-- NotSettled       (TimeoutError)    a state that never met the rule by which it was to be read
     |-- BadTable         (ValueError)      a table of trials that cannot be right
-    `-- BadJournal       (ValueError)      a journal that does not tell what is finished
+    |-- BadJournal       (ValueError)      a journal that does not tell what is finished
+    `-- MissingPackage   (ImportError)     an optional package that is not installed
 
 Each message names the file or topic, the value with its unit, the limit and what to do next.
 """
@@ -65,3 +66,7 @@ class BadTable(RecordingError, ValueError):
 
 class BadJournal(RecordingError, ValueError):
     """A journal that does not tell what is finished."""
+
+
+class MissingPackage(RecordingError, ImportError):
+    """An optional package that is not installed."""

@@ -1,46 +1,73 @@
-"""Out of a recording: one CSV a stream, or a case folder (robot.yaml and trials.csv) for the diagnosis."""
+"""Out of a recording: one CSV or Parquet file a stream, or a case folder (robot.yaml and trials.csv) for the diagnosis."""
 
 from __future__ import annotations
 
 import csv
 import os
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import Any, Literal
 
-from .errors import BadTable, MissingStream
+from numpy.typing import NDArray
+
+from .clocks import aligned, has_stamp
+from .errors import BadTable, MissingPackage, MissingStream
 from .messages import STREAMS
 from .reader import Recording
 from .replay import table_of
 from .table_file import write_csv
 from .trials import Table
 
+Format = Literal["csv", "parquet"]
+Columns = dict[str, NDArray[Any]]
 
-def export_streams(recording: Recording, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write each stream that has samples to `<stream>.csv`; arrays become columns name_1, name_2, .. Returns the
-    files."""
+
+def export_streams(recording: Recording, folder: str | os.PathLike[str], form: Format = "csv") -> list[Path]:
+    """Write each stream that has samples to `<stream>.csv` or `.parquet`. Returns the files.
+
+    Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) tells
+    when they were taken by its clock. Raises `MissingPackage` when Parquet is asked for without pyarrow.
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    write = _write_csv if form == "csv" else _parquet_writer()
     written = []
     for topic in recording.topics:
         if topic in STREAMS and len(recording.stream(topic)):
-            path = folder / f"{topic.strip('/').replace('/', '_')}.csv"
-            _write_stream(recording, topic, path)
+            path = folder / f"{topic.strip('/').replace('/', '_')}.{form}"
+            write(_columns(recording, topic), path)
             written.append(path)
     return written
 
 
-def _write_stream(recording: Recording, topic: str, path: Path) -> None:
+def _columns(recording: Recording, topic: str) -> Columns:
     samples = recording.stream(topic)
-    names: list[str] = []
-    columns: list[list[object]] = []
+    out: Columns = {}
     for name in samples.dtype.names or ():
         values = samples[name].reshape(len(samples), -1)
-        alone = samples[name].ndim == 1
-        names += [name] if alone else [f"{name}_{i}" for i in range(1, values.shape[1] + 1)]
-        columns += values.T.tolist()
+        if samples[name].ndim == 1:
+            out[name] = values[:, 0]
+        else:
+            out |= {f"{name}_{i}": values[:, i - 1] for i in range(1, values.shape[1] + 1)}
+    if has_stamp(topic):
+        out["t_aligned"] = aligned(recording, topic)
+    return out
+
+
+def _write_csv(columns: Columns, path: Path) -> None:
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows(zip(*columns, strict=True))
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+def _parquet_writer() -> Callable[[Columns, Path], None]:
+    try:
+        pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise MissingPackage("Parquet needs pyarrow, which is not installed; install it, or export CSV") from error
+    return lambda columns, path: parquet.write_table(pyarrow.table(columns), path)
 
 
 def export_case(recording: Recording, folder: str | os.PathLike[str], table: Table | None = None) -> Path:

@@ -1,4 +1,4 @@
-"""What is in a recording, at a glance: streams, counts, rates, gaps, losses, attachments, provenance, outcome."""
+"""What is in a recording, at a glance: streams, counts, rates, gaps, losses, clocks, attachments, provenance, outcome."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+from .clocks import ClockModel, clocks
 from .reader import Recording
 from .timing import Timing, timing
 
@@ -40,6 +41,8 @@ class Info:
     streams: dict[str, StreamInfo]
     attachments: dict[str, int]
     """Name -> bytes."""
+    clocks: dict[str, ClockModel]
+    """Of the instruments that stamp their samples, by topic."""
     metadata: dict[str, dict[str, str]]
     """Records given by whoever recorded: versions, git state, and so on."""
 
@@ -57,6 +60,7 @@ def info(path: str | os.PathLike[str]) -> Info:
     """Summary of a file, truncated or not. Raises `NotARecording` or `Damaged`."""
     recording = Recording.open(path, truncated=True)
     metadata = dict(recording.metadata)
+    metadata.pop("clocks", None)
     counts = {topic: json.loads(text) for topic, text in metadata.pop("counts", {}).items()}
     outcome = metadata.pop("outcome", {})
     streams: dict[str, StreamInfo] = {}
@@ -83,5 +87,6 @@ def info(path: str | os.PathLike[str]) -> Info:
         rows=streams["/trial"].timing.count if "/trial" in streams else 0,
         streams=streams,
         attachments={name: len(data) for name, data in recording.attachments.items()},
+        clocks=clocks(recording),
         metadata=metadata,
     )

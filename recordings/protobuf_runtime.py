@@ -44,18 +44,24 @@ def parse(kind: type[Any], payload: bytes, topic: str) -> Any:
 def decode(message: MessageType, schema: Schema, payloads: Sequence[bytes]) -> NDArray[np.void]:
     """Messages to an array like `MessageType.decode`; sizes of arrays are those of the first message.
 
-    Raises `OtherVersion` when the schema lacks a field of the message, or arrays change their size.
+    Fields that the file's schema does not have yet are NaN (numbers) or 0 (everything else). Raises `OtherVersion` when
+    the schema has none of the fields beside `t`, or arrays change their size.
     """
     kind = message_class(schema)
     names = {field.name for field in kind.DESCRIPTOR.fields}
-    missing = [field.name for field in message.fields if field.name not in names]
-    if missing:
-        raise OtherVersion(f"{message.topic}: the file's schema {schema.name} has no field {', '.join(missing)}")
+    there = [field for field in message.fields if field.name in names]
+    if "t" not in names or len(there) < 2:
+        raise OtherVersion(
+            f"{message.topic}: the file's schema {schema.name} is another message: it has {sorted(names)}"
+        )
     parsed = [parse(kind, payload, message.topic) for payload in payloads]
-    shapes = {f.name: _shape(f.shape, len(getattr(parsed[0], f.name))) for f in message.fields if f.shape}
+    shapes = {f.name: _shape(f.shape, len(getattr(parsed[0], f.name))) for f in there if f.shape}
     message = message.sized(**shapes)
     out = np.zeros(len(parsed), message.dtype)
     for field in message.fields:
+        if field.name not in names:
+            out[field.name] = np.nan if field.kind == "double" else 0
+            continue
         values = [getattr(p, field.name) for p in parsed]
         if field.shape and any(len(value) != field.count for value in values):
             raise OtherVersion(f"{message.topic}: field {field.name} changes its size within the file")
