@@ -92,6 +92,12 @@ def _paper(a: argparse.Namespace) -> int:
     return main(a.out, a.json)
 
 
+def _blind(a: argparse.Namespace) -> int:
+    from .blind.command import main
+
+    return main(a)
+
+
 def _demo(a: argparse.Namespace) -> int:
     from .demo import demo
 
@@ -178,6 +184,10 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap) or a case folder")
         p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
         p.add_argument("--out", type=Path, help="folder for figures and the calibrated robot.yaml")
+
+    from .blind.options import add_arguments
+
+    add_arguments(verb("blind", _blind, "sealed cases: make them, diagnose them without the seal, score"))
 
     p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/paper"), help="folder for the figures")

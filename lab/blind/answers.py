@@ -1,0 +1,100 @@
+"""What a diagnosis answered, read from its diagnosis.json without trusting it to be complete."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+Effects = frozenset[str]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One case's answer. Probabilities are those stated."""
+
+    case: str
+    verdict: str
+    """effect, none, unknown, or failed."""
+    effects: Effects
+    probability: float
+    ranking: tuple[tuple[Effects, float], ...] = ()
+    """Hypotheses that name an effect, most probable first."""
+    credible: tuple[Effects, ...] = ()
+    """The 95 % set; the empty set stands for "none"."""
+    none_probability: float = 0.0
+    unknown_probability: float = 0.0
+    sizes: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    """Parameters (value, sd) by effect, of the named hypothesis."""
+    share_closed: float = math.nan
+    gap_before: float = math.nan
+    gap_after: float = math.nan
+    seconds: float = math.nan
+    asked: tuple[str, ...] = ()
+    error: str = ""
+
+    @property
+    def best(self) -> Effects:
+        """The most probable set of effects, whatever the verdict."""
+        return self.ranking[0][0] if self.ranking else self.effects
+
+    def probability_of(self, effects: Effects) -> float:
+        """Stated probability that exactly these effects are on."""
+        if not effects:
+            return self.none_probability
+        return sum(p for names, p in self.ranking if names == effects)
+
+
+def read_answer(path: Path, case: str, after: int | None = None) -> Answer:
+    """The last answer of a case, or the one after `after` experiments (or fewer, when it asked for no more)."""
+    rounds = json.loads(path.read_text(encoding="utf-8"))
+    chosen = rounds[-1] if after is None else rounds[min(after, len(rounds) - 1)]
+    return answer_from(case, chosen["diagnosis"], float(chosen["seconds"]), tuple(chosen["asked"]))
+
+
+def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, asked: tuple[str, ...] = ()) -> Answer:
+    """The answer in a diagnosis.json; what it lacks counts as not known."""
+    attribute = d.get("attribute")
+    if not isinstance(attribute, dict):
+        error = str(d.get("error", "no attribute section"))
+        return Answer(case, "failed", frozenset(), 0.0, seconds=seconds, asked=asked, error=error)
+    ranking, none, unknown = [], 0.0, 0.0
+    for entry in attribute.get("ranking") or ():
+        names, p = frozenset(entry.get("effects") or ()), _number(entry.get("probability"), 0.0)
+        if names == {"unknown"}:
+            unknown += p
+        elif names in (frozenset(), {"none"}):
+            none += p
+        else:
+            ranking.append((names, p))
+    ranking.sort(key=lambda item: -item[1])
+    verdict, p = str(attribute.get("verdict", "failed")), _number(attribute.get("probability"), 0.0)
+    effects = frozenset(attribute.get("effects") or ()) if verdict == "effect" else frozenset()
+    none = _number(attribute.get("none_probability"), none or (p if verdict == "none" else 0.0))
+    unknown = _number(attribute.get("unknown_probability"), unknown or (p if verdict == "unknown" else 0.0))
+    shrink = d.get("shrink") or {}
+    return Answer(
+        case, verdict, effects, p, tuple(ranking),
+        tuple(frozenset(x) - {"none"} for x in attribute.get("credible_set") or ()),
+        none, unknown, _sizes(attribute, effects), _number(shrink.get("share_closed")),
+        _number(shrink.get("before_mm")), _number(shrink.get("after_mm")), seconds, asked,
+    )  # fmt: skip
+
+
+def _sizes(attribute: Mapping[str, Any], effects: Effects) -> dict[str, dict[str, tuple[float, float]]]:
+    """Parameters of the hypothesis that was named, by effect; a bare name belongs to all of its effects."""
+    entry = next((e for e in attribute.get("ranking") or () if frozenset(e.get("effects") or ()) == effects), None)
+    out: dict[str, dict[str, tuple[float, float]]] = {name: {} for name in effects}
+    for name, value in ((entry or {}).get("parameters") or {}).items():
+        effect, dot, parameter = str(name).rpartition(".")
+        pair = (_number(value.get("value")), _number(value.get("sd")))
+        for owner in [effect] if dot and effect in out else effects:
+            out[owner][parameter if dot else str(name)] = pair
+    return out
+
+
+def _number(value: object, default: float = math.nan) -> float:
+    return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else default

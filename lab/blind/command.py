@@ -1,0 +1,56 @@
+"""The verb `lab blind`: make, run, score."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from ..config import ConfigError
+from ..console import out
+from .make import make
+from .run import run
+from .score import score, write
+from .sheet import draw, sheet, write_section
+from .truth import Recipe
+
+
+def main(a: argparse.Namespace) -> int:
+    """One step; 0, or 1 when a score misses a target."""
+    return {"make": _make, "run": _run, "score": _score}[a.step](a)
+
+
+def _make(a: argparse.Namespace) -> int:
+    low, high = a.sizes
+    if not 0 < low <= high <= 5 or not 0 <= a.clutter <= 1:
+        raise ConfigError(f"--sizes {low:g} {high:g} must rise within 0..5, --clutter {a.clutter:g} lie within 0..1")
+    if a.n < 1 or a.wire < 0:
+        raise ConfigError(f"--n {a.n} must be 1 or more, --wire {a.wire} not below 0")
+    recipe = Recipe(a.n, a.seed, a.clutter, (low, high), a.settled, min(a.wire, a.n), tuple(a.only))
+    digest = make(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, workers=a.workers)
+    out.print(f"{a.n} cases in {a.out}; sha256 of the sealed truth {digest}")
+    return 0
+
+
+def _run(a: argparse.Namespace) -> int:
+    from .diagnose import diagnose_folder
+
+    done = run(a.out, diagnose_folder, a.chosen, a.workers)
+    out.print(f"{done} cases diagnosed")
+    return 0
+
+
+def _score(a: argparse.Namespace) -> int:
+    result = score(a.out, a.after)
+    path = write(result, a.out)
+    picture = draw(result, a.out / "score.png")
+    if a.docs is not None:
+        figures = a.docs.parent / "figures"
+        figures.mkdir(exist_ok=True)
+        draw(result, figures / f"blind-{result.name}.png")
+        write_section(a.docs, result, f"figures/blind-{result.name}.png")
+    if a.json:
+        print(json.dumps(result.as_dict(), indent=1))
+    else:
+        out.print(sheet(result))
+        out.print(f"{path}, {picture}")
+    return 1 if result.shortfalls else 0

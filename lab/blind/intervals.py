@@ -1,0 +1,44 @@
+"""95 % intervals of what a bench finds: exact for shares, by bootstrap for everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+Array = NDArray[np.float64]
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 95 % interval, from n cases; NaN from none."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+def share(right: Array) -> Interval:
+    """Share of trues with its Clopper-Pearson interval (Biometrika 26, 1934)."""
+    n, k = len(right), int(np.sum(right))
+    if n == 0:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    low = 0.0 if k == 0 else float(beta.ppf(0.025, k, n - k + 1))
+    high = 1.0 if k == n else float(beta.ppf(0.975, k + 1, n - k))
+    return Interval(k / n, low, high, n)
+
+
+def bootstrap(values: Array, statistic: Callable[[Array], float], seed: int = 0) -> Interval:
+    """A statistic of the cases (first axis) with its percentile interval."""
+    n = len(values)
+    if n == 0:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    rng = np.random.default_rng(seed)
+    drawn = [statistic(values[rng.integers(n, size=n)]) for _ in range(RESAMPLES)]
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return Interval(float(statistic(values)), float(low), float(high), n)

@@ -1,0 +1,190 @@
+"""What a set of answers is worth, against the truth: the figures of the blind bench, each with its 95 % interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .answers import Answer, Effects
+from .intervals import Interval, bootstrap, share
+from .sizes import true_size, within_90
+
+Array = NDArray[np.float64]
+SURE = 0.9
+"""Probability from which an answer counts as sure."""
+FALSE_FLAGS = 0.10
+"""False flags that are allowed when unknowns are flagged by their score."""
+LEAST_PROBABILITY = 1e-4
+"""A truth that was given no probability costs as much as this."""
+BINS = 10
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One case: what was on, and what was answered."""
+
+    kind: str
+    truth: Effects
+    sizes: dict[str, float]
+    answer: Answer
+
+    @property
+    def right(self) -> bool:
+        """The verdict is the truth: exactly these effects, none, or unknown."""
+        a = self.answer
+        if self.kind == "outside":
+            return a.verdict == "unknown"
+        if self.kind == "none":
+            return a.verdict == "none"
+        return a.verdict == "effect" and a.effects == self.truth
+
+    @property
+    def first(self) -> bool:
+        """The most probable set of effects is the truth, whatever the verdict."""
+        return bool(self.truth) and self.answer.best == self.truth
+
+    @property
+    def third(self) -> bool:
+        """The truth is among the three most probable sets of effects."""
+        return self.truth in [names for names, _ in self.answer.ranking[:3]] or self.first
+
+    @property
+    def covered(self) -> bool:
+        """The truth is in the 95 % set."""
+        mark = frozenset({"unknown"}) if self.kind == "outside" else self.truth
+        return mark in self.answer.credible
+
+    @property
+    def probability_on_truth(self) -> float:
+        """Stated probability of what is true."""
+        a = self.answer
+        return a.unknown_probability if self.kind == "outside" else a.probability_of(self.truth)
+
+
+def scored(truth: dict[str, Any], answer: Answer) -> Scored:
+    """A sealed truth beside its answer."""
+    effects = frozenset(truth["effects"]) if truth["kind"] in ("single", "pair") else frozenset()
+    return Scored(truth["kind"], effects, dict(truth["effects"]), answer)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One figure of the bench."""
+
+    key: str
+    label: str
+    found: Interval
+
+
+def metrics(cases: Sequence[Scored]) -> list[Metric]:
+    """All figures; those without a case have n = 0."""
+    of = {k: [c for c in cases if c.kind == k] for k in ("single", "pair", "none", "outside")}
+    single, pair, none, outside = of["single"], of["pair"], of["none"], of["outside"]
+    known = single + none
+    sure = [c for c in single if c.answer.verdict == "effect" and c.answer.probability > SURE]
+    right = [c for c in single if c.right]
+    intervals = [hit for c in right if (hit := _size_hit(c)) is not None]
+    closed = [c.answer.share_closed for c in right if math.isfinite(c.answer.share_closed)]
+
+    def shared(group: Sequence[Scored], test: Callable[[Scored], bool]) -> Interval:
+        return share(np.array([test(c) for c in group], float))
+
+    def mean(values: Sequence[float]) -> Interval:
+        return bootstrap(np.array(values, float), lambda v: float(v.mean()))
+
+    return [
+        Metric("top1", "single: most probable effect is the true one", shared(single, lambda c: c.first)),
+        Metric("top3", "single: true one among the three most probable", shared(single, lambda c: c.third)),
+        Metric("named", "single: verdict names exactly the true one", shared(single, lambda c: c.right)),
+        Metric("detected", "single: not called none", shared(single, lambda c: c.answer.verdict in ("effect", "unknown"))),
+        Metric("p_truth", "single: mean probability on the true one", mean([c.probability_on_truth for c in single])),
+        Metric("sure_right", f"single: right when p > {SURE}", shared(sure, lambda c: c.right)),
+        Metric("sure_share", f"single: share answered with p > {SURE}", shared(single, lambda c: c in sure)),
+        Metric("coverage", "single and none: truth in the 95 % set", shared(known, lambda c: c.covered)),
+        Metric("set_size", "single: mean size of the 95 % set", mean([len(c.answer.credible) for c in single])),
+        Metric("pair_both", "pair: both named", shared(pair, lambda c: c.truth <= c.answer.effects)),
+        Metric("pair_exact", "pair: exactly those named", shared(pair, lambda c: c.right)),
+        Metric("pair_spurious", "pair: spurious effects a case", mean([len(c.answer.effects - c.truth) for c in pair])),
+        Metric("false_alarm", "none: an effect named", shared(none, lambda c: c.answer.verdict == "effect")),
+        Metric("false_unknown", "single, pair, none: called unknown",
+               shared(known + pair, lambda c: c.answer.verdict == "unknown")),
+        Metric("flagged", "outside: verdict unknown", shared(outside, lambda c: c.answer.verdict == "unknown")),
+        Metric("flagged_at_10", "outside: flagged at 10 % false flags", flagged_at(known + pair, outside)),
+        Metric("outside_named", f"outside: an effect named with p > {SURE}",
+               shared(outside, lambda c: c.answer.verdict == "effect" and c.answer.probability > SURE)),
+        Metric("ece", "calibration error of the verdict's probability", bootstrap(confidence(cases), calibration_error)),
+        Metric("log_score", "single and none: mean -log p of the truth",
+               mean([-math.log(max(c.probability_on_truth, LEAST_PROBABILITY)) for c in known])),
+        Metric("size_90", "single, right: 90 % interval of the size covers", share(np.array(intervals, float))),
+        Metric("closed", "single, right: median share of the gap closed",
+               bootstrap(np.array(closed), lambda v: float(np.median(v)))),
+        Metric("seconds", "median seconds a case",
+               bootstrap(np.array([c.answer.seconds for c in cases]), lambda v: float(np.median(v)))),
+        Metric("failed", "diagnosis failed", shared(cases, lambda c: c.answer.verdict == "failed")),
+    ]  # fmt: skip
+
+
+def _size_hit(c: Scored) -> bool | None:
+    (name,) = c.truth
+    found = true_size(name, c.answer.sizes.get(name, {}))
+    return None if found is None else within_90(c.sizes[name], *found)
+
+
+def flagged_at(known: Sequence[Scored], outside: Sequence[Scored], share_allowed: float = FALSE_FLAGS) -> Interval:
+    """Share of unknowns whose stated probability of "unknown" exceeds that of all but a tenth of the known cases.
+
+    A score that is the same for all (always 0) flags nothing.
+    """
+    if not known or not outside:
+        return Interval(math.nan, math.nan, math.nan, 0)
+    limit = float(np.quantile([c.answer.unknown_probability for c in known], 1 - share_allowed, method="higher"))
+    return share(np.array([c.answer.unknown_probability > limit for c in outside], float))
+
+
+def confidence(cases: Sequence[Scored]) -> Array:
+    """(n, 2): stated probability of the verdict, and whether it was right; failed answers left out."""
+    rows = [(c.answer.probability, float(c.right)) for c in cases if c.answer.verdict != "failed"]
+    return np.array(rows, float).reshape(-1, 2)
+
+
+def calibration_error(pairs: Array) -> float:
+    """Expected calibration error over ten equal bins of probability: mean of |right - stated|, weighted by cases."""
+    return float(sum(abs(stated - right) * n for stated, right, n in reliability(pairs)) / max(len(pairs), 1))
+
+
+def reliability(pairs: Array) -> list[tuple[float, float, int]]:
+    """(mean stated, share right, cases) of each bin that holds cases."""
+    bins = np.minimum((pairs[:, 0] * BINS).astype(int), BINS - 1)
+    out = []
+    for b in np.unique(bins):
+        own = pairs[bins == b]
+        out.append((float(own[:, 0].mean()), float(own[:, 1].mean()), len(own)))
+    return out
+
+
+def confusion(cases: Sequence[Scored]) -> tuple[list[str], list[str], NDArray[np.int64]]:
+    """Rows: single truths, pairs, none, outside; columns: what was named; counts."""
+    rows = [*sorted({_one(c.truth) for c in cases if c.kind == "single"}), "pair", "none", "outside"]
+    rows = [r for r in rows if r not in ("pair", "none", "outside") or any(c.kind == r for c in cases)]
+    named = sorted(
+        {x for c in cases for x in c.answer.effects} | {r for r in rows if r not in ("pair", "none", "outside")}
+    )
+    columns = [*named, "several", "none", "unknown", "failed"]
+    counts = np.zeros((len(rows), len(columns)), np.int64)
+    for c in cases:
+        row = _one(c.truth) if c.kind == "single" else c.kind
+        verdict = c.answer.verdict
+        if verdict == "effect":
+            verdict = _one(c.answer.effects) if len(c.answer.effects) == 1 else "several"
+        counts[rows.index(row), columns.index(verdict)] += 1
+    keep = [j for j in range(len(columns)) if counts[:, j].any()]
+    return rows, [columns[j] for j in keep], counts[:, keep]
+
+
+def _one(effects: Effects) -> str:
+    return next(iter(effects))

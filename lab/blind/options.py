@@ -1,0 +1,42 @@
+"""Options of `lab blind`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The three steps and their options."""
+    steps = parser.add_subparsers(dest="step", required=True, metavar="STEP")
+    p = steps.add_parser("make", help="draw the truth, measure the cases, seal the truth")
+    p.add_argument("out", type=Path, help="an empty folder")
+    p.add_argument("--n", type=int, default=200, help="cases (default 200)")
+    p.add_argument("--seed", type=int, required=True, help="a number that was not used before")
+    p.add_argument("--design", default="full", help="tip, full (orientation and unload), full+markers, full+extras")
+    p.add_argument(
+        "--clutter", type=float, default=0.0, help="every other effect at this share of its scale (0 or 0.15)"
+    )
+    p.add_argument(
+        "--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"
+    )
+    p.add_argument("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly")
+    p.add_argument("--per-length", action="store_true", help="an area factor of its own for each spine length")
+    p.add_argument("--wire", type=int, default=10, help="cases measured through every wire (default 10)")
+    p.add_argument("--no-menu", action="store_true", help="no further experiments to ask for")
+    p.add_argument(
+        "--only",
+        nargs="+",
+        default=("single", "pair", "none", "outside"),
+        choices=("single", "pair", "none", "outside"),
+    )
+    p.add_argument("--workers", type=int, default=1)
+    p = steps.add_parser("run", help="diagnose every case; the seal stays closed")
+    p.add_argument("out", type=Path)
+    p.add_argument("--chosen", type=int, default=0, help="experiments that the diagnosis may ask for (0 to 3)")
+    p.add_argument("--workers", type=int, default=1)
+    p = steps.add_parser("score", help="open the seal and score")
+    p.add_argument("out", type=Path)
+    p.add_argument("--after", type=int, help="score the answers given after this many experiments (default: the last)")
+    p.add_argument("--docs", type=Path, help="also write the section of this document (docs/blind.md) and its picture")
+    p.add_argument("--json", action="store_true", help="print the result as JSON")

@@ -1,0 +1,159 @@
+"""`lab blind run`: diagnose every case of a set without its seal, and give it the experiments it asks for."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from recordings.table_file import read_csv, write_csv
+from recordings.trials import Table
+
+from ..config import ConfigError
+from .designs import CHANNELS, joined
+from .folder import SetFolder
+from .sweeps import MENU
+from .workers import spread
+
+Diagnose = Callable[[Path], dict[str, Any]]
+"""A case folder in, diagnosis.json out."""
+WORDS = {
+    "tip_mass": ("tip mass", "tip_mass"),
+    "all_chambers": ("all chambers", "all nine", "all_chambers", "elongation"),
+    "other_group": ("other chamber", "other group", "other_group", "other_chambers"),
+    "roll": ("roll",),
+    "hold": ("hold", "held"),
+    "fast": ("fast", "rate"),
+    "vacuum": ("vacuum",),
+    "unload": ("unload",),
+    "orientation": ("orientation",),
+    "markers": ("marker",),
+}
+"""How a diagnosis may call what is on the menu."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One diagnosis of a case, after what it had asked for."""
+
+    asked: tuple[str, ...]
+    seconds: float
+    diagnosis: dict[str, Any]
+
+
+def run(root: Path, diagnose: Diagnose, chosen: int = 0, workers: int = 1, quiet: bool = False) -> int:
+    """Diagnose all cases that have no answer yet; returns how many. `chosen`: experiments a diagnosis may ask for.
+
+    Raises ConfigError when the set has been scored already.
+    """
+    folder = SetFolder(root)
+    folder.public()
+    if folder.score.exists():
+        raise ConfigError(
+            f"{folder.score} exists: the seal was opened, answers given now are not blind; make a new set"
+        )
+    todo = [n for n in folder.names() if not (folder.answers(n) / "rounds.json").exists()]
+    done = spread(partial(answer, folder, diagnose, chosen), todo, workers, "cases diagnosed", quiet)
+    return sum(1 for _ in done)
+
+
+def answer(folder: SetFolder, diagnose: Diagnose, chosen: int, name: str) -> str:
+    """Diagnose one case and write its rounds; a diagnosis that fails is an answer too. Returns the case's name."""
+    case = folder.case(name)
+    table, menu = read_csv(case / "trials.csv"), case / "menu"
+    rounds: list[Round] = []
+    asked: tuple[str, ...] = ()
+    while True:
+        began = time.monotonic()
+        found = _diagnosed(diagnose, case / "robot.yaml", table)
+        rounds.append(Round(asked, time.monotonic() - began, found))
+        wish = wanted(found, asked) if len(asked) < chosen and menu.is_dir() else None
+        if wish is None:
+            break
+        table = granted(table, menu, wish)
+        asked = (*asked, wish)
+    target = folder.answers(name)
+    target.mkdir(parents=True, exist_ok=True)
+    text = json.dumps([{"asked": r.asked, "seconds": r.seconds, "diagnosis": r.diagnosis} for r in rounds], indent=1)
+    (target / "rounds.json.part").write_text(text, encoding="utf-8")
+    (target / "rounds.json.part").replace(target / "rounds.json")
+    return name
+
+
+def _diagnosed(diagnose: Diagnose, robot: Path, table: Table) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix="case-") as place:
+        shutil.copy(robot, place)
+        write_csv(table, Path(place) / "trials.csv")
+        try:
+            return diagnose(Path(place))
+        except Exception as e:  # noqa: BLE001 - whatever goes wrong counts against the diagnosis, not against the bench
+            return {"error": f"{type(e).__name__}: {e}"}
+
+
+def wanted(diagnosis: dict[str, Any], had: Sequence[str]) -> str | None:
+    """The first experiment of `next_experiment` that is on the menu and was not done yet; None when none is."""
+    for item in diagnosis.get("next_experiment") or ():
+        key = menu_key(f"{item.get('id', '')} {item.get('do', '')}")
+        if key is not None and key not in had:
+            return key
+    return None
+
+
+def menu_key(text: str) -> str | None:
+    """What a diagnosis means by its words; None for what is not on the menu."""
+    text = text.lower()
+    return next((key for key, words in WORDS.items() if any(w in text for w in words)), None)
+
+
+def granted(table: Table, menu: Path, wish: str) -> Table:
+    """The campaign with one more experiment, seen through the channels that are measured by now."""
+    if wish in CHANNELS:
+        return _widened(table, read_csv(menu / "base.csv"), wish)
+    extra = read_csv(menu / f"{wish}.csv")
+    orientation = any(r.orientation is not None for r in table)
+    markers = any(r.markers for r in table)
+    rows = [
+        replace(r, orientation=r.orientation if orientation else None, markers=r.markers if markers else ())
+        for r in extra
+    ]
+    return joined([table, Table(tuple(rows))])
+
+
+def _widened(table: Table, base: Table, channel: str) -> Table:
+    """The base sweep with one more channel, in front of whatever else was measured."""
+    key = {(r.trial, r.step): r for r in base}
+    trials = max(r.trial for r in base)
+    rows = []
+    for r in table:
+        full = key.get((r.trial, r.step)) if r.trial <= trials else None
+        if full is None or channel == "unload":
+            rows.append(r)
+        elif channel == "orientation":
+            rows.append(replace(r, orientation=full.orientation))
+        else:
+            rows.append(replace(r, markers=full.markers))
+    if channel == "unload":
+        first = rows[0]
+        there = {(r.trial, r.step) for r in rows}
+        more = [
+            replace(
+                r,
+                orientation=r.orientation if first.orientation is not None else None,
+                markers=r.markers if first.markers else (),
+            )
+            for r in base
+            if (r.trial, r.step) not in there
+        ]
+        own = sorted([*[r for r in rows if r.trial <= trials], *more], key=lambda r: (r.trial, r.step))
+        rows = [*own, *[r for r in rows if r.trial > trials]]
+    return Table(tuple(rows))
+
+
+if set(WORDS) != {s.name for s in MENU} | set(CHANNELS):
+    raise RuntimeError("words and menu name different experiments")

@@ -1,0 +1,113 @@
+"""`lab blind score`: open the seal, compare, and write what it came to as JSON, table, picture and a section of docs/blind.md."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import ConfigError
+from .answers import Answer, read_answer
+from .folder import SetFolder, open_seal
+from .metrics import Metric, Scored, confidence, confusion, metrics, reliability, scored
+from .targets import Target, targets
+
+
+@dataclass(frozen=True)
+class Score:
+    """A set's figures."""
+
+    name: str
+    about: dict[str, Any]
+    after: int
+    """Experiments that the diagnosis had chosen and was given, at most."""
+    cases: tuple[Scored, ...]
+    figures: tuple[Metric, ...]
+    aims: dict[str, Target]
+
+    @property
+    def shortfalls(self) -> list[tuple[Metric, Target]]:
+        """Figures that miss their target."""
+        return [
+            (m, self.aims[m.key])
+            for m in self.figures
+            if m.key in self.aims and m.found.n and not self.aims[m.key].met(m.found.value)
+        ]
+
+    @property
+    def confusion(self) -> tuple[list[str], list[str], NDArray[np.int64]]:
+        """True effects, named effects, counts."""
+        return confusion(self.cases)
+
+    @property
+    def reliability(self) -> list[tuple[float, float, int]]:
+        """Stated probability, share right, cases."""
+        return reliability(confidence(self.cases))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able."""
+        rows, columns, counts = self.confusion
+        return {
+            "schema": "blind-score/1",
+            "set": self.name,
+            "about": self.about,
+            "after_chosen_experiments": self.after,
+            "figures": [
+                {"key": m.key, "label": m.label, **_finite(asdict(m.found)),
+                 "target": str(self.aims[m.key]) if m.key in self.aims else None,
+                 "met": self.aims[m.key].met(m.found.value) if m.key in self.aims and m.found.n else None}
+                for m in self.figures
+            ],
+            "confusion": {"true": rows, "named": columns, "counts": counts.tolist()},
+            "reliability": [{"stated": s, "right": r, "cases": n} for s, r, n in self.reliability],
+            "cases": [_case(c) for c in self.cases],
+        }  # fmt: skip
+
+
+def score(root: Path, after: int | None = None) -> Score:
+    """Open the seal of a set and score its answers, the last of each case or those `after` chosen experiments.
+
+    Raises ConfigError when a case has no answer, or the seal is not the one that was committed to.
+    """
+    folder = SetFolder(root)
+    about = folder.public()
+    paths = {name: folder.answers(name) / "rounds.json" for name in folder.names()}
+    missing = [name for name, path in paths.items() if not path.exists()]
+    if missing:
+        raise ConfigError(
+            f"{root}: {len(missing)} of {len(paths)} cases have no answer ({', '.join(missing[:5])} ..); "
+            "the seal stays closed, run `lab blind run` first"
+        )
+    answers: dict[str, Answer] = {name: read_answer(path, name, after) for name, path in paths.items()}
+    truth = open_seal(folder)
+    cases = tuple(scored(truth[name], answers[name]) for name in sorted(answers))
+    chosen = max((len(a.asked) for a in answers.values()), default=0)
+    return Score(root.name, about, chosen, cases, tuple(metrics(cases)), targets(about, chosen))
+
+
+def write(result: Score, root: Path) -> Path:
+    """score.json in the set's folder; it also marks the seal as opened."""
+    path = SetFolder(root).score
+    data = {**result.as_dict(), "opened": time.strftime("%Y-%m-%d %H:%M:%S")}
+    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    return path
+
+
+def _case(c: Scored) -> dict[str, Any]:
+    a = c.answer
+    return {
+        "case": a.case, "kind": c.kind, "truth": c.sizes, "verdict": a.verdict, "named": sorted(a.effects),
+        "probability": a.probability, "probability_on_truth": c.probability_on_truth, "right": c.right,
+        "top1": c.first, "covered": c.covered, "asked": list(a.asked), "error": a.error,
+        **_finite({"seconds": a.seconds, "share_closed": a.share_closed}),
+    }  # fmt: skip
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}

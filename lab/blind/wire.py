@@ -1,0 +1,57 @@
+"""A blind case measured as in the lab: fake instruments on every wire, the protocol, a recording, and its table."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from recordings.errors import RecordingError
+from recordings.reader import Recording
+from recordings.replay import table_of
+from recordings.trials import Table
+from sim_fakes.rig import FakeRig
+
+from ..console import Screen
+from ..fakes import write_rig
+from ..rig import Rig
+from ..rig_file import load_rig
+from ..run import connect, execute, job
+from .bench_robot import BenchRobot
+from .sweeps import Sweep
+from .truth import Truth
+
+SPEED = 20.0
+"""Rig seconds a host second."""
+ATTEMPTS = 3
+"""A protocol that gives up on a busy machine is run again."""
+
+
+def measure_by_wire(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: float = SPEED) -> Table:
+    """Record the sweep into `folder` and return the rows that the recording holds.
+
+    Raises what the last attempt raised: `protocols.errors.ProtocolError`, `drivers.errors.InstrumentError`.
+    """
+    for attempt in range(1, ATTEMPTS + 1):
+        try:
+            return _record(truth, sweep, robot_yaml, folder, speed)
+        except (RecordingError, OSError, RuntimeError) as e:
+            if attempt == ATTEMPTS:
+                raise
+            (folder / f"failed-{attempt}.txt").write_text(f"{time.strftime('%H:%M:%S')} {e}\n")
+    raise RuntimeError("unreachable: every attempt returns or raises")
+
+
+def _record(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: float) -> Table:
+    robot = BenchRobot(truth)
+    fakes = FakeRig(speed=speed, seed=truth.seed % 10**6, truth=robot.truth)
+    fakes.robot = robot
+    with fakes:
+        write_rig(fakes, folder / "rig.yaml")
+        (folder / "robot.yaml").write_text(robot_yaml)
+        asked = job(sweep.protocol, folder / "rig.yaml", sweep.settings())
+        with Rig(load_rig(folder / "rig.yaml")) as rig:
+            connect(rig, quiet=True)
+            outcome = execute(rig, asked, folder, Screen(sweep.name, speed, quiet=True))
+    if outcome.error is not None:
+        raise RuntimeError(f"{sweep.name}: {outcome.error}") from outcome.error
+    return table_of(Recording.open(outcome.file))
