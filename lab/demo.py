@@ -18,7 +18,7 @@ from sim_fakes.virtual_robot import draw_effect, list_effects
 from .check import check
 from .compare import comparison
 from .compare import sheet as error_sheet
-from .console import Screen, clock, out
+from .console import Screen, out
 from .demo_report import Seal, write
 from .fakes import write_rig
 from .fit import calibrate
@@ -55,7 +55,7 @@ class Story:
 
     def step(self, title: str, do: Callable[[], T]) -> T:
         """Say what comes, do it."""
-        out.print(f"\n[bold]{title}[/bold]  [dim]{clock(time.monotonic() - self.began)}[/dim]")
+        out.print(f"\n[bold]{title}[/bold]  [dim]{time.monotonic() - self.began:.0f} s[/dim]")
         return do()
 
 
@@ -91,7 +91,7 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     out.print(f"{page}")
     out.print(f"\nThe seal: {seal.text}")
     out.print(f"[bold]The effect that was on: {seal.effect}[/bold] = {seal.size:.4g} {seal.unit} ({seal.physics})")
-    out.print(f"Done in {clock(time.monotonic() - story.began)}.")
+    out.print(f"Done in {time.monotonic() - story.began:.0f} s.")
     return 0 if equal and all(r.error is None and r.safe for r in runs) else 1
 
 

@@ -87,7 +87,7 @@ def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pyte
 def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_all_six_lengths(
     virtual_lab: VirtualLab, tmp_path: Path
 ) -> None:
-    settings = ["--set", "steps=5", "--set", "min_samples=30"]
+    settings = ["--set", "steps=6", "--set", "min_samples=40"]
     assert lab("run", "stiffness", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
     found = calibrate(read_case([recorded(tmp_path)])).spine_modulus
     assert sorted(round(x, 3) for x in found) == sorted(TABLE_II)
@@ -97,7 +97,7 @@ def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_all_six_length
         # The stated 95 % interval, half as wide again: six of them are to hold at once, in every run.
         half = 0.75 * (high - low)
         assert abs(modulus.value - truth) < half, f"{length} m: {modulus} against {truth}"
-        assert half < 0.1 * truth
+        assert half < 0.2 * truth
 
 
 def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
