@@ -83,7 +83,8 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
     sound = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
     concerns = []
     if len(sound) < len(of_robot):
-        concerns.append(f"{len(of_robot) - len(sound)} of {len(of_robot)} states hold values that are not finite and are left out")  # fmt: skip
+        bad = len(of_robot) - len(sound)
+        concerns.append(f"{bad} of {len(of_robot)} states hold values that are not finite and are left out")
     if not sound:
         raise BadCase(f"all {len(of_robot)} states hold values that are not finite: nothing can be compared")
     _refuse_strange(robot, sound)
@@ -109,7 +110,9 @@ def _refuse_strange(robot: Robot, rows: list[TrialRow]) -> None:
         )
     longest = max(r.spine_length for r in rows)
     if longest > robot.length * 1.001:
-        raise BadCase(f"spine length {longest:g} m is beyond the robot's {robot.length:g} m: check the unit (m) or the robot")
+        raise BadCase(
+            f"spine length {longest:g} m is beyond the robot's {robot.length:g} m: check the unit (m) or the robot"
+        )
 
 
 def _arrays(rows: list[TrialRow]) -> States:
@@ -118,8 +121,8 @@ def _arrays(rows: list[TrialRow]) -> States:
     pressure = np.array([r.pressures for r in rows])
     branch = np.array([-1.0 if r.branch == "unload" else 1.0 for r in rows])
     kind = _kinds(rows, pressure)
-    level = _levels(pressure.max(axis=1), PRESSURE_GAP)
-    keys = np.column_stack([_levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind])
+    level = levels(pressure.max(axis=1), PRESSURE_GAP)
+    keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind])
     condition = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
     time = np.array([np.nan if r.t is None else r.t for r in rows])
     tip = np.array([r.tip for r in rows])
@@ -140,18 +143,18 @@ def _kinds(rows: list[TrialRow], pressure: Array) -> Ints:
     columns = [
         np.unique([r.protocol for r in rows], return_inverse=True)[1],
         np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
-        _levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
-        _levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
-        _levels(np.array([r.vacuum or 0.0 for r in rows]), 5 * VACUUM_GAP),
+        levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
+        levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
+        levels(np.array([r.vacuum or 0.0 for r in rows]), 5 * VACUUM_GAP),
         ramping.astype(np.int64),
-        _levels(speed, RATE_GAP),
+        levels(speed, RATE_GAP),
     ]
     _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
     rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
     return rank[index.reshape(-1)].astype(np.int64)
 
 
-def _levels(values: Array, gap: float) -> Ints:
+def levels(values: Array, gap: float) -> Ints:
     """Number of each value's level: sorted values further than `gap` apart belong to different levels."""
     order = np.argsort(values, kind="stable")
     out = np.empty(len(values), np.int64)
@@ -161,8 +164,8 @@ def _levels(values: Array, gap: float) -> Ints:
 
 def _concerns(s: States) -> list[str]:
     said = []
-    lengths = len(np.unique(_levels(s.spine_length, SPINE_GAP)))
-    pressures = len(np.unique(_levels(s.highest, PRESSURE_GAP)))
+    lengths = len(np.unique(levels(s.spine_length, SPINE_GAP)))
+    pressures = len(np.unique(levels(s.highest, PRESSURE_GAP)))
     if lengths < 2:
         said.append(
             "one spine length only: what the spine does cannot be told from what the body does; record at least two lengths"

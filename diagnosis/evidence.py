@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from .linear import Linear, Reduced
+from .problem import Parameters
 
 Array = NDArray[np.float64]
 
@@ -64,16 +65,17 @@ class Weighed:
         return out
 
 
-def weigh(reduced: Sequence[Reduced], grid: Grid, masks: NDArray[np.bool_], low: Array, high: Array) -> list[Weighed]:
+def weigh(reduced: Sequence[Reduced], grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
     """Log evidence of hypotheses.
 
-    `reduced` one for each size of the grid; `masks` (h, p) which effects' parameters each hypothesis names; `low`,
-    `high` (p,) bounds of the parameters in units of their scale. A named parameter's prior is a normal cut at its
-    bounds; the spikes are left uncut (they are narrow and stand for small errors of either sign).
+    `reduced` holds one problem for each size of the grid. A named parameter's prior is a normal cut at its bounds; the
+    spikes are left uncut (they are narrow and stand for small errors of either sign).
     """
+    masks = np.array([parameters.mask(h) for h in named])
+    low, high = parameters.low, parameters.high
     cells = np.empty((len(masks), len(grid.spikes), len(grid.sizes)))
     for i, spike in enumerate(grid.spikes):
-        variance = np.where(masks, 1.0, spike**2)
+        variance = np.where(masks, 1.0, spike**2 * parameters.sizes)
         for j, problem in enumerate(reduced):
             cells[:, i, j] = problem.log_evidence(variance) + _cut(problem, variance, masks, low, high)
     cells += grid.log_weights
@@ -109,6 +111,6 @@ def _log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:
     return out
 
 
-def weigh_at(linear: Linear, grid: Grid, masks: NDArray[np.bool_], low: Array, high: Array) -> list[Weighed]:
+def weigh_at(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
     """The same, starting from a linear problem."""
-    return weigh(linear.reductions(grid.sizes), grid, masks, low, high)
+    return weigh(linear.reductions(grid.sizes), grid, parameters, named)

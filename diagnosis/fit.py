@@ -119,7 +119,5 @@ def _bounded(curve: Array, score: Array, low: Array, high: Array) -> Array:
         x = np.clip(x, low, high)
         loose = ~held
         if loose.any():
-            x[loose] = np.linalg.solve(
-                curve[np.ix_(loose, loose)], score[loose] - curve[np.ix_(loose, held)] @ x[held]
-            )
+            x[loose] = np.linalg.solve(curve[np.ix_(loose, loose)], score[loose] - curve[np.ix_(loose, held)] @ x[held])
     return np.clip(x, low, high)

@@ -130,7 +130,9 @@ class _Loss:
         prior = 0.5 * float(((shift / VAGUE) ** 2).sum())
         total = noise.log_sd + 0.5 * float(white @ white) + prior
         if self._trial:
-            columns = noise.whiten(np.hstack([sd * block for sd, block in zip(value[g + 1 :], self._trial, strict=True)]))
+            columns = noise.whiten(
+                np.hstack([sd * block for sd, block in zip(value[g + 1 :], self._trial, strict=True)])
+            )
             factor = cho_factor(np.eye(columns.shape[1]) + columns.T @ columns, lower=True)
             pulled = columns.T @ white
             total += float(np.log(np.diag(factor[0])).sum()) - 0.5 * float(pulled @ cho_solve(factor, pulled))

@@ -44,7 +44,9 @@ def left_out(problem: Problem, model: Model, fold: Ints) -> Array:
     return missed
 
 
-def _refitted(problem: Problem, model: Model, at: Array, predicted: Array, slope: Array, seen: NDArray[np.bool_]) -> Array:
+def _refitted(
+    problem: Problem, model: Model, at: Array, predicted: Array, slope: Array, seen: NDArray[np.bool_]
+) -> Array:
     """Parameters (k,) that fit the values marked `seen`, by the linear problem around `at`."""
     p = problem.parameters
     scale = p.sd.copy()

@@ -54,7 +54,8 @@ class Linear:
         for size in np.asarray(sizes, float):
             scale = np.concatenate([np.ones(q), np.full(m, size)])
             kept = slice(0, q) if size == 0 else slice(None)
-            made.append(self._reduced(own, scale[kept, None] * across[kept], np.outer(scale, scale)[kept, kept] * within[kept, kept]))  # fmt: skip
+            gram = np.outer(scale, scale)[kept, kept] * within[kept, kept]
+            made.append(self._reduced(own, scale[kept, None] * across[kept], gram))
         return made
 
     def _reduced(self, own: Array, across: Array, within: Array) -> Reduced:

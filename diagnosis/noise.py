@@ -29,7 +29,7 @@ class Noise:
     def _ratio(self) -> tuple[Array, Array]:
         """s / sd of each value, and its squared norm in each state."""
         ratio = self.shared / self.sd
-        return ratio, np.bincount(self.state, ratio**2)
+        return ratio, np.bincount(self.state, ratio**2).astype(np.float64)
 
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""

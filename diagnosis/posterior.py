@@ -63,7 +63,9 @@ class Posterior:
         return out
 
 
-def posterior(candidates: Sequence[Candidate], unknown: Candidate | None, effects: int, temperature: float) -> Posterior:
+def posterior(
+    candidates: Sequence[Candidate], unknown: Candidate | None, effects: int, temperature: float
+) -> Posterior:
     """Probabilities; `effects` is how many the catalogue holds, `temperature` divides log evidence (see tempering)."""
     entries = [(c.named, c, np.log(SHARES.get(len(c.named), 1e-3) / comb(effects, len(c.named)))) for c in candidates]
     if unknown is not None:

@@ -42,8 +42,10 @@ class Parameters:
     lower: Array
     upper: Array
     units: tuple[str, ...]
-    stages: tuple[str, ...] = ()
-    """Stage of the chain each effect's parameter belongs to."""
+    shapes: tuple[bool, ...] = ()
+    """Parameters that say how an effect looks and do nothing where its size is zero; empty: none is."""
+    starts: tuple[tuple[float, ...], ...] = ()
+    """Values from which a search begins when the parameter's effect is named; empty: at the mean alone."""
 
     @property
     def of_effect(self) -> NDArray[np.bool_]:
@@ -54,6 +56,31 @@ class Parameters:
     def ids(self) -> tuple[str, ...]:
         """The effects, once each, in order."""
         return tuple(dict.fromkeys(e for e in self.effects if e))
+
+    @property
+    def scale(self) -> Array:
+        """(p,) plausible scale of the effects' parameters."""
+        return self.sd[self.of_effect]
+
+    @property
+    def low(self) -> Array:
+        """(p,) lower bounds of the effects' parameters, in units of their scale."""
+        return (self.lower / self.sd)[self.of_effect]
+
+    @property
+    def high(self) -> Array:
+        """(p,) upper bounds of the same."""
+        return (self.upper / self.sd)[self.of_effect]
+
+    @property
+    def sizes(self) -> NDArray[np.bool_]:
+        """(p,) which of the effects' parameters are sizes: they alone may be a little off zero without being named."""
+        shapes = np.array(self.shapes or (False,) * len(self.names))
+        return ~shapes[self.of_effect]
+
+    def variance(self, chosen: tuple[str, ...], spike: float) -> Array:
+        """(p,) prior variances in units of the scale when some effects are named and the others held narrow."""
+        return np.where(self.mask(chosen), 1.0, spike**2 * self.sizes)
 
     def mask(self, chosen: tuple[str, ...]) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters belong to the chosen effects."""

@@ -115,7 +115,7 @@ class Shrink:
     after_mm: float
     floor_mm: float
     share_closed: float | None
-    """1 - (after^2 - floor^2) / (before^2 - floor^2); negative where the effect makes it worse, None where nothing can be closed."""
+    """1 - (after^2 - floor^2) / (before^2 - floor^2); negative where it gets worse, None where nothing can be closed."""
     ci95: tuple[float, float] | None
     by_spine_length: tuple[LengthShrink, ...]
 
@@ -187,7 +187,9 @@ def _names(lists: list[list[str]]) -> tuple[tuple[str, ...], ...]:
 def _read(d: dict[str, Any]) -> Diagnosis:
     where, which, far = d["locate"], d["attribute"], d["shrink"]
     ranking = tuple(
-        Ranked(**{**r, "effects": tuple(r["effects"]), "parameters": {k: Value(**v) for k, v in r["parameters"].items()}})
+        Ranked(
+            **{**r, "effects": tuple(r["effects"]), "parameters": {k: Value(**v) for k, v in r["parameters"].items()}}
+        )
         for r in which["ranking"]
     )
     shrink = None

@@ -8,6 +8,7 @@ leading pairs, as long as naming one more effect pays for its prior.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -61,9 +62,6 @@ class Search:
 
     def __init__(self, problem: Problem, grid: Grid = KNOWN, extent: Extent | None = None) -> None:
         self.problem, self.grid, self.extent = problem, grid, extent or Extent()
-        p = problem.parameters
-        own = p.of_effect
-        self._low, self._high = (p.lower / p.sd)[own], (p.upper / p.sd)[own]
         self.none = self._none()
         self.found: dict[Hypothesis, Candidate] = {NONE: self.none}
 
@@ -77,8 +75,7 @@ class Search:
 
     def unknown(self, near: Candidate) -> Candidate:
         """The hypothesis that something outside the catalogue is at work, around the fit of another candidate."""
-        masks = np.zeros((1, len(self._low)), bool)
-        found = weigh_at(near.fit.linear, LARGE, masks, self._low, self._high)[0]
+        found = weigh_at(near.fit.linear, LARGE, self.problem.parameters, [NONE])[0]
         spike, size = _peak(found, LARGE)
         return Candidate(NONE, found, near.fit, spike, size, unknown=True)
 
@@ -103,11 +100,15 @@ class Search:
         p = self.problem.parameters
         near = self._weigh(named, self.none.fit)
         own = np.array([e in named for e in p.effects])
-        starts = [self.none.fit.theta]
-        starts += [np.where(own, np.clip(sign * p.sd, p.lower, p.upper), starts[0]) for sign in (1.0, -1.0)]
-        different = [s for i, s in enumerate(starts) if not any(np.allclose(s[own], t[own]) for t in starts[:i])]
-        tried = [self._weigh(named, self._fit(named, near.spike, near.size, start, 1)) for start in different]
+        begin = [p.starts[i] if own[i] and p.starts else () for i in range(len(own))]
+        tried = [self._weigh(named, self._fit(named, near.spike, near.size, s, 1)) for s in self._starts(begin)]
         return max(tried, key=lambda c: c.log_evidence)
+
+    def _starts(self, begin: Sequence[tuple[float, ...]]) -> list[Array]:
+        """Points (k,) from which a search begins: the fit of none, with every combination of the values to begin at."""
+        here = self.none.fit.theta
+        choices = [values or (float(here[i]),) for i, values in enumerate(begin)]
+        return [np.array(point) for point in itertools.product(*choices)]
 
     def _polished(self, c: Candidate) -> Candidate:
         return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit.theta))
@@ -117,8 +118,8 @@ class Search:
         grown: dict[Hypothesis, Candidate] = {}
         for parent in parents:
             children = self._children(parent)
-            masks = np.array([self.problem.parameters.mask(h) for h in children])
-            for named, found in zip(children, weigh_at(parent.fit.linear, self.grid, masks, self._low, self._high), strict=True):  # fmt: skip
+            weighed = weigh_at(parent.fit.linear, self.grid, self.problem.parameters, children)
+            for named, found in zip(children, weighed, strict=True):
                 if named not in grown or grown[named].log_evidence < found.log_evidence:
                     grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid))
         leading = sorted(grown.values(), key=lambda c: -c.log_evidence)
@@ -133,12 +134,11 @@ class Search:
         return [tuple(sorted((*parent.named, e), key=ids.index)) for e in more]
 
     def _fit(self, named: Hypothesis, spike: float, size: float, start: Array, rounds: int = 4) -> Fit:
-        variance = np.where(self.problem.parameters.mask(named), 1.0, spike**2)
+        variance = self.problem.parameters.variance(named, spike)
         return fit(self.problem, variance, size, start, rounds)
 
     def _weigh(self, named: Hypothesis, fitted: Fit) -> Candidate:
-        mask = self.problem.parameters.mask(named)[None, :]
-        found = weigh_at(fitted.linear, self.grid, mask, self._low, self._high)[0]
+        found = weigh_at(fitted.linear, self.grid, self.problem.parameters, [named])[0]
         return Candidate(named, found, fitted, *_peak(found, self.grid))
 
 

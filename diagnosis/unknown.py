@@ -47,15 +47,12 @@ class Signs:
 def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
     """Look for all four around the best hypothesis; `trial`, `kind` (n,) of each measured value."""
     linear = best.fit.linear
-    mask = problem.parameters.mask(best.named)
-    p = problem.parameters
-    low, high = (p.lower / p.sd)[p.of_effect], (p.upper / p.sd)[p.of_effect]
-    beside = weigh_at(linear, LARGE, mask[None, :], low, high)[0]
+    beside = weigh_at(linear, LARGE, problem.parameters, [best.named])[0]
     both = np.concatenate([best.weighed.cells, beside.cells + np.log(LARGE_SHARE)], axis=1)
     weight = np.exp(both - both.max())
     sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
-    variance = np.where(mask, 1.0, best.spike**2)
+    variance = problem.parameters.variance(best.named, best.spike)
     plain = _Gaussian(linear, variance, 0.0)
     within = _Gaussian(linear, variance, max(best.size, 0.5))
     surprise, numbers, probability = [], np.unique(trial), []

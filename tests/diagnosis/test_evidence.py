@@ -10,13 +10,19 @@ from scipy.stats import multivariate_normal, norm
 from diagnosis.evidence import Grid, weigh_at
 from diagnosis.linear import Linear
 from diagnosis.noise import Noise
+from diagnosis.problem import Parameters
 
 RNG = np.random.default_rng(7)
-PLAIN = Grid(np.array([0.1]), np.array([1.0]), np.array([0.5]), np.array([1.0]))
 
 
 def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
     return Linear(RNG.normal(size=n), RNG.normal(size=(n, p)), RNG.normal(size=(n, q)), RNG.normal(size=(n, m)), 1.7)
+
+
+def parameters(p: int, lower: float = -np.inf) -> Parameters:
+    names = tuple(f"e{i}" for i in range(p))
+    bounds = np.full(p, lower), np.full(p, np.inf)
+    return Parameters(names, names, np.zeros(p), np.ones(p), *bounds, ("1",) * p)
 
 
 def dense_log_evidence(linear: Linear, variance: np.ndarray, size: float) -> float:
@@ -43,14 +49,14 @@ def test_a_bounded_effect_is_weighed_with_the_prior_cut_at_its_bound() -> None:
 
     exact = np.log(quad(joint, 0, 10)[0])
     one = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]))
-    found = weigh_at(linear, one, np.array([[True]]), np.array([0.0]), np.array([np.inf]))[0]
+    found = weigh_at(linear, one, parameters(1, lower=0.0), [("e0",)])[0]
     assert found.log_evidence == pytest.approx(exact, abs=1e-6)
 
 
 def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     linear = small_problem()
     grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]))
-    found = weigh_at(linear, grid, np.array([[False, True, False]]), np.full(3, -np.inf), np.full(3, np.inf))[0]
+    found = weigh_at(linear, grid, parameters(3), [("e1",)])[0]
     cells = [
         w * v * np.exp(dense_log_evidence(linear, np.array([k**2, 1.0, k**2]), g))
         for k, w in zip(grid.spikes, grid.spike_weights, strict=True)

@@ -12,7 +12,9 @@ from diagnosis.floor import Components, Repeated, components, reading_rms
 USUAL = Components({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 0)
 
 
-def repeated(seed: int, sd: float, pressure_sd: float, trial_sd: float, repeats: int = 3, error: float = 0.0) -> Repeated:
+def repeated(
+    seed: int, sd: float, pressure_sd: float, trial_sd: float, repeats: int = 3, error: float = 0.0
+) -> Repeated:
     rng = np.random.default_rng(seed)
     conditions = 60
     condition = np.repeat(np.arange(conditions), repeats)

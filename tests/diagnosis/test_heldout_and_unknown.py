@@ -60,7 +60,8 @@ def test_a_world_of_the_catalogue_leaves_no_sign() -> None:
 
 
 def test_a_smooth_cause_outside_the_catalogue_is_seen_as_discrepancy() -> None:
-    wave = np.column_stack([np.zeros(len(GRID.length)), np.sin(GRID.length / 0.05) * GRID.pressure / 250e3, np.zeros(len(GRID.length))])
+    out_of_plane = np.sin(GRID.length / 0.05) * GRID.pressure / 250e3
+    wave = out_of_plane[:, None] * np.array([0.0, 1.0, 0.0])
     problem = changed(toy_problem(3, {}), 3 * MM * wave.ravel())
     found = signs(problem, Search(problem).run()[0], TRIAL, KIND)
     assert found.discrepancy_gain > 5

@@ -1,0 +1,117 @@
+"""Where the gap lies: root mean square by factor, with trial-bootstrap intervals, against the noise floor.
+
+The gap is measured minus baseline model, the baseline being calibrated with one area factor and nothing else. A cell is
+called significant when its mean square exceeds what the floor gives, the readings of a trial taken as erring together,
+with the expected share of false calls over all cells held to 5 % (Benjamini and Hochberg).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from model.condition import Condition
+from model.errors import ModelError
+from model.euler import solve_euler
+from model.robot import Robot
+from model.rod import solve
+
+from .case import PRESSURE_GAP, SPINE_GAP, States, levels
+from .result import Cell
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FALSE_CALLS = 0.05
+DRAWS = 400
+SEED = 20240
+MM = 1e3
+TIME_BINS = 4
+
+
+def cells(states: States, gap: Array, floor: float, markers: Mapping[float, Array]) -> dict[str, tuple[Cell, ...]]:
+    """The gap (n, 3) m of the tip by factor; `floor` m, rms distance of a single reading; `markers` arc length m -> (n, 3) m.
+
+    A floor that is not known (NaN) makes no cell significant.
+    """
+    rng = np.random.default_rng(SEED)
+    length, pressure = levels(states.spine_length, SPINE_GAP), levels(states.highest, PRESSURE_GAP)
+    found: dict[str, list[tuple[Cell, float]]] = {}
+
+    def cell(value: float | str, own: Mask, missed: Array, share: float = 1.0) -> tuple[Cell, float]:
+        return _cell(value, states.trial[own], missed[own], floor * np.sqrt(share), rng)
+
+    found["spine_length"] = [cell(_middle(states.spine_length, m), m, gap) for m in _each(length)]
+    found["pressure"] = [cell(_middle(states.highest, m), m, gap) for m in _each(pressure)]
+    everything = np.ones(len(states), bool)
+    found["axis"] = [cell(name, everything, gap[:, [k]], 1 / 3) for k, name in enumerate("xyz")]
+    branches: dict[str, Mask] = {"load": states.branch > 0, "unload": states.branch < 0}
+    found["branch"] = [cell(name, own, gap) for name, own in branches.items() if own.any()]
+    found["time"] = [cell(_middle(states.time, m), m, gap) for m in _bins(states.time)]
+    found["arc_length"] = [
+        cell(s, np.isfinite(missed).all(axis=1), missed) for s, missed in markers.items() if np.isfinite(missed).any()
+    ]
+    return _called(found)
+
+
+def _each(level: NDArray[np.int64]) -> list[Mask]:
+    return [level == k for k in np.unique(level)]
+
+
+def _bins(time: Array) -> list[Mask]:
+    """Quarters of the campaign by time."""
+    known = np.isfinite(time)
+    if known.sum() < TIME_BINS or np.ptp(time[known]) == 0:
+        return []
+    edges = np.quantile(time[known], np.linspace(0, 1, TIME_BINS + 1)[1:-1])
+    return [m for m in _each(np.where(known, np.searchsorted(edges, time), -1)) if known[m].all()]
+
+
+def _middle(values: Array, own: Mask) -> float:
+    return float(np.round(values[own].mean(), 6))
+
+
+def _cell(
+    value: float | str, trial: NDArray[np.int64], missed: Array, floor: float, rng: np.random.Generator
+) -> tuple[Cell, float]:
+    """The cell, and the probability of a mean square as large when there is nothing but the floor."""
+    squared = (missed**2).sum(axis=1)
+    names, index = np.unique(trial, return_inverse=True)
+    total, count = np.bincount(index, squared), np.bincount(index)
+    drawn = rng.integers(0, len(names), (DRAWS, len(names)))
+    spread = np.sqrt(total[drawn].sum(axis=1) / count[drawn].sum(axis=1))
+    low, high = np.quantile(spread, [0.025, 0.975])
+    # Readings of a trial erring together leave as many independent vectors as there are trials.
+    freedom = missed.shape[1] * len(names)
+    statistic = freedom * float((total / count).mean()) / floor**2 if floor > 0 else 0.0
+    probability = float(chi2.sf(statistic, freedom)) if np.isfinite(floor) and floor > 0 else 1.0
+    rmse, bias = float(np.sqrt(squared.mean())), float(missed[:, 0].mean())
+    made = Cell(value, rmse * MM, bias * MM, len(missed), float(low) * MM, float(high) * MM, False)
+    return made, probability
+
+
+def _called(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str, tuple[Cell, ...]]:
+    """Mark the significant cells, over all factors together."""
+    probabilities = np.sort([p for group in found.values() for _, p in group])
+    allowed = FALSE_CALLS * np.arange(1, len(probabilities) + 1) / max(len(probabilities), 1)
+    passed = np.flatnonzero(probabilities <= allowed)
+    limit = probabilities[passed[-1]] if passed.size else -1.0
+    return {name: tuple(replace(c, significant=bool(p <= limit)) for c, p in group) for name, group in found.items()}
+
+
+def numerical_error(robot: Robot, condition: Condition, states: States) -> float:
+    """Root mean square tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where it fails."""
+    _, first = np.unique(np.column_stack([states.condition]), return_index=True)
+    few = condition[first]
+    try:
+        converged, stepped = solve(robot, few), solve_euler(robot, few)
+    except ModelError:
+        return float("nan")
+    ok = converged.ok & stepped.ok
+    if not ok.any():
+        return float("nan")
+    return float(np.sqrt(((stepped.tip - converged.tip)[ok] ** 2).sum(axis=1).mean()))
