@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -33,9 +34,9 @@ def _run(a: argparse.Namespace) -> int:
 
 
 def _safe(a: argparse.Namespace) -> int:
-    from .check import safe
+    from .safe import safe
 
-    return safe(a.rig, a.json)
+    return safe(a.rig, a.json, a.clear)
 
 
 def _fakes(a: argparse.Namespace) -> int:
@@ -48,6 +49,12 @@ def _info(a: argparse.Namespace) -> int:
     from .recorded import info
 
     return info(a.file, a.json)
+
+
+def _runs(a: argparse.Namespace) -> int:
+    from .shelf import runs
+
+    return runs(a.folder, a.since, a.protocol, a.spine, a.json)
 
 
 def _verify(a: argparse.Namespace) -> int:
@@ -69,9 +76,9 @@ def _export(a: argparse.Namespace) -> int:
 
 
 def _replay(a: argparse.Namespace) -> int:
-    from .recorded import replay
+    from .recorded import play, replay
 
-    return replay(a.file, a.json)
+    return play(a.file, a.speed) if a.play else replay(a.file, a.json)
 
 
 def _fit(a: argparse.Namespace) -> int:
@@ -145,6 +152,7 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("safe", _safe, "vent, stop and un-jam, confirmed by reading back", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+    p.add_argument("--clear", action="store_true", help="unlock the rig when everything is confirmed safe")
 
     p = verb("fakes", _fakes, "start the fake instruments and print the rig.yaml that reaches them")
     p.add_argument("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)")
@@ -160,6 +168,11 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("info", _info, "what a recording holds: streams, rates, losses, provenance, outcome", reads=True)
     p.add_argument("file", type=Path)
+    p = verb("runs", _runs, "the recordings of a folder tree, with outcome and losses", reads=True)
+    p.add_argument("folder", type=Path)
+    p.add_argument("--since", default="", metavar="DATE", help="from this date or time on (UTC)")
+    p.add_argument("--protocol", default="", choices=("", *EXPERIMENTS))
+    p.add_argument("--spine", type=float, metavar="M", help="only runs that set this spine length, m")
     p = verb("verify", _verify, "compare every checksum, record and index of a recording", reads=True)
     p.add_argument("file", type=Path)
     p = verb("recover", _recover, "keep all that can be read of a damaged or torn recording", reads=True)
@@ -172,6 +185,8 @@ def parser() -> argparse.ArgumentParser:
         reads=True,
     )
     p.add_argument("file", type=Path)
+    p.add_argument("--play", action="store_true", help="print all messages as JSON lines in the order of time instead")
+    p.add_argument("--speed", type=float, default=math.inf, help="with --play: times rig time (default: at once)")
     p = verb("export", _export, "recording to CSV or Parquet files or to a case folder", reads=True)
     p.add_argument("file", type=Path, nargs="+")
     p.add_argument("--out", type=Path, required=True)

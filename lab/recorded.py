@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import os
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +16,7 @@ from rich.table import Table as Sheet
 from recordings.campaign import tables
 from recordings.export import export_case, export_streams
 from recordings.info import info as summary
+from recordings.player import play as played
 from recordings.reader import Recording
 from recordings.replay import Comparison, replay_states
 from recordings.replay import compare as hold_against
@@ -94,6 +98,19 @@ def replayed(file: Path) -> tuple[Comparison, str]:
     recording = Recording.open(file)
     rows = [r.row.to_json() for r in replay_states(recording) if r.row is not None]
     return hold_against(recording), hashlib.sha256("\n".join(rows).encode()).hexdigest()
+
+
+def play(file: Path, speed: float) -> int:
+    """Print every message as a JSON line, in the order of time, at `speed` times rig time; an abrupt file too."""
+    if not speed > 0:
+        raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
+    recording = Recording.open(file, truncated=True)
+    try:
+        played(recording, lambda message: print(message.to_json(), flush=speed < math.inf), speed)
+    except BrokenPipeError:
+        # Whoever read has seen enough; without this the interpreter complains once more while it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
 
 
 def replay(file: Path, as_json: bool) -> int:

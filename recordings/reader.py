@@ -226,8 +226,8 @@ class Recording:
             )
 
     # -- events
-    def _events(self, event: events.EventType) -> list[tuple[int, Any]]:
-        """(log time, message) of an event's topic in order; none when the file has no such topic."""
+    def events(self, event: events.EventType) -> list[tuple[int, Any]]:
+        """(log time ns, protobuf message) of an event's topic in order; none when the file has no such topic."""
         if event.topic not in self.topics:
             return []
         channel = self._channel(event.topic)
@@ -242,19 +242,19 @@ class Recording:
     @property
     def states(self) -> list[StateEvent]:
         """What was asked for, in order."""
-        return [StateEvent(m.t, m.number, State.from_json(m.json)) for _, m in self._events(events.STATE)]
+        return [StateEvent(m.t, m.number, State.from_json(m.json)) for _, m in self.events(events.STATE)]
 
     @property
     def trials(self) -> list[TrialEvent]:
         """What was concluded live, in order."""
-        return [TrialEvent(m.t, m.number, TrialRow.from_json(m.json)) for _, m in self._events(events.TRIAL)]
+        return [TrialEvent(m.t, m.number, TrialRow.from_json(m.json)) for _, m in self.events(events.TRIAL)]
 
     @property
     def log(self) -> list[LogLine]:
         """The lines of /log, in order."""
         return [
             LogLine(log_time, events.Log.Level.Name(m.level).lower(), m.message)
-            for log_time, m in self._events(events.LOG)
+            for log_time, m in self.events(events.LOG)
         ]
 
 

@@ -59,7 +59,8 @@ class Recorder:
     """One recording in progress.
 
     `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name ->
-    bytes. `metadata`: record name -> texts. Raises `WriteFailed` when the file exists or cannot be written.
+    bytes. `metadata`: record name -> texts. `start`: rig time (s) now, the first stamp of the file. Raises `WriteFailed`
+    when the file exists or cannot be written.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class Recorder:
         chambers: int = 9,
         markers: int = 0,
         keep: float = KEEP,
+        start: float = 0.0,
     ) -> None:
         self.path = Path(path)
         self.start_wall_ns = start_wall_ns
@@ -93,15 +95,15 @@ class Recorder:
             "markers": str(markers),
         }
         try:
-            self._begin({"recording": about, **(metadata or {})}, attachments or {})
+            self._begin({"recording": about, **(metadata or {})}, attachments or {}, self._nanoseconds("/log", start))
         except OSError as error:
             self._disk.give_up()
             raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
         self._thread = threading.Thread(target=self._run, name="recording-writer", daemon=True)
         self._thread.start()
 
-    def _begin(self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> None:
-        """Everything that must be on disk before the first sample."""
+    def _begin(self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes], ns: int) -> None:
+        """Everything that must be on disk before the first sample; `ns`: rig time now."""
         mcap, now = self._mcap, time.time_ns()
         mcap.start(library=LIBRARY)
         for name, texts in metadata.items():
@@ -118,8 +120,8 @@ class Recorder:
             schema = mcap.register_schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
             self._register(event.topic, schema, event.metadata)
         # Schemas and channels reach the file with the first message's chunk.
-        first = events.encode_log(self.start_wall_ns, "info", "recording starts", "recorder")
-        self._write(self._item("/log", 0, first))
+        first = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
+        self._write(self._item("/log", ns, first))
         self._flush()
         self._disk.sync()
         self._disk.sync_name()

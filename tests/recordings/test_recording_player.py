@@ -1,0 +1,120 @@
+"""Playing a recording: all messages, in the order of time, the same at any pace; and concluding as they come in."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_run import TARGETS, Run
+
+from recordings.buffer import Buffers
+from recordings.concluding import conclude
+from recordings.messages import streams
+from recordings.player import Played, play
+from recordings.reader import Recording
+from recordings.replay import replay_states
+from recordings.states import Settled, State
+from recordings.writer import Recorder
+
+ASKED = State(
+    trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=2.0, ramp_end=2.0, rate=1.0, targets=TARGETS,
+    spine_length=0.2, tip_mass=0.0, rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("played") / "run.mcap"
+    with Recorder(path, start_wall_ns=1_700_000_000_123_456_789, markers=2) as recorder:
+        for topic, t, values in Run(duration=7.0, ramp=2.0, lag=0.4).messages():
+            recorder.push(topic, t, values)
+        recorder.state(2.0, ASKED)
+        row = conclude(recorder.buffers, ASKED)
+        assert row is not None
+        recorder.trial(6.9, 1, row)
+    return path
+
+
+@dataclass
+class Still:
+    """A clock that moves only when it is slept on."""
+
+    now: float = 100.0
+    slept: list[float] = field(default_factory=list)
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+
+
+def lines(path: Path, speed: float = float("inf")) -> list[str]:
+    out: list[str] = []
+    play(Recording.open(path), lambda message: out.append(message.to_json()), speed, Still())
+    return out
+
+
+def test_every_message_is_played_once_in_the_order_of_time(path: Path) -> None:
+    recording, played = Recording.open(path), [json.loads(line) for line in lines(path)]
+    assert len(played) == sum(len(recording.log_times(topic)) for topic in recording.topics)
+    assert (np.diff([message["log_time"] for message in played]) >= 0).all()
+    for topic in ("/tip", "/force"):
+        samples = [message["fields"] for message in played if message["topic"] == topic]
+        assert [s["t"] for s in samples] == recording.stream(topic)["t"].tolist()
+    assert played[-1]["topic"] == "/force" or played[-1]["t"] <= 7.0
+    (trial,) = [message for message in played if message["topic"] == "/trial"]
+    assert json.loads(trial["fields"]["json"])["trial"] == 1
+
+
+def test_five_replays_at_five_paces_have_one_sha256(path: Path) -> None:
+    digests = {hashlib.sha256("\n".join(lines(path, speed)).encode()).hexdigest() for speed in (0.1, 1, 7, 1e3, 1e9)}
+    assert len(digests) == 1
+    rows = {tuple(r.row.to_json() for r in replay_states(Recording.open(path)) if r.row) for _ in range(5)}
+    assert len(rows) == 1
+
+
+def test_messages_are_sent_at_the_pace_asked_for(path: Path) -> None:
+    clock, sent = Still(), []
+    play(Recording.open(path), lambda message: sent.append((clock.now, message.t)), 4.0, clock)
+    first = sent[0][1]
+    assert all(now == pytest.approx(100.0 + (t - first) / 4) for now, t in sent)
+
+
+def test_a_slow_sink_delays_and_leaves_out_nothing(path: Path) -> None:
+    clock, sent = Still(), []
+
+    def slow(message: Played) -> None:
+        clock.now += 0.05
+        sent.append(message)
+
+    assert play(Recording.open(path), slow, 1.0, clock) == len(sent) == len(lines(path))
+
+
+@pytest.mark.parametrize("every", [1, 13, 400])
+def test_what_is_concluded_while_playing_does_not_depend_on_how_often_one_looks(path: Path, every: int) -> None:
+    kinds = streams(markers=2)
+    buffers, seen, found = Buffers(kinds), 0, []
+
+    def take(message: Played) -> None:
+        nonlocal seen
+        if message.topic in kinds:
+            kind, seen = kinds[message.topic], seen + 1
+            payload = kind.encode(message.t, [message.fields[name] for name in kind.value_names])
+            buffers[message.topic].append(message.t, payload)
+            if seen % every == 0 and not found and (row := conclude(buffers, ASKED)) is not None:
+                found.append(row.to_json())
+
+    recording = Recording.open(path)
+    play(recording, take)
+    assert found == [recording.trials[0].row.to_json()]
+
+
+def test_a_speed_that_is_none_is_refused(path: Path) -> None:
+    with pytest.raises(ValueError, match="above 0"):
+        play(Recording.open(path), print, 0.0)

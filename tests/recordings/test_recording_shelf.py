@@ -1,0 +1,93 @@
+"""The shelf: what the files say, from an index that can be thrown away at any time."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from synthetic_run import TARGETS
+
+from recordings.shelf import INDEX, runs
+from recordings.states import State, Window
+from recordings.writer import Recorder
+
+
+def record(path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed") -> None:
+    path.parent.mkdir(exist_ok=True)
+    recorder = Recorder(path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9)
+    for k in range(50):
+        recorder.push("/pressure", k * 0.1, (TARGETS, TARGETS))
+    state = State(
+        trial=1, step=1, protocol=protocol, repeat=1, branch="load", rule=Window(0.5), t_start=0.0, ramp_end=0.0,
+        rate=0.0, targets=TARGETS, spine_length=spine, tip_mass=0.0, topics=("/pressure",),
+    )  # fmt: skip
+    recorder.state(0.0, state)
+    recorder.note_lost("/force", lost)
+    recorder.close(end)
+
+
+@pytest.fixture
+def shelf(tmp_path: Path) -> Path:
+    record(tmp_path / "a" / "one.mcap", 0, "bending", 0.1)
+    record(tmp_path / "b" / "two.mcap", 3, "stiffness", 0.3, lost=4)
+    record(tmp_path / "b" / "three.mcap", 1, "bending", 0.3, end="stopped")
+    data = (tmp_path / "a" / "one.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 3 // 4])
+    (tmp_path / "bad.mcap").write_text("t,x\n")
+    return tmp_path
+
+
+def test_outcome_and_losses_of_every_file_are_listed_oldest_first(shelf: Path) -> None:
+    found = {run.path: run for run in runs(shelf)}
+    assert [r.start for r in found.values()] == sorted(r.start for r in found.values())
+    assert {name: run.outcome for name, run in found.items()} == {
+        "a/one.mcap": "completed",
+        "b/two.mcap": "completed",
+        "b/three.mcap": "stopped",
+        "cut.mcap": "abrupt",
+        "bad.mcap": "unreadable",
+    }
+    assert found["b/two.mcap"].lost == 4 and not found["b/two.mcap"].complete and found["a/one.mcap"].complete
+    assert (found["a/one.mcap"].protocol, found["a/one.mcap"].spines) == ("bending", (0.1,))
+    assert found["a/one.mcap"].duration == pytest.approx(4.9) and found["a/one.mcap"].start.startswith("2023-11-14")
+    assert "not an MCAP file" in found["bad.mcap"].detail
+
+
+def test_runs_are_picked_by_date_protocol_and_spine(shelf: Path) -> None:
+    assert [r.path for r in runs(shelf, protocol="stiffness")] == ["b/two.mcap"]
+    assert [r.path for r in runs(shelf, spine=0.3)] == ["b/three.mcap", "b/two.mcap"]
+    assert [r.path for r in runs(shelf, since="2023-11-15", protocol="bending")] == ["b/three.mcap"]
+
+
+def test_the_index_follows_the_files(shelf: Path) -> None:
+    runs(shelf)
+    (shelf / "b" / "two.mcap").unlink()
+    os.replace(shelf / "a" / "one.mcap", shelf / "a" / "other.mcap")
+    record(shelf / "new.mcap", 9, "elongation", 0.2)
+    names = [run.path for run in runs(shelf)]
+    assert "b/two.mcap" not in names and "a/one.mcap" not in names and {"a/other.mcap", "new.mcap"} <= set(names)
+
+
+def test_files_that_did_not_change_are_not_read_again(shelf: Path) -> None:
+    first = runs(shelf)
+    target = shelf / "a" / "one.mcap"
+    status = target.stat()
+    target.write_bytes(bytes(status.st_size))
+    os.utime(target, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert runs(shelf) == first
+    os.utime(target)
+    assert next(r for r in runs(shelf) if r.path == "a/one.mcap").outcome == "unreadable"
+
+
+@pytest.mark.parametrize("damage", [b"", b"no database at all, only text" * 100])
+def test_a_lost_or_damaged_index_is_made_anew(shelf: Path, damage: bytes) -> None:
+    first = runs(shelf)
+    (shelf / INDEX).unlink()
+    if damage:
+        (shelf / INDEX).write_bytes(damage)
+    assert runs(shelf) == first
+    data = bytearray((shelf / INDEX).read_bytes())
+    data[100:3000] = bytes(2900)
+    (shelf / INDEX).write_bytes(data)
+    assert runs(shelf) == first
