@@ -228,6 +228,16 @@ class UR5:
                 raise DeviceFault(self.name, f"does not stop: still {speed:.3f} m/s; press the emergency stop")
             time.sleep(LOOK_INTERVAL)
 
+    def standing(self) -> bool:
+        """True when the newest state shows the arm standing, whatever else is wrong with it.
+
+        Raises NotReady before `open`, NoReply when no state comes.
+        """
+        try:
+            return _still(self._state.latest())
+        except StaleReading as error:
+            raise NoReply(self.name, f"{error.message}; look whether the arm stands") from error
+
     # -- checks
     def _opened(self) -> ControlThread:
         if self._control is None:

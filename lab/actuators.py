@@ -1,265 +1,172 @@
-"""The actuator process: regulators, length unit, valve, gauge and arm motion live behind one process boundary.
+"""The program's end of the guard: the actuators as the protocols see them, each behind the process boundary.
 
-The parent sends one command at a time through a pipe and gets one answer. Readings polled in the child come back
-through a second pipe. When the parent is gone the child lands the rig safe and ends; when the child is gone every call
-raises ActuatorsLost.
+Commands go through one pipe, one at a time, each answered under its number. Readings and the guard's own messages come
+back through a second pipe, the pulse goes out through a third. A guard that ends or falls silent is noticed within two
+seconds, by calls under way too, and every later call raises ActuatorsLost.
 """
 
 from __future__ import annotations
 
 import contextlib
-import logging
-import multiprocessing as mp
+import itertools
+import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
+from multiprocessing import Pipe
 from typing import Any
 
-from drivers import alicat, dynamixel, numato, pfeiffer, smc_itv, tmcl, ur5
-from drivers.errors import InstrumentError
-from drivers.interfaces import (
-    GaugeSample,
-    Identity,
-    PressureSample,
-    SpineSample,
-    ValveSample,
-)
+from drivers.interfaces import GaugeSample, Identity, PressureSample, SpineSample, ValveSample
 
 from .clock import RigClock
+from .guard_messages import Event, Start
+from .instruments import COMMANDS
+from .landing import SafeReport
+from .pulse import Pulse
 from .rig_file import RigFile
 
-log = logging.getLogger(__name__)
+__all__ = ["COMMANDS", "Actuators", "ActuatorsLost", "ArmMotion", "Gauge", "Pressure", "Spine", "Valve"]
 
-COMMANDS: dict[str, tuple[str, ...]] = {
-    "pressure": ("set", "read", "vent"),
-    "spine": ("home", "move_to", "stop", "read"),
-    "valve": ("set", "read"),
-    "gauge": ("read",),
-    "arm": ("move_to", "moving", "stop"),
-}
-"""What may be asked of each instrument."""
-POLLED = ("pressure", "spine", "valve", "gauge")
-ANSWER_WITHIN = 15.0
-"""Host seconds after which a silent child is taken for dead; longer than any driver's own time-outs together."""
-DRIVERS: dict[str, Any] = {
-    "alicat": alicat.Alicat, "smc_itv": smc_itv.SmcItv, "dynamixel": dynamixel.DynamixelSpine, "tmcl": tmcl.TmclSpine,
-    "numato": numato.NumatoValve, "pfeiffer": pfeiffer.PfeifferGauge, "ur5": ur5.UR5,
-}  # fmt: skip
+START_WITHIN = 30.0
+"""Host seconds for the guard's process to start and to take the rig over from an earlier one."""
+ANSWER_WITHIN = 40.0
+"""Host seconds after which a guard that lives and beats but does not answer is given up."""
+GUARD_SILENT = 2.0
+"""Host seconds without a sign of life after which the guard counts as frozen."""
+SLICE = 0.05
+HELD_BACK = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+"""Signals that a terminal sends to everybody; the guard must not even see them while it starts."""
 
 
 class ActuatorsLost(RuntimeError):
-    """The actuator process is gone or does not answer; the rig must be made safe by hand (vent valve, emergency stop)."""
+    """The guard is gone or does not answer; the rig must be made safe anew, or by hand (vent valve, emergency stop)."""
 
 
-@dataclass(frozen=True)
-class SafeStep:
-    """One instrument brought into the safe state: confirmed by reading back, or what went wrong."""
-
-    instrument: str
-    confirmed: bool
-    text: str
-
-
-@dataclass(frozen=True)
-class SafeReport:
-    """What was reached; `confirmed` only when every instrument was read back safe."""
-
-    steps: tuple[SafeStep, ...] = field(default_factory=tuple)
-
-    @property
-    def confirmed(self) -> bool:
-        """True when every instrument is confirmed safe."""
-        return all(s.confirmed for s in self.steps)
-
-
-# ------------------------------------------------------------------ the child
-class _Child:
-    """Owns the actuator drivers; runs in the child process only."""
-
-    def __init__(self, rig: RigFile, clock: RigClock) -> None:
-        self.rig, self.clock = rig, clock
-        self.drivers: dict[str, Any] = {}
-        for name in COMMANDS:
-            config = getattr(rig.instruments, name)
-            if config is not None:
-                self.drivers[name] = DRIVERS[config.driver](name, config, clock)
-        self.opened: list[str] = []
-        self.locks = {name: threading.Lock() for name in self.drivers}
-        self.sending = threading.Lock()
-        self.running = True
-
-    def open(self, name: str) -> Identity:
-        identity: Identity = self.drivers[name].open()
-        self.opened.append(name)
-        return identity
-
-    def call(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
-        if name not in self.drivers or method not in COMMANDS[name]:
-            raise ValueError(f"{name}.{method} is not a command of this rig")
-        with self.locks[name]:
-            return getattr(self.drivers[name], method)(*args)
-
-    def poll(self, name: str, samples: Connection) -> None:
-        """Read one instrument at the rig's rate; a reading that fails is passed on as its error."""
-        while self.running:
-            due = time.monotonic() + 1 / self.rig.poll
-            if name in self.opened:
-                try:
-                    sample = self.call(name, "read", ())
-                except InstrumentError as e:
-                    sample = e
-                try:
-                    with self.sending:
-                        samples.send((name, sample))
-                except OSError:
-                    return
-            time.sleep(max(0.0, due - time.monotonic()))
-
-    def safe(self) -> SafeReport:
-        """Stop, vent, release, each whatever happens to the others, and read back."""
-        first: list[tuple[str, Callable[[], Any]]] = []
-        if "arm" in self.opened:
-            first.append(("arm", self.drivers["arm"].stop))
-        if "pressure" in self.opened:
-            first.append(("pressure", self.drivers["pressure"].vent))
-        if "spine" in self.opened:
-            first.append(("spine", self.drivers["spine"].stop))
-        if "valve" in self.opened and not self.rig.safe.keep_vacuum:
-            first.append(("valve", lambda: self.drivers["valve"].set(False)))
-        failed: dict[str, str] = {}
-        for name, action in first:
-            try:
-                action()
-            except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
-                failed[name] = str(e)
-        return SafeReport(tuple(self._confirm(name, failed.get(name)) for name, _ in first))
-
-    def _confirm(self, name: str, failure: str | None) -> SafeStep:
-        if failure is not None:
-            return SafeStep(name, False, f"did not take the stop: {failure}")
-        deadline = self.clock.now() + self.rig.safe.within
-        text = "no reading"
-        while True:
-            try:
-                ok, text = self._is_safe(name)
-            except Exception as e:  # noqa: BLE001
-                ok, text = False, str(e)
-            if ok or self.clock.now() > deadline:
-                return SafeStep(name, ok, text)
-            time.sleep(0.02)
-
-    def _is_safe(self, name: str) -> tuple[bool, str]:
-        driver = self.drivers[name]
-        if name == "pressure":
-            highest = max(driver.read().measured)
-            return highest < self.rig.safe.vented_below, f"highest pressure {highest / 1e3:.1f} kPa"
-        if name == "spine":
-            sample = driver.read()
-            return not sample.moving, f"length {sample.length * 1e3:.1f} mm, {'moving' if sample.moving else 'at rest'}"
-        if name == "valve":
-            on = driver.read().on
-            return not on, f"vacuum {'on' if on else 'off'}"
-        moving = driver.moving()
-        return not moving, "moving" if moving else "at rest"
-
-    def close_one(self, name: str) -> None:
-        with self.locks[name]:
-            self.opened = [n for n in self.opened if n != name]
-            self.drivers[name].close()
-
-    def close(self) -> None:
-        self.running = False
-        for name in reversed(self.opened):
-            with contextlib.suppress(Exception):
-                self.drivers[name].close()
-
-
-def _serve(rig_json: str, start: float, commands: Connection, samples: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    rig = RigFile.model_validate_json(rig_json)
-    child = _Child(rig, RigClock(rig.clock.speed, start))
-    for name in POLLED:
-        threading.Thread(target=child.poll, args=(name, samples), name=f"poll-{name}", daemon=True).start()
-    try:
-        while True:
-            name, method, args = commands.recv()
-            if method == "end":
-                break
-            try:
-                answer: Any
-                if method == "open":
-                    answer = child.open(name)
-                elif method == "close":
-                    child.close_one(name)
-                    answer = None
-                elif method == "safe":
-                    answer = child.safe()
-                else:
-                    answer = child.call(name, method, args)
-                commands.send((True, answer))
-            except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
-                commands.send(
-                    (False, e if isinstance(e, InstrumentError) else RuntimeError(f"{type(e).__name__}: {e}"))
-                )
-    except (EOFError, OSError):
-        child.safe()
-    finally:
-        child.close()
-        with contextlib.suppress(OSError):
-            commands.send((True, None))
-
-
-# ------------------------------------------------------------------ the parent
 class Actuators:
-    """The parent's end of the actuator process.
+    """The guard of one rig, as a process, and the way to it.
 
     `on_sample(name, sample)` is called from a thread of its own with every polled reading, or with the InstrumentError
-    that took its place.
+    that took its place; `on_event` with what the guard tells by itself.
     """
 
-    def __init__(self, rig: RigFile, clock: RigClock, on_sample: Callable[[str, Any], None]) -> None:
-        context = mp.get_context("spawn")
-        self._commands, theirs = context.Pipe()
-        self._samples, their_samples = context.Pipe(duplex=False)
-        self._process = context.Process(
-            target=_serve,
-            args=(rig.model_dump_json(), clock.start, theirs, their_samples),
-            name="actuators",
-            daemon=True,
-        )
-        self._process.start()
+    def __init__(
+        self,
+        rig: RigFile,
+        clock: RigClock,
+        on_sample: Callable[[str, Any], None],
+        on_event: Callable[[Event], None] = lambda event: None,
+        despite_latch: bool = False,
+    ) -> None:
+        """Raises RigLocked when a person has to see to the rig first, or another program owns it."""
+        self._on_sample, self._on_event = on_sample, on_event
+        self._lock = threading.RLock()
+        self._numbers = itertools.count(1)
+        self._heard = time.monotonic()
+        self.asked: dict[str, float] = {}
+        """Host time at which the last command to each instrument ended: no reading comes while it works."""
+        self._commands, theirs = Pipe()
+        self._samples, their_samples = Pipe(duplex=False)
+        their_pulse, pulse = os.pipe()
+        passed = (theirs.fileno(), their_pulse, their_samples.fileno())
+        command = [sys.executable, "-m", "lab.guard", *map(str, passed)]
+        with _held_back():
+            self._process = subprocess.Popen(command, pass_fds=passed, stdin=subprocess.DEVNULL, start_new_session=True)
         theirs.close()
         their_samples.close()
-        self._lock = threading.Lock()
-        self._on_sample = on_sample
-        self._reader = threading.Thread(target=self._forward, name="actuator-samples", daemon=True)
+        os.close(their_pulse)
+        self.pulse = Pulse(pulse)
+        self.lost = ""
+        """Why the guard is lost; empty while it lives."""
+        try:
+            path = str(rig.path or "")
+            self._commands.send(Start(rig.model_dump_json(), path, clock.start, despite_latch))
+            self._answer(0, "start", START_WITHIN)
+        except BaseException:
+            self._end()
+            raise
+        self._reader = threading.Thread(target=self._forward, name="guard-messages", daemon=True)
         self._reader.start()
 
-    def _forward(self) -> None:
-        with contextlib.suppress(EOFError, OSError):
-            while True:
-                name, sample = self._samples.recv()
-                self._on_sample(name, sample)
+    @property
+    def pid(self) -> int:
+        """Process id of the guard."""
+        return self._process.pid
 
     def call(self, name: str, method: str, *args: Any) -> Any:
-        """Send one command and wait for its answer; raises what the driver raised, or ActuatorsLost."""
+        """Send one command and wait for its answer; raises what the driver raised, RigLanded, or ActuatorsLost."""
         with self._lock:
+            self.pulse.mark()
+            if self.lost:
+                raise self._lost(f"{name}.{method}")
+            number = next(self._numbers)
             try:
-                self._commands.send((name, method, args))
-                if not self._commands.poll(ANSWER_WITHIN):
-                    raise ActuatorsLost(
-                        f"no answer to {name}.{method} within {ANSWER_WITHIN:g} s; vent and stop by hand"
-                    )
-                ok, answer = self._commands.recv()
-            except (EOFError, OSError) as e:
-                raise ActuatorsLost(f"the actuator process ended during {name}.{method}; vent and stop by hand") from e
-        if ok:
-            return answer
-        raise answer
+                self._commands.send((number, name, method, args))
+            except OSError as e:
+                self._give_up("it has ended")
+                raise self._lost(f"{name}.{method}") from e
+            try:
+                return self._answer(number, f"{name}.{method}", ANSWER_WITHIN)
+            finally:
+                self.pulse.mark()
+                self.asked[name] = time.monotonic()
+
+    def _answer(self, number: int, what: str, within: float) -> Any:
+        """The answer to command `number`; answers to commands whose callers were interrupted are dropped."""
+        deadline = time.monotonic() + within
+        while True:
+            try:
+                come = self._commands.poll(SLICE)
+                if come:
+                    answered, ok, answer = self._commands.recv()
+                    if answered != number:
+                        continue
+                    if ok:
+                        return answer
+                    raise answer
+            except (EOFError, BrokenPipeError, ConnectionResetError) as e:
+                self._give_up("it has ended")
+                raise self._lost(what) from e
+            now = time.monotonic()
+            self.pulse.mark()
+            if number and now - self._heard > GUARD_SILENT:
+                self._give_up(f"no sign of life for {now - self._heard:.1f} s")
+            if now > deadline:
+                self._give_up(f"no answer within {within:g} s")
+            if self.lost:
+                raise self._lost(what)
+
+    def _forward(self) -> None:
+        """Take what the guard sends until its end."""
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                message = self._samples.recv()
+                self._heard = time.monotonic()
+                if isinstance(message, Event):
+                    if message.kind != "beat":
+                        self._on_event(message)
+                else:
+                    self._on_sample(*message)
+        self.lost = self.lost or "it has ended"
+
+    def look(self) -> None:
+        """Raises ActuatorsLost when the guard is gone or silent."""
+        silent = time.monotonic() - self._heard
+        if not self.lost and silent > GUARD_SILENT:
+            self._give_up(f"no sign of life for {silent:.1f} s")
+        if self.lost:
+            raise self._lost("the experiment")
+
+    def _give_up(self, why: str) -> None:
+        """The guard is lost for good: a frozen one must not wake up and command behind a successor's back."""
+        self.lost = self.lost or why
+        with contextlib.suppress(OSError):
+            self._process.kill()
+
+    def _lost(self, during: str) -> ActuatorsLost:
+        return ActuatorsLost(f"the guard of the actuators is lost during {during}: {self.lost}; vent and stop by hand")
 
     def open(self, name: str) -> Identity:
         """Connect one instrument."""
@@ -271,16 +178,43 @@ class Actuators:
         report: SafeReport = self.call("", "safe")
         return report
 
+    def pause(self) -> SafeReport:
+        """Vent and stop, keep the spine jammed."""
+        report: SafeReport = self.call("", "pause")
+        return report
+
+    def resume(self) -> None:
+        """A person has confirmed: reconnect what has to be, take commands again."""
+        self.call("", "resume")
+
+    def unlock(self) -> None:
+        """Remove the latch."""
+        self.call("", "unlock")
+
     def close(self) -> None:
         """Land safe and end the process; kills it when it does not end by itself."""
         with contextlib.suppress(ActuatorsLost):
-            if self._process.is_alive():
-                self.call("", "end")
-        self._process.join(ANSWER_WITHIN)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(2.0)
+            self.call("", "end")
+        self._end()
+
+    def _end(self) -> None:
+        self.pulse.close()
         self._commands.close()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(5.0)
+
+
+@contextlib.contextmanager
+def _held_back() -> Any:
+    """Start a process with these signals blocked; it inherits that."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_BACK)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class Remote:
@@ -304,7 +238,7 @@ class Remote:
 
 
 class Pressure(Remote):
-    """PressureRegulators, by way of the actuator process."""
+    """PressureRegulators, by way of the guard."""
 
     name = "pressure"
 
@@ -313,7 +247,7 @@ class Pressure(Remote):
         self.channels = channels
 
     def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
-        """See PressureRegulators.set."""
+        """See PressureRegulators.set; the sum over the chambers is limited too."""
         answer: tuple[float, ...] = self._call("set", tuple(pressures))
         return answer
 
@@ -328,7 +262,7 @@ class Pressure(Remote):
 
 
 class Spine(Remote):
-    """LengthUnit, by way of the actuator process."""
+    """LengthUnit, by way of the guard."""
 
     name = "spine"
 
@@ -352,7 +286,7 @@ class Spine(Remote):
 
 
 class Valve(Remote):
-    """JammingValve, by way of the actuator process."""
+    """JammingValve, by way of the guard."""
 
     name = "valve"
 
@@ -368,7 +302,7 @@ class Valve(Remote):
 
 
 class Gauge(Remote):
-    """VacuumGauge, by way of the actuator process."""
+    """VacuumGauge, by way of the guard."""
 
     name = "gauge"
 
@@ -379,7 +313,7 @@ class Gauge(Remote):
 
 
 class ArmMotion(Remote):
-    """Arm, by way of the actuator process."""
+    """Arm, by way of the guard."""
 
     name = "arm"
 

@@ -1,4 +1,4 @@
-"""`lab check` and `lab safe`: is everything there, and is everything off?"""
+"""`lab check`: is everything there?"""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 
 from .console import err, out
+from .latch import Latch
 from .rig import Rig
 from .rig_file import load_rig
 
@@ -23,7 +24,7 @@ POLLED = {"pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge"
 
 def check(rig_path: Path, seconds: float, as_json: bool) -> int:
     """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do."""
-    with Rig(load_rig(rig_path)) as rig:
+    with Rig(load_rig(rig_path), despite_latch=True) as rig:
         outcome: dict[str, Identity | InstrumentError] = {}
 
         def note(name: str, result: Identity | InstrumentError) -> None:
@@ -43,6 +44,8 @@ def check(rig_path: Path, seconds: float, as_json: bool) -> int:
         out.print(_table(rig.file.name, rows, span))
         for f in failures:
             err.print(f"missing: {f}")
+        if locked := Latch(rig_path).read():
+            err.print(f"locked: {locked}. Nothing can be run until `lab safe --clear --rig {rig_path}`")
     return 1 if failures else (3 if lost else 0)
 
 
@@ -83,31 +86,3 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         )
         table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
     return table
-
-
-def safe(rig_path: Path, as_json: bool) -> int:
-    """Vent, stop and un-jam whatever can be reached; 0 only when every actuator was read back safe."""
-    file = load_rig(rig_path)
-    with Rig(file) as rig:
-        unreachable: list[InstrumentError] = []
-        for name in rig.names:
-            if name in rig.streams or name == "gauge":
-                continue
-            try:
-                rig.open(name)
-            except InstrumentError as e:
-                unreachable.append(e)
-        report = rig.safe()
-    confirmed = report.confirmed and not unreachable
-    if as_json:
-        steps = [asdict(s) for s in report.steps] + [
-            {"instrument": e.instrument, "confirmed": False, "text": e.message} for e in unreachable
-        ]
-        print(json.dumps({"confirmed": confirmed, "steps": steps}, indent=1))
-    else:
-        for step in report.steps:
-            out.print(f"  {step.instrument}: {'safe' if step.confirmed else '[red]NOT CONFIRMED[/red]'} ({step.text})")
-        for lost in unreachable:
-            out.print(f"  {lost.instrument}: [red]NOT REACHED[/red] ({lost.message})")
-        out.print("Safe." if confirmed else "[red]Not confirmed safe: use the vent valve and the emergency stop.[/red]")
-    return 0 if confirmed else 1

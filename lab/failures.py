@@ -10,6 +10,8 @@ from recordings.errors import RecordingError
 
 from .actuators import ActuatorsLost
 from .config import ConfigError
+from .guard_messages import RigLanded
+from .latch import RigLocked
 
 
 def explained(error: Exception) -> tuple[str, int] | None:
@@ -18,7 +20,7 @@ def explained(error: Exception) -> tuple[str, int] | None:
         return str(error), 2
     if isinstance(error, ValidationError):
         return "\n".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in error.errors()), 2
-    if isinstance(error, (InstrumentError, ProtocolError, RecordingError, ActuatorsLost)):
+    if isinstance(error, (InstrumentError, ProtocolError, RecordingError, ActuatorsLost, RigLanded, RigLocked)):
         return str(error), 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}", 1

@@ -6,6 +6,7 @@ import json
 import socket
 import sys
 from dataclasses import asdict
+from typing import Any
 
 from protocols.bench import Operator, Setup
 from protocols.errors import ProtocolError, Stopped
@@ -32,6 +33,14 @@ class Console:
         if input("Enter when ready, q to stop: ").strip().lower() == "q":
             raise Stopped("not prepared; nothing moved")
 
+    def confirm(self, trouble: str) -> None:
+        """See Operator.confirm; where nobody can type, nobody can confirm."""
+        print(f"Paused, vented and stopped: {trouble}")
+        if not sys.stdin.isatty():
+            raise Stopped(f"paused: {trouble}; nobody is there to put it right (not a terminal)")
+        if input("Enter when it is put right and nobody is in the cell, q to stop: ").strip().lower() == "q":
+            raise Stopped(f"stopped during a pause: {trouble}")
+
 
 class Program:
     """Sends each set-up as one JSON line and waits for {"ok": true}."""
@@ -41,18 +50,33 @@ class Program:
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare; ProtocolError when the program refuses or does not answer."""
-        where = f"operator at {self.address[0]}:{self.address[1]}"
+        answer = self._ask({"prepare": asdict(setup)})
+        if answer.get("ok") is not True:
+            raise ProtocolError(f"{self._where}: refused to prepare {setup}: {answer}")
+
+    def confirm(self, trouble: str) -> None:
+        """See Operator.confirm; Stopped when the program refuses."""
+        answer = self._ask({"confirm": trouble})
+        if answer.get("ok") is not True:
+            raise Stopped(f"paused: {trouble}; {self._where} does not confirm: {answer}")
+
+    @property
+    def _where(self) -> str:
+        return f"operator at {self.address[0]}:{self.address[1]}"
+
+    def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
         try:
             with socket.create_connection(self.address, timeout=self.within) as connection:
-                connection.sendall(json.dumps({"prepare": asdict(setup)}).encode() + b"\n")
+                connection.sendall(json.dumps(question).encode() + b"\n")
                 line = connection.makefile().readline()
             answer = json.loads(line)
         except (OSError, ValueError) as e:
             raise ProtocolError(
-                f"{where}: no usable answer ({e}); start it, or set operator: console in rig.yaml"
+                f"{self._where}: no usable answer ({e}); start it, or set operator: console in rig.yaml"
             ) from e
-        if not isinstance(answer, dict) or answer.get("ok") is not True:
-            raise ProtocolError(f"{where}: refused to prepare {setup}: {answer}")
+        if not isinstance(answer, dict):
+            raise ProtocolError(f"{self._where}: answered {answer!r}; a JSON object with ok is needed")
+        return answer
 
 
 def operator(spec: str) -> Operator:

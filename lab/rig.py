@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any
 
 from drivers import ft300s, natnet_mocap, ur5_state
 from drivers.chambers import ChamberMap
 from drivers.errors import InstrumentError
-from drivers.interfaces import Identity
+from drivers.interfaces import Identity, WrenchSample
 from protocols.bench import Bench, Narrator, StandFrame
+from recordings.errors import RecordingError
 from recordings.writer import Recorder
 
 from . import actuators as act
 from . import operator as op
 from .clock import RigClock
+from .guard_messages import Event
+from .instruments import ACTUATORS
+from .interrupts import Shielded
+from .landing import SafeReport
+from .mending import Mending, Patient
+from .rescue import rescue
 from .rig_file import RigFile
 from .streams import TOPICS, recorded
+from .watch import ForceLimit, Vital, Watch, WatchedClock
 
 ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
 """The order of connecting: what only reads or holds nothing first, what moves last."""
@@ -28,18 +37,24 @@ ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "
 class Rig:
     """All instruments of one rig.yaml. Use as a context: leaving it lands the rig safe and disconnects."""
 
-    def __init__(self, file: RigFile) -> None:
+    def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
+        """Raises RigLocked when a person has to see to the rig first, unless `despite_latch`."""
         self.file = file
         self.clock = RigClock(file.clock.speed)
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
-        self.poll_errors: dict[str, InstrumentError] = {}
+        self.vital = Vital()
+        self.stop_now: Callable[[], bool] = lambda: False
+        """True once a person wants everything to stop at once."""
+        self._recorder: Recorder | None = None
         self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()
         instruments = file.instruments
         self.chambers = ChamberMap(instruments.pressure.chambers if instruments.pressure else ())
-        self.actuators = act.Actuators(file, self.clock, self._polled)
+        self.actuators = act.Actuators(file, self.clock, self._polled, self._told, despite_latch)
         self.streams: dict[str, Any] = {}
+        self.watch = Watch(self.actuators, self.vital, self.streams, file.limits, lambda: self.stop_now())
+        self._force = ForceLimit(file.limits, self.actuators.pulse)
         if instruments.force:
             self.streams["force"] = ft300s.FT300S("force", instruments.force, self.clock, self._sink)
         if instruments.mocap:
@@ -77,8 +92,11 @@ class Rig:
         sinks = {topic: recorder.sink(topic) for topic in TOPICS.values()} if recorder is not None else {}
         with self._lock:
             self._sinks = sinks
+            self._recorder = recorder
 
     def _sink(self, sample: Any) -> None:
+        if isinstance(sample, WrenchSample):
+            self._force.judge(sample)
         topic = TOPICS[type(sample)]
         with self._lock:
             self.counts[topic] = self.counts.get(topic, 0) + 1
@@ -88,10 +106,22 @@ class Rig:
 
     def _polled(self, name: str, sample: Any) -> None:
         if isinstance(sample, InstrumentError):
-            self.poll_errors[name] = sample
+            self.vital.errors[name] = sample
             return
-        self.poll_errors.pop(name, None)
+        self.vital.errors.pop(name, None)
+        self.vital.heard[name] = time.monotonic()
         self._sink(sample)
+
+    def _told(self, event: Event) -> None:
+        """What the guard says by itself."""
+        if event.kind == "landed":
+            self.vital.landed = event
+        elif event.kind == "pause":
+            self.vital.pause = event
+        recorder = self._recorder
+        if recorder is not None and event.kind in ("landed", "clipped"):
+            with contextlib.suppress(RecordingError):
+                recorder.log("warning", event.text)
 
     def lost(self) -> dict[str, int]:
         """Samples that the streaming drivers know to be lost, by topic."""
@@ -99,16 +129,27 @@ class Rig:
         return {topics[name]: driver.lost for name, driver in self.streams.items() if name in self.identities}
 
     # -- protocols
-    def bench(self, recorder: Recorder, narrator: Narrator, stopping: Callable[[], bool]) -> Bench:
-        """What a protocol gets: the opened instruments only."""
+    def bench(
+        self, recorder: Recorder, narrator: Narrator, stopping: Callable[[], bool], needs: Sequence[str] = ()
+    ) -> Bench:
+        """What a protocol gets: the opened instruments only. Those that it `needs` are watched while it waits."""
         has = self.identities.__contains__
         stand = self.file.stand
+        operator = Patient(op.operator(self.file.operator), self.actuators.pulse)
+
+        def say(text: str) -> None:
+            narrator.say(text)
+            recorder.log("warning", text, self.clock.now())
+
+        self.vital.landed = None
+        self.watch.over([n for n in needs if has(n)])
         return Bench(
-            clock=self.clock,
+            clock=WatchedClock(self.clock, self.actuators, self.watch),
             recorder=recorder,
-            operator=op.operator(self.file.operator),
+            operator=operator,
             narrator=narrator,
             stopping=stopping,
+            mend=Mending(self.actuators, self.watch, operator, self.file.limits, say),
             chambers=self.chambers,
             stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
             if stand
@@ -124,18 +165,22 @@ class Rig:
         )
 
     # -- the end
-    def safe(self) -> act.SafeReport:
-        """Bring the actuators into the safe state, confirmed by reading back."""
-        return self.actuators.safe()
+    def safe(self) -> SafeReport:
+        """Bring the actuators into the safe state, confirmed by reading back; by a new guard when the first is lost."""
+        try:
+            return self.actuators.safe()
+        except act.ActuatorsLost:
+            return rescue(self.file, self.clock, [n for n in ACTUATORS if n in self.identities])
 
     def close(self) -> None:
         """Land safe and disconnect everything; never raises."""
         self.record_to(None)
-        with contextlib.suppress(Exception):
-            self.actuators.close()
-        for driver in self.streams.values():
+        with Shielded():
             with contextlib.suppress(Exception):
-                driver.close()
+                self.actuators.close()
+            for driver in self.streams.values():
+                with contextlib.suppress(Exception):
+                    driver.close()
 
     def __enter__(self) -> Rig:
         return self

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
 from drivers import alicat, dynamixel, ft300s, natnet_mocap, numato, pfeiffer, smc_itv, tmcl, ur5
 from drivers.interfaces import Vector3
@@ -124,15 +124,52 @@ class Stand(Table):
         return self
 
 
-class Safe(Table):
-    """What the safe state is."""
+Actuator = Literal["arm", "pressure", "spine", "valve"]
 
+
+class Safe(Table):
+    """What the safe state is, how it is reached, and when the guard goes there by itself."""
+
+    order: tuple[Actuator, ...] = ("arm", "pressure", "spine", "valve")
+    """Who is told to stop first; a dead line delays the next one by a fraction of a second only."""
     vented_below: float = Field(5e3, gt=0, le=50e3, json_schema_extra={"unit": "Pa"})
     """All chambers must be measured below this."""
     within: float = Field(10.0, gt=0, le=120, json_schema_extra={"unit": "s"})
     """Time allowed to get there, rig time."""
     keep_vacuum: bool = False
     """True keeps the spine jammed."""
+    heartbeat: float = Field(1.0, ge=0.2, le=10, json_schema_extra={"unit": "s"})
+    """The guard lands the rig when it has not heard from the program for so long, host time."""
+    hang: float = Field(10.0, ge=1, le=600, json_schema_extra={"unit": "s"})
+    """And when the experiment itself has not moved on for so long, host time."""
+
+    @model_validator(mode="after")
+    def _everybody_once(self) -> Safe:
+        if sorted(self.order) != ["arm", "pressure", "spine", "valve"]:
+            raise ValueError(f"order must name arm, pressure, spine and valve once each, got {', '.join(self.order)}")
+        return self
+
+
+class Limits(Table):
+    """Limits that belong to the rig as a whole; each instrument has its own beside them. The defaults are the paper's ranges."""
+
+    max_total_pressure: float = Field(1.5e6, gt=0, le=3e6, json_schema_extra={"unit": "Pa"})
+    """Sum over all chambers; set-points beyond it are scaled down together. The paper asks for 9 x 150 kPa at most."""
+    pressure_error: float = Field(30e3, ge=5e3, le=200e3, json_schema_extra={"unit": "Pa"})
+    """Measured pressure may stay so far from a steady set-point, and so far above max_pressure at any time."""
+    pressure_error_time: float = Field(5.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """For this long, rig time; then the supply, a chamber or a regulator has failed."""
+    max_force: float = Field(60.0, gt=0, le=300, json_schema_extra={"unit": "N"})
+    """Magnitude of the force beyond the sensor's zero; the arm stops at once above it."""
+    max_moment: float = Field(10.0, gt=0, le=30, json_schema_extra={"unit": "N m"})
+    max_vacuum: float = Field(95e3, gt=0, le=101e3, json_schema_extra={"unit": "Pa"})
+    """Below standard ambient pressure."""
+    max_age: float = Field(1.0, gt=0.1, le=10, json_schema_extra={"unit": "s"})
+    """How old the newest reading of a polled instrument may be, host time."""
+    max_hidden: float = Field(2.0, gt=0.1, le=60, json_schema_extra={"unit": "s"})
+    """How long motion capture may be without the tip before the experiment pauses, host time."""
+    resume_within: float = Field(20.0, gt=0, le=600, json_schema_extra={"unit": "s"})
+    """After a pause: how long a confirmed repair may take to show in the readings, host time."""
 
 
 class RigFile(Table):
@@ -149,6 +186,13 @@ class RigFile(Table):
     poll: float = Field(20.0, gt=0, le=200, json_schema_extra={"unit": "Hz"})
     """How often actuators are read, in host time."""
     safe: Safe = Safe()
+    limits: Limits = Limits()
+    _path: Path | None = PrivateAttr(default=None)
+
+    @property
+    def path(self) -> Path | None:
+        """The file this was read from; None when it was not read from one."""
+        return self._path
 
 
 def load_rig(path: Path) -> RigFile:
@@ -159,4 +203,6 @@ def load_rig(path: Path) -> RigFile:
         raise ConfigError(
             f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file"
         )
-    return rig.model_copy(update={"robot": robot})
+    found = rig.model_copy(update={"robot": robot})
+    found._path = path.resolve()
+    return found

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import json
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import yaml
@@ -29,6 +25,7 @@ from recordings.writer import Recorder
 
 from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
 from .console import Screen, clock, err, out
+from .interrupts import Interrupts
 from .provenance import provenance
 from .resume import Broken, find
 from .rig import Rig
@@ -236,13 +233,15 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         },
         metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1),
         markers=markers,
+        start=rig.clock.now(),
     )
     lost_before = rig.lost()
     p = j.experiment.plan(j.parameters)
     error: Exception | None = None
     outcome = "completed"
-    with journal, screen, _interrupts(screen.say) as stopping:
-        bench = rig.bench(recorder, screen, stopping)
+    with journal, screen, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
+        rig.stop_now = lambda: interrupts.now
+        bench = rig.bench(recorder, screen, interrupts.stopping, j.experiment.needs)
         trials = Trials(bench, p, journal, finished)
         rig.record_to(recorder)
         try:
@@ -253,6 +252,8 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
             error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
             error, outcome = e, "failed"
+        if interrupts.now:
+            error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
         report = _land(rig, screen)
         rig.record_to(None)
         for topic, n in rig.lost().items():
@@ -286,23 +287,3 @@ def _land(rig: Rig, screen: Screen) -> bool:
         if not step.confirmed:
             screen.say(f"{step.instrument}: not confirmed safe ({step.text})")
     return report.confirmed
-
-
-@contextmanager
-def _interrupts(say: Callable[[str], None]) -> Iterator[Callable[[], bool]]:
-    """Ctrl-C once: finish the step; twice, or SIGTERM: stop now. Gives a function that tells whether to stop."""
-    pressed = 0
-
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        nonlocal pressed
-        pressed += 1 if number == signal.SIGINT else 2
-        if pressed >= 2:
-            raise KeyboardInterrupt
-        say("Stopping after this step; Ctrl-C again stops now")
-
-    before = {n: signal.signal(n, on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: pressed > 0
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
 
 from drivers.chambers import ChamberMap
+from drivers.errors import InstrumentError
 from drivers.interfaces import (
     Arm,
     ArmState,
@@ -27,7 +28,7 @@ from .errors import MissingInstrument, NotReached, Stopped
 T = TypeVar("T")
 Mount = Literal["robot", "body", "spine"]
 HOST_PATIENCE = 5.0
-"""s"""
+"""s of host time that a condition is given at least: at a high speed of the rig's clock the wires need theirs."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,9 @@ class Operator(Protocol):
 
     def prepare(self, setup: Setup) -> None:
         """Returns when the rig is set up so; raises Stopped when it will not be."""
+
+    def confirm(self, trouble: str) -> None:
+        """Returns when a person has put the trouble right and is out of the way; raises Stopped when it will not be."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,8 @@ class Bench:
     narrator: Narrator
     stopping: Callable[[], bool]
     """True once a person asked to finish the present step and end."""
+    mend: Callable[[InstrumentError], None]
+    """Vent and stop, have a person put right what is wrong, and be ready to go on; raises the cause when it stays."""
     chambers: ChamberMap
     stand: StandFrame | None = None
     pressure: PressureRegulators | None = None
@@ -121,7 +127,7 @@ class Bench:
 
         NotReached after `within` seconds of rig time; WriteFailed when the recording fails meanwhile.
         """
-        deadline = self.clock.now() + within
+        deadline, patience = self.clock.now() + within, time.monotonic() + min(within, HOST_PATIENCE)
         while True:
             self.recorder.check()
             result = done()

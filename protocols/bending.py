@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -22,6 +23,7 @@ from .bench import Bench, Setup
 from .errors import WrongWiring
 from .experiment import Plan, Step, Trial, Trials, settled
 from .parameters import Chamber, Jam, Parameters, Pressure, Settle, SpineLength, SpineMotion, Vacuum
+from .suspension import through_pauses
 
 
 class Bending(Parameters):
@@ -129,7 +131,7 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
             bench.say(
                 f"Spine to {spine * 100:g} cm, jammed at {vacuum / 1e3:g} kPa below ambient (repeat {repeat} of {p.repeats})"
             )
-            ambient = set_spine(bench, spine, vacuum, p.spine, p.jam)
+            ambient = through_pauses(bench, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
             _sweep(bench, p, trial, trials)
@@ -154,12 +156,24 @@ def _stop_and_read(bench: Bench, p: Bending, trial: Trial, trials: Trials, at: l
     """Ramp to each level and read it when settled, or after the hold times."""
     for level in at:
         bench.check_stop()
-        before = max(bench.need(bench.pressure, "pressure").read().setpoint)
-        arrived = ramp(bench, _channels(bench, p, level.pressure), p.rate)
-        rate = 0.0 if abs(level.pressure - before) < 1e3 else math.copysign(p.rate, level.pressure - before)
-        for rule in _rules(p):
-            _read(p, trial, trials, level, rule, arrived, arrived, rate)
+        rules = _rules(p)
+
+        def visit(level: Level = level, rules: list[Settled | Window] = rules) -> None:
+            before = max(bench.need(bench.pressure, "pressure").read().setpoint)
+            arrived = ramp(bench, _channels(bench, p, level.pressure), p.rate)
+            rate = 0.0 if abs(level.pressure - before) < 1e3 else math.copysign(p.rate, level.pressure - before)
+            while rules:
+                _read(p, trial, trials, level, rules[0], arrived, arrived, rate)
+                rules.pop(0)
+
+        through_pauses(bench, visit, partial(_climb_back, bench, p, level.branch))
         trials.step_done()
+
+
+def _climb_back(bench: Bench, p: Bending, branch: str) -> None:
+    """After a pause the chambers are empty: a state of the unload branch is reached by way of the highest again."""
+    if branch == "unload":
+        ramp(bench, _channels(bench, p, max(p.pressures)), p.rate)
 
 
 def _rules(p: Bending) -> list[Settled | Window]:
@@ -171,11 +185,18 @@ def _rules(p: Bending) -> list[Settled | Window]:
 def _read_on_the_fly(bench: Bench, p: Bending, trial: Trial, trials: Trials, passed: list[Level]) -> None:
     """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
     bench.check_stop()
-    rising = passed[0].branch == "load"
-    end = passed[-1].pressure
+    branch, left = passed[0].branch, list(passed)
+    through_pauses(bench, lambda: _pass(bench, p, trial, trials, left), lambda: _climb_back(bench, p, branch))
+
+
+def _pass(bench: Bench, p: Bending, trial: Trial, trials: Trials, left: list[Level]) -> None:
+    """One ramp to the last level; takes those that were read off the list."""
+    rising = left[0].branch == "load"
+    end = left[-1].pressure
     begin = bench.clock.now()
     arrived = ramp(bench, _channels(bench, p, end), p.rate)
-    for level in passed:
+    while left:
+        level = left[0]
         # The pressure approaches the ramp's end without crossing it: the last level is read just before.
         short = p.settle.band if level.pressure == end else 0.0
         at = level.pressure - short if rising else level.pressure + short
@@ -183,6 +204,7 @@ def _read_on_the_fly(bench: Bench, p: Bending, trial: Trial, trials: Trials, pas
             at, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, arrived - begin + p.settle.within
         )
         _read(p, trial, trials, level, rule, begin, arrived, p.rate if rising else -p.rate)
+        left.pop(0)
         trials.step_done()
 
 

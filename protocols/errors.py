@@ -4,10 +4,14 @@ ProtocolError
 |-- MissingInstrument   the rig has not all the instruments this protocol needs; nothing moved
 |-- WrongWiring         the regulators' wiring cannot make the pattern asked for; nothing moved
 |-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
+|-- TooMuchForce        the arm met more force than the protocol allows, and was stopped
+|-- Suspended           something that a person can put right; the experiment waits for that, then goes on
 `-- Stopped             a person asked to stop
 """
 
 from __future__ import annotations
+
+from drivers.errors import InstrumentError
 
 
 class ProtocolError(Exception):
@@ -24,6 +28,18 @@ class WrongWiring(ProtocolError):
 
 class NotReached(ProtocolError):
     """A physical state was not reached in the time allowed."""
+
+
+class TooMuchForce(ProtocolError):
+    """The arm met more force than the protocol allows, and was stopped where it was."""
+
+
+class Suspended(ProtocolError):
+    """The rig is not as it must be (tip hidden, supply low, cell open), and a person can put that right."""
+
+    def __init__(self, cause: InstrumentError) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
 
 
 class Stopped(ProtocolError):

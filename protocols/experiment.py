@@ -13,7 +13,7 @@ from recordings.states import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.trials import TrialRow
 
 from .bench import Bench
-from .errors import NotReached
+from .errors import NotReached, Suspended
 from .parameters import Settle
 
 T = TypeVar("T")
@@ -115,6 +115,9 @@ class Trials:
             )
         except NotSettled as e:
             raise NotReached(str(e)) from e
+        except Suspended:
+            self._step -= 1  # it will be read again after the pause
+            raise
         self.bench.recorder.trial(self.bench.clock.now(), number, row)
         self.rows.append(row)
         if self.journal is not None:

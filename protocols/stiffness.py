@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -17,12 +18,14 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from recordings.states import Probe, Window
+from recordings.trials import TrialRow
 
 from .actions import home, set_spine, vent
 from .bench import Bench, Setup, StandFrame
-from .errors import NotReached
+from .errors import NotReached, TooMuchForce
 from .experiment import Plan, Step, Trial, Trials, with_probe
 from .parameters import Jam, Parameters, SpineLength, SpineMotion, Vacuum
+from .suspension import through_pauses
 
 TOPICS = ("/force", "/arm", "/spine", "/vacuum")
 
@@ -107,8 +110,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
     for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.lengths), 2 + p.steps):
         bench.check_stop()
         bench.say(f"{p.specimen.capitalize()} with the spine at {spine * 100:g} cm (repeat {repeat} of {p.repeats})")
-        probe.go(0.1 if p.specimen == "spine" else p.body_length, -stand.standoff, p.speed)
-        ambient = set_spine(bench, spine, p.vacuum, p.spine, p.jam)
+        ambient = through_pauses(bench, partial(_grow, bench, p, probe, spine))
         trials.step_done()
         trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, specimen=p.specimen)
         try:
@@ -116,6 +118,12 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
         finally:
             probe.retreat()
         trials.end(trial)
+
+
+def _grow(bench: Bench, p: Stiffness, probe: ProbeMotion, spine: float) -> float:
+    """The next specimen, with the probe out of its way; returns ambient pressure, Pa absolute."""
+    probe.go(0.1 if p.specimen == "spine" else p.body_length, -probe.stand.standoff, p.speed)
+    return set_spine(bench, spine, p.vacuum, p.spine, p.jam)
 
 
 class ProbeMotion:
@@ -128,17 +136,32 @@ class ProbeMotion:
         self.force = bench.need(bench.force, "force")
         self.stand = stand
         self.along = 0.0
-        self.touching = False
+        self.zeroed = False
 
     def go(self, along: float, depth: float, speed: float) -> None:
-        """Move there and wait until the arm has come to rest."""
+        """Move there and wait until the arm has come to rest.
+
+        On the way in, once the sensor has its zero, the arm stops where the force passes the limit: TooMuchForce.
+        """
+        inwards = self.zeroed and depth > -self.stand.standoff
         s = self.stand
         point = [o + along * a + depth * d for o, a, d in zip(s.origin, s.axis, s.push, strict=True)]
         goal = [*point, *s.tool_rotation]
         for pose in waypoints(self.state.latest().tcp_pose, goal):
             self.arm.move_to(pose, speed, self.p.acceleration)
-            self.bench.wait("arm at its target", lambda: None if self.arm.moving() else True, 120.0)
+            self.bench.wait("arm at its target", partial(self._arrived, inwards), 120.0)
         self.along = along
+
+    def _arrived(self, inwards: bool) -> bool | None:
+        if inwards and (force := math.hypot(*self.force.latest().wrench[:3])) > self.p.max_force:
+            self.arm.stop()
+            raise TooMuchForce(f"force {force:.1f} N passed max_force {self.p.max_force:g} N; the arm was stopped")
+        return None if self.arm.moving() else True
+
+    def come_back(self, along: float, depth: float) -> None:
+        """After a pause: away from the specimen, then to where it is nearly touched."""
+        self.retreat()
+        self.go(along, depth, self.p.speed)
 
     def retreat(self) -> None:
         """Away from the specimen, straight back."""
@@ -163,6 +186,7 @@ class ProbeMotion:
         p = self.p
         self.go(along, -self.stand.standoff, p.speed)
         self.force.zero(p.zero_samples)
+        self.zeroed = True
         depth = -p.radius - p.clearance
         self.go(along, depth, p.speed)
         while self.pushing() < p.contact_force:
@@ -193,20 +217,28 @@ def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]
 
 def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: ProbeMotion, length: float) -> None:
     """Approach, then step the deflection and read force at each."""
-    contact = probe.approach(length)
+    contact = through_pauses(bench, partial(probe.approach, length))
     trials.step_done()
     tcp = probe.state.latest().tcp_pose
     trial = with_probe(trial, Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2])))
     rate = _sample_rate(bench)
     average = max(p.average, p.min_samples / rate)
     for i in range(1, p.steps + 1):
-        probe.go(length, contact + p.deflection_ratio * length * i / p.steps, p.push_speed)
-        at_rest = bench.clock.now()
-        rule = Window(p.dwell, average, 3)
-        row = trials.read(
-            trial, rule, branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0, targets=(0.0,) * 9, topics=TOPICS,
-            wait=p.dwell + average + 20.0,
-        )  # fmt: skip
+        depth = contact + p.deflection_ratio * length * i / p.steps
+
+        def deflect(depth: float = depth) -> TrialRow:
+            probe.go(length, depth, p.push_speed)
+            at_rest = bench.clock.now()
+            return trials.read(
+                trial, Window(p.dwell, average, 3), branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0,
+                targets=(0.0,) * 9, topics=TOPICS, wait=p.dwell + average + 20.0,
+            )  # fmt: skip
+
+        try:
+            row = through_pauses(bench, deflect, partial(probe.come_back, length, contact - p.clearance))
+        except TooMuchForce as e:
+            bench.say(f"{e}: no further deflection at this length")
+            return
         trials.step_done()
         if row.force is not None and row.force > p.max_force:
             bench.say(f"Force {row.force:.1f} N is above {p.max_force:g} N: no further deflection at this length")

@@ -1,6 +1,7 @@
 """The door into the fakes that no real instrument has: JSON lines over loopback TCP.
 
     {"prepare": {"mount": "spine", "tip_mass": 0.0, "roll_deg": 0.0, "vacuum": 80000.0}}   what the person at the rig does
+    {"confirm": "what was wrong"}                     a person has put it right; sets free what was held by `person`
     {"state": true}                                                                       what the plant is doing
     {"faults": {"pressure": {"silent": true}}}                                            faults of a serial fake
     {"tip_visible": false}                                                                hide the tip from the cameras
@@ -68,6 +69,8 @@ class BackDoor:
         rig = self._rig
         if what == "prepare":
             rig.prepare(**value)
+        elif what == "confirm":
+            return rig.confirm(str(value))
         elif what == "state":
             return {"state": rig.state()}
         elif what == "faults":

@@ -10,7 +10,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,10 @@ class FakeRig:
         self._running = False
         self._threads: list[threading.Thread] = []
         self.ur: UrProcess | None = None
+        self.troubles: list[str] = []
+        """What a person was asked to put right."""
+        self.on_confirm: Callable[[str], None] | None = None
+        """What that person does about it."""
 
     def _warm_up(self, effects: dict[str, float]) -> None:
         """Have the physics compiled before any instrument answers: a compiler holds the interpreter for seconds."""
@@ -138,6 +142,13 @@ class FakeRig:
             self.plant.tip_mass = float(tip_mass)
             self.plant.roll = float(np.radians(roll_deg))
             self.plant.vacuum_supply = float(vacuum)
+
+    def confirm(self, trouble: str) -> dict[str, Any]:
+        """A person is asked to put something right: does what `on_confirm` says, or nothing, and says it is done."""
+        self.troubles.append(trouble)
+        if self.on_confirm is not None:
+            self.on_confirm(trouble)
+        return {}
 
     # -- threads
     def _move_plant(self) -> None:

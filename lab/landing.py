@@ -1,0 +1,137 @@
+"""Landing: every actuator brought into the safe state, each whatever happens to the others, and read back.
+
+Each instrument has a thread of its own, started in the order of the policy: its stop is sent, and again until it is
+taken; then it is read until it is measured safe. A line that is dead holds up nobody but itself.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from .rig_file import Safe
+
+HEAD_START = 0.005
+"""Host seconds between two stops in the order: enough to keep it, too little to delay anything."""
+AGAIN = 0.3
+"""Host seconds after which a stop is sent again as long as the instrument is not read back safe."""
+LEAST_TIME = 2.0
+"""Host seconds allowed at least, however fast the rig's clock runs: wires do not get faster."""
+RETRY = 0.02
+
+
+@dataclass(frozen=True)
+class SafeStep:
+    """One instrument brought into the safe state: confirmed by reading back, or what went wrong."""
+
+    instrument: str
+    confirmed: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class SafeReport:
+    """What was reached; `confirmed` only when every instrument was read back safe."""
+
+    steps: tuple[SafeStep, ...] = field(default_factory=tuple)
+
+    @property
+    def confirmed(self) -> bool:
+        """True when every instrument is confirmed safe."""
+        return all(s.confirmed for s in self.steps)
+
+    def __str__(self) -> str:
+        return "; ".join(
+            f"{s.instrument} {'safe' if s.confirmed else 'NOT CONFIRMED'}: {s.text}" for s in self.steps
+        ) or ("nothing was open")
+
+
+class Landing:
+    """Lands the actuators of one rig by its policy."""
+
+    def __init__(self, policy: Safe, drivers: Mapping[str, Any], speed: float) -> None:
+        """`speed` of the rig's clock: `policy.within` is rig time."""
+        self._policy = policy
+        self._drivers = drivers
+        self._within = max(LEAST_TIME, policy.within / speed)
+
+    def land(self, names: Sequence[str], keep_vacuum: bool) -> SafeReport:
+        """Stop these instruments; returns when each is confirmed or its time is over. Never raises."""
+        order = [n for n in self._policy.order if n in names and not (n == "valve" and keep_vacuum)]
+        results: dict[str, SafeStep] = {}
+        threads: list[threading.Thread] = []
+        for name in order:
+            sent = threading.Event()
+            thread = threading.Thread(target=self._one, args=(name, sent, results), name=f"land-{name}", daemon=True)
+            thread.start()
+            threads.append(thread)
+            sent.wait(HEAD_START)
+        give_up = time.monotonic() + self._within + LEAST_TIME
+        for thread in threads:
+            thread.join(max(0.0, give_up - time.monotonic()))
+        hung = "its driver does not come back; stop it by hand"
+        return SafeReport(tuple(results.get(name, SafeStep(name, False, hung)) for name in order))
+
+    def _one(self, name: str, sent: threading.Event, results: dict[str, SafeStep]) -> None:
+        """Stop one instrument, then read it until it is safe."""
+        stop, is_safe = self._ways(name)
+        deadline = time.monotonic() + self._within
+        taken, again_at = False, 0.0
+        while True:
+            confirmed = False
+            try:
+                if time.monotonic() >= again_at:
+                    stop()
+                    taken, again_at = True, time.monotonic() + AGAIN
+                    sent.set()
+                confirmed, text = is_safe()
+            except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
+                text = str(e) if taken else f"did not take the stop: {e}"
+            if confirmed or time.monotonic() > deadline:
+                results[name] = SafeStep(name, confirmed, text)
+                return
+            time.sleep(RETRY)
+
+    def _ways(self, name: str) -> tuple[Callable[[], Any], Callable[[], tuple[bool, str]]]:
+        """How an instrument is stopped and how that is read back."""
+        driver = self._drivers[name]
+        if name == "pressure":
+            return driver.vent, lambda: self._vented(driver)
+        if name == "spine":
+            return driver.stop, lambda: _held(driver)
+        if name == "valve":
+            return lambda: driver.set(False), lambda: _released(driver)
+        return lambda: _stop_arm(driver), lambda: _standing(driver)
+
+    def _vented(self, driver: Any) -> tuple[bool, str]:
+        sample = driver.read()
+        highest = max(sample.measured)
+        vented = highest < self._policy.vented_below and max(sample.setpoint) < self._policy.vented_below
+        return vented, f"highest pressure {highest / 1e3:.1f} kPa"
+
+
+def _held(driver: Any) -> tuple[bool, str]:
+    sample = driver.read()
+    return not sample.moving, f"length {sample.length * 1e3:.1f} mm, {'moving' if sample.moving else 'at rest'}"
+
+
+def _released(driver: Any) -> tuple[bool, str]:
+    on = driver.read().on
+    return not on, f"vacuum {'on' if on else 'off'}"
+
+
+def _stop_arm(driver: Any) -> None:
+    """An arm whose state shows it standing needs no stop; one that does not take it is judged by its state alone."""
+    try:
+        driver.stop()
+    except Exception:
+        if not driver.standing():
+            raise
+
+
+def _standing(driver: Any) -> tuple[bool, str]:
+    standing = driver.standing()
+    return standing, "at rest" if standing else "moving"

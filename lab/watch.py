@@ -1,0 +1,163 @@
+"""Vital signs: what must hold at every moment of an experiment, looked at whenever it waits.
+
+A reading that is too old, damaged or out of range ends the experiment with the error of its instrument. Some things a
+person can put right while the experiment waits: the tip hidden from the cameras, a low supply, an open cell. Those are
+raised as Suspended.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.errors import DeviceFault, InstrumentError, StaleReading
+from drivers.interfaces import ArmSample, WrenchSample
+from protocols.errors import Suspended
+
+from .actuators import Actuators
+from .clock import RigClock
+from .guard_messages import Event, RigLanded
+from .instruments import POLLED
+from .pulse import FORCE, MOMENT, Pulse
+from .rig_file import Limits
+
+GRACE = 0.5
+"""Host seconds for which a stream may be late: a loaded computer must not end a run."""
+SAFEGUARD = 1 << 4
+"""Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
+NO_ZERO = (0.0,) * 6
+AGREE = 2
+"""Samples in a row that must be beyond the limit: one may be a knock."""
+SLICE = 0.02
+"""Longest host seconds between two looks while the experiment sleeps."""
+
+
+@dataclass
+class Vital:
+    """What is known of the rig's health; written by the threads that receive it, read by the watch."""
+
+    heard: dict[str, float] = field(default_factory=dict)
+    """Host time of the newest good reading of each polled instrument."""
+    errors: dict[str, InstrumentError] = field(default_factory=dict)
+    """The error that took the place of the newest reading."""
+    landed: Event | None = None
+    pause: Event | None = None
+
+
+class Watch:
+    """Looks at the instruments that the experiment needs."""
+
+    def __init__(
+        self,
+        actuators: Actuators,
+        vital: Vital,
+        streams: Mapping[str, Any],
+        limits: Limits,
+        stop_now: Callable[[], bool],
+    ) -> None:
+        self._actuators, self._vital, self._streams, self._limits = actuators, vital, streams, limits
+        self._stop_now = stop_now
+        self._needed: tuple[str, ...] = ()
+        self._since: dict[str, float] = {}
+        self._began = time.monotonic()
+
+    def over(self, needed: Sequence[str]) -> None:
+        """Watch these instruments from now on."""
+        self._needed = (*needed, "arm_state") if "arm" in needed else tuple(needed)
+        self.forget()
+
+    def forget(self) -> None:
+        """What was wrong before is over: start anew."""
+        self._since.clear()
+        self._vital.pause = None
+        self._began = time.monotonic()
+
+    def look(self, strict: bool = False) -> None:
+        """Raises what is wrong: KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended or an InstrumentError.
+
+        `strict` forgives nothing, not even for a moment.
+        """
+        if self._stop_now():
+            raise KeyboardInterrupt
+        self._actuators.look()
+        vital = self._vital
+        if vital.landed is not None:
+            raise vital.landed.error or RigLanded(f"the guard has landed the rig: {vital.landed.text}")
+        if vital.pause is not None and vital.pause.error is not None:
+            raise Suspended(vital.pause.error)
+        now = time.monotonic()
+        for name in self._needed:
+            if name in POLLED:
+                self._polled(name, now)
+            elif name in self._streams:
+                self._stream(name, now, strict)
+
+    def _polled(self, name: str, now: float) -> None:
+        error = self._vital.errors.get(name)
+        if isinstance(error, DeviceFault):
+            raise error
+        age = now - max(self._began, self._vital.heard.get(name, 0.0), self._actuators.asked.get(name, 0.0))
+        if age > self._limits.max_age:
+            raise error or StaleReading(
+                name, f"no reading for {age:.1f} s, limits.max_age is {self._limits.max_age:g} s; check its line"
+            )
+
+    def _stream(self, name: str, now: float, strict: bool) -> None:
+        try:
+            sample = self._streams[name].latest()
+        except (StaleReading, DeviceFault) as e:
+            late = now - self._since.setdefault(name, now)
+            if name == "mocap" and (strict or late > self._limits.max_hidden):
+                raise Suspended(e) from e
+            if name != "mocap" and (strict or late > GRACE or isinstance(e, DeviceFault)):
+                raise
+        else:
+            self._since.pop(name, None)
+            if isinstance(sample, ArmSample) and sample.safety_bits & SAFEGUARD:
+                raise Suspended(
+                    DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
+                )
+
+
+class ForceLimit:
+    """Stops the arm from the sensor's own thread when the load is beyond the rig's limit."""
+
+    def __init__(self, limits: Limits, pulse: Pulse) -> None:
+        self._limits, self._pulse = limits, pulse
+        self._over = 0
+
+    def judge(self, sample: WrenchSample) -> None:
+        """Take one sample; before the sensor has its zero, the tool's weight is not told from a load."""
+        if sample.zero == NO_ZERO:
+            return
+        force, moment = math.hypot(*sample.wrench[:3]), math.hypot(*sample.wrench[3:])
+        over = force > self._limits.max_force or moment > self._limits.max_moment
+        self._over = self._over + 1 if over else 0
+        if self._over == AGREE:
+            kind, value = (FORCE, force) if force > self._limits.max_force else (MOMENT, moment)
+            self._pulse.shout(kind, value)
+
+
+class WatchedClock:
+    """The rig's clock as protocols get it: while they sleep, the pulse goes on and the vital signs are looked at."""
+
+    def __init__(self, clock: RigClock, actuators: Actuators, watch: Watch) -> None:
+        self._clock, self._actuators, self._watch = clock, actuators, watch
+
+    def now(self) -> float:
+        """Rig time, s."""
+        return self._clock.now()
+
+    def sleep(self, duration: float) -> None:
+        """Wait `duration` seconds of rig time; raises what the watch finds."""
+        end = time.monotonic() + max(0.0, duration) / self._clock.speed
+        while True:
+            self._actuators.pulse.mark()
+            self._watch.look()
+            left = end - time.monotonic()
+            if left <= 0:
+                return
+            time.sleep(min(SLICE, left))
