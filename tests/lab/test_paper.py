@@ -24,7 +24,7 @@ def report(folder: Path) -> PaperReport:
 
 
 def test_the_figures_are_pictures_of_some_size(report: PaperReport) -> None:
-    assert len(report.figures) == 4
+    assert len(report.figures) == 7
     for path in report.figures:
         assert path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
 
