@@ -11,7 +11,7 @@ from ..inputs import read_case
 
 def diagnose_folder(folder: Path) -> dict[str, Any]:
     """diagnosis.json of a case folder. Raises what the diagnosis raises."""
-    from diagnosis import diagnose
+    from diagnosis.diagnose import diagnose
 
     found: dict[str, Any] = json.loads(diagnose(read_case([folder])).to_json())
     return found
