@@ -4,6 +4,7 @@
     |-- BadRobot       (ValueError)     the robot description is out of limits or contradicts itself
     |-- BadCondition   (ValueError)     conditions or measurements of the wrong shape, not finite, or off limits
     |-- SolveFailed    (RuntimeError)   no trustworthy equilibrium was found for some states
+    |-- BadEffect      (ValueError)     an effect is declared wrongly or does not exist
     `-- NotIdentified  (ValueError)     the data do not determine what is to be fitted
 
 Each message names the field, the value with its unit, the limit and what to do next.
@@ -26,6 +27,10 @@ class BadCondition(ModelError, ValueError):
 
 class SolveFailed(ModelError, RuntimeError):
     """No trustworthy equilibrium was found for some states."""
+
+
+class BadEffect(ModelError, ValueError):
+    """An effect is declared wrongly, asked for by a name that does not exist, or cannot be loaded."""
 
 
 class NotIdentified(ModelError, ValueError):

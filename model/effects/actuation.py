@@ -1,0 +1,120 @@
+"""Effects between the regulator and the moment on the body."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from model.effects.quantities import Quantities
+from model.effects.spec import EffectSpec, Law, Parameter, Values
+
+FULL = 250e3
+"""Pa, the pressure that ballooning is quoted at."""
+DEADBAND_SOFTNESS = 0.2
+"""Width of the smooth corner of a dead band, in dead bands."""
+BALLOON_POWER = 1.25
+
+
+def _time_offset(q: Quantities, v: Values) -> None:
+    """Pressure and tip are read apart, which matters while the pressure moves."""
+    moving = (q.design.hold <= 0) & ~q.design.stiffness
+    sign = np.where(q.design.unload, -1.0, 1.0)
+    slope = np.where(moving, sign * q.design.rate, 0.0)
+    q.pressure = q.pressure + (v["delay"] * slope)[..., None] * q.design.used
+
+
+def _pressure_offset(q: Quantities, v: Values) -> None:
+    share = np.where(q.design.used, 1.0, v["idle"][..., None])
+    q.pressure = q.pressure + v["offset"][..., None] * share * ~q.design.stiffness[:, None]
+
+
+def _pressure_deadband(q: Quantities, v: Values) -> None:
+    band = v["band"][..., None]
+    soft = DEADBAND_SOFTNESS * band
+    p = q.pressure
+
+    def beyond(x: np.ndarray) -> np.ndarray:
+        return 0.5 * (x - band + np.sqrt((x - band) ** 2 + soft**2))
+
+    q.pressure = np.where((p > 0) & (band != 0), beyond(p) - beyond(np.zeros_like(band)), p)
+
+
+def _chamber_ballooning(q: Quantities, v: Values) -> None:
+    power = BALLOON_POWER + v["power"][..., None]
+    grown = (np.maximum(q.pressure, 0.0) / FULL) ** power
+    q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
+
+
+def _chamber_azimuth(q: Quantities, v: Values) -> None:
+    q.azimuth = q.azimuth + v["angle"][..., None]
+
+
+def _chamber_twist(q: Quantities, v: Values) -> None:
+    q.twist = q.twist + v["winding"]
+
+
+SPECS = (
+    EffectSpec(
+        id="time_offset",
+        stage="measurement",
+        equation="P = P_read + (dP/dt) d in states read while ramping; dP/dt < 0 on the unload branch",
+        parameters=(Parameter("delay", "s", 0.4, -3.0, 3.0),),
+        law=Law(before=_time_offset),
+        citation="kinematics of two clocks",
+        seen_best_in="states read on the fly: the sign flips on the unload branch; a faster ramp",
+    ),
+    EffectSpec(
+        id="pressure_offset",
+        stage="actuation",
+        equation="P = P_read + p0 in the chambers in use, share i p0 in the vented ones",
+        parameters=(
+            Parameter("offset", "Pa", 5e3, -40e3, 40e3),
+            Parameter("idle", "1", 0.5, 0.0, 1.0, role="shape"),
+        ),
+        law=Law(before=_pressure_offset),
+        citation="zero error of a gauge",
+        seen_best_in="zero-pressure state, low pressures",
+        family="pressure_zero",
+    ),
+    EffectSpec(
+        id="pressure_deadband",
+        stage="actuation",
+        equation="P_eff = f(P) - f(0), f(P) = (P - P0 + sqrt((P - P0)^2 + (0.2 P0)^2)) / 2",
+        parameters=(Parameter("band", "Pa", 10e3, 0.0, 60e3, sign="positive"),),
+        law=Law(before=_pressure_deadband),
+        citation="slack of the winding: a chamber must swell to its winding before it pushes",
+        seen_best_in="low pressures",
+        family="pressure_zero",
+    ),
+    EffectSpec(
+        id="chamber_ballooning",
+        stage="actuation",
+        equation="A_eff = A (1 + b (P / 250 kPa)^(1.25 + g))",
+        parameters=(
+            Parameter("growth", "1", 0.15, -0.5, 1.0),
+            Parameter("power", "1", 0.25, -0.5, 1.0, role="shape"),
+        ),
+        law=Law(before=_chamber_ballooning),
+        citation="Polygerinos et al., IEEE T-RO 31 (2015), on fibre-reinforced bending actuators",
+        seen_best_in="pressure curve at zero spine",
+    ),
+    EffectSpec(
+        id="chamber_azimuth",
+        stage="actuation",
+        equation="azimuth_i = azimuth_i,drawn + d",
+        parameters=(Parameter("angle", "rad", math.radians(6), -0.6, 0.6),),
+        law=Law(before=_chamber_azimuth),
+        citation="geometry",
+        seen_best_in="tip out of the bending plane",
+    ),
+    EffectSpec(
+        id="chamber_twist",
+        stage="actuation",
+        equation="azimuth_i(s) = azimuth_i + c s: m_act(s) = Rz(c s) m_act(0), torque c r^2 sum P A",
+        parameters=(Parameter("winding", "rad/m", 0.35, -3.0, 3.0),),
+        law=Law(before=_chamber_twist),
+        citation="Rucker & Webster, IEEE T-RO 27 (2011), loads of routed actuators; here for pressure",
+        seen_best_in="tip out of the plane and tip orientation, over pressure",
+    ),
+)

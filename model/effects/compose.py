@@ -1,0 +1,136 @@
+"""From the quantities to rods: sections, actuation, loads and boundary as rows of the solver.
+
+The baseline is that of `model.section`: volume-mixed modulus over the spine, second moments of the annulus, chamber
+forces and moments at the tip alone. Equation numbers in docs/effects.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects import layout as at
+from model.effects.quantities import Quantities
+from model.effects.spine import ShearSpine, moduli
+from model.section import annulus_second_moment, body_area, body_second_moment
+
+Array = NDArray[np.float64]
+
+CONTACT_WIDTH = 2e-3
+"""m over which the obstacle's force sets in: skin and mounting give a little."""
+INNER, OUTER = at.ELEMENTS, at.ELEMENTS + at.ELEMENT_WIDTH
+
+
+def rows(q: Quantities, shear: ShearSpine, variants: int) -> Array:
+    """(variants, n, WIDTH) rods of all states."""
+    out = np.zeros((variants, len(q.design), at.WIDTH))
+    _sections(q, shear, out)
+    _actuation(q, out)
+    _loads(q, out)
+    _boundary(q, out)
+    return out
+
+
+def _sections(q: Quantities, shear: ShearSpine, out: Array) -> None:
+    robot = q.robot
+    area, second = body_area(robot), body_second_moment(robot)
+    ratio = robot.shear_modulus / robot.youngs_modulus
+    body = q.body_modulus
+    inner = np.clip(q.spine_length, 0.0, q.length)
+    out[..., INNER + at.LENGTH] = inner
+    out[..., OUTER + at.LENGTH] = q.length - inner
+    modulus, sideways = body, ratio * body
+    bend, axial, lateral = body * second, body * area, ratio * body * area
+    share = np.ones((1, 1))
+    if robot.spine is not None:
+        spine, spine_shear, _ = moduli(q, shear)
+        core = math.pi * robot.spine.radius**2
+        core_second = annulus_second_moment(robot.spine.radius)
+        modulus = (area * body + core * spine) / (area + core)
+        sideways = (area * ratio * body + core * spine_shear) / (area + core)
+        blend = q.area_moments
+        bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
+        axial = modulus * area + blend * (body * area + spine * core - modulus * area)
+        lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
+        share = body * second / bend
+    for element, parts in ((INNER, (bend, axial, lateral, share)), (OUTER, (body * second, body * area, None, 1.0))):
+        stiff, pull, side, silicone = parts
+        across = ratio * body * area if side is None else side
+        for k in range(3):
+            out[..., element + at.BEND + k] = stiff if k < 2 else 2 * stiff
+            out[..., element + at.STRETCH + k] = across if k < 2 else pull
+        # Only the silicone's share of the section softens; the spine's stays linear.
+        out[..., element + at.SERIES] = silicone * q.bend_softening * robot.outer_radius**2
+        out[..., element + at.SERIES + 1] = silicone * q.strain_softening
+        out[..., element + at.SERIES + 2] = silicone * 0.5 * q.strain_softening
+
+
+def _actuation(q: Quantities, out: Array) -> None:
+    """Forces P A e3 at the tip (eq. 4); where the chambers wind, the moment turns with them along the arc.
+
+    With azimuth az + c s the internal moment of actuation at s is the one at the base turned by c s. The tip carries
+    that at s = L, and the difference is a rest curvature, expanded to third order in c (s - L).
+    """
+    push = q.pressure * q.area_factor * q.robot.chambers.area
+    arm = q.robot.chambers.path_radius
+    azimuth = q.azimuth + (q.twist * q.length)[..., None]
+    total = push.sum(axis=-1)
+    mx, my = arm * (np.sin(azimuth) * push).sum(-1), -arm * (np.cos(azimuth) * push).sum(-1)
+    out[..., at.TIP_FORCE + 2] = total
+    out[..., at.TIP_MOMENT] = mx
+    out[..., at.TIP_MOMENT + 1] = my
+    # The channel's tangent leans by c times the radius: a torque about the axis.
+    out[..., at.TIP_MOMENT + 2] = q.twist * arm**2 * total
+    if not q.twist.any():
+        return
+    bottom = np.zeros((1, 1))
+    for element in (INNER, OUTER):
+        long = out[..., element + at.LENGTH]
+        stiff = out[..., element + at.BEND]
+        a0, a1 = q.twist * (bottom - q.length), q.twist * long
+        # cos(a0 + a1 x) - 1 and sin(a0 + a1 x) about a0 to third order in x.
+        c, s = np.cos(a0), np.sin(a0)
+        cosine = (c - 1, -s * a1, -c * a1**2 / 2, s * a1**3 / 6)
+        sine = (s, c * a1, -s * a1**2 / 2, -c * a1**3 / 6)
+        for power in range(4):
+            column = element + (at.REST_CURVATURE if power == 0 else at.RISE + 3 * (power - 1))
+            out[..., column] += (cosine[power] * mx - sine[power] * my) / stiff
+            out[..., column + 1] += (sine[power] * mx + cosine[power] * my) / stiff
+        bottom = bottom + long
+
+
+def _loads(q: Quantities, out: Array) -> None:
+    gravity = np.array(q.robot.gravity)
+    area = body_area(q.robot)
+    for k in range(3):
+        out[..., at.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.tip_force[..., k]
+        for element in (INNER, OUTER):
+            out[..., element + at.LOAD + k] = q.density * area * gravity[k]
+    for j in range(2):
+        spring = at.SPRINGS + j * at.SPRING_WIDTH
+        out[..., spring + j] = 1.0
+        out[..., spring + at.SPRING_STIFFNESS] = q.tether
+    wall = at.SPRINGS + 2 * at.SPRING_WIDTH
+    out[..., wall] = q.plane_direction[0]
+    out[..., wall + 1] = q.plane_direction[1]
+    out[..., wall + at.SPRING_STIFFNESS] = q.plane_stiffness
+    out[..., wall + at.SPRING_ORIGIN] = q.plane_distance
+    out[..., wall + at.SPRING_SOFTNESS] = CONTACT_WIDTH
+
+
+def _boundary(q: Quantities, out: Array) -> None:
+    for k in range(3):
+        out[..., at.BASE_TURN + k] = q.base_turn[..., k]
+    for k in range(2):
+        out[..., at.BASE_COMPLIANCE + k] = q.base_compliance
+    bottom = np.zeros((1, 1))
+    for element in (INNER, OUTER):
+        long = out[..., element + at.LENGTH]
+        for k in range(3):
+            # Linear along the arc: 1 at mid-length, 1 + growth at the tip.
+            start = 1 + q.rest_growth * (2 * bottom / q.length - 1)
+            out[..., element + at.REST_CURVATURE + k] += q.rest_curvature[..., k] * start
+            out[..., element + at.RISE + k] += q.rest_curvature[..., k] * q.rest_growth * 2 * long / q.length
+        bottom = bottom + long

@@ -1,0 +1,231 @@
+"""The states of a campaign as arrays: what was done to the robot, and which channels were read.
+
+Made from the columns of a trials table (see recordings), as plain numpy arrays by name.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.condition import HIGHEST_PRESSURE, LOWEST_PRESSURE
+from model.errors import BadCondition
+from model.robot import Robot
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Columns = Mapping[str, NDArray[np.generic]]
+
+RATE, HOLD = 25e3, 2.0
+"""Pa/s and s, where a table does not say how a state was reached."""
+NOMINAL_VACUUM = 80e3
+"""Pa below ambient at which the robot's spine moduli hold, when the table has no vacuum."""
+USED = 5e3
+"""Pa; a chamber that never reads more within a trial is taken as vented."""
+VENTED = 1e3
+"""Pa; a state that reads less in all chambers is a state of rest."""
+TIP = ("x", "y", "z")
+TURN = ("rx", "ry", "rz")
+"""Orientation channels: rotation vector (rad, base frame) from the baseline's orientation to the tip's."""
+QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class Design:
+    """n states in the order of the table; make it with `design_from_columns`."""
+
+    trial: NDArray[np.int64]
+    """(n,) 0..trials-1; states of one trial follow each other and share one history."""
+    trial_id: NDArray[np.int64]
+    """(trials,) the numbers the table gives them."""
+    stiffness: Flags
+    """(n,) rows of force over deflection; the others are states of the robot."""
+    body: Flags
+    """(n,) stiffness rows whose specimen is the body, not the bare spine."""
+    unload: Flags
+    repeat: NDArray[np.int64]
+    t: Array
+    """(n,) s."""
+    rate: Array
+    """(n,) Pa/s, magnitude."""
+    hold: Array
+    """(n,) s; 0 = read while ramping."""
+    spine_length: Array
+    """(n,) m."""
+    vacuum: Array
+    """(n,) Pa below ambient."""
+    nominal_vacuum: float
+    """Pa."""
+    tip_mass: Array
+    """(n,) kg."""
+    roll: Array
+    """(n,) rad."""
+    pressure: Array
+    """(n, chambers) Pa gauge, as read."""
+    used: Flags
+    """(n, chambers) chambers that are pressurised at some state of the trial."""
+    deflection: Array
+    """(n,) m; 0 where the row is no stiffness row."""
+    channels: tuple[str, ...]
+    """Observed channels, of x y z, rx ry rz, m1x .. mKz, force."""
+
+    def __len__(self) -> int:
+        return len(self.trial)
+
+    @property
+    def markers(self) -> int:
+        """How many markers are observed."""
+        return sum(1 for name in self.channels if re.fullmatch(r"m\d+x", name))
+
+
+def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...] | None = None) -> Design:
+    """The design behind a trials table; `channels` limits what counts as observed (default: what the table holds).
+
+    Needs trial and spine_length, and p1..pN unless all rows are stiffness rows. Raises `BadCondition` naming the
+    column that is missing, not finite or does not fit the robot.
+    """
+    if "trial" not in columns or len(columns["trial"]) == 0:
+        raise BadCondition("trial: the table has no such column, or no rows")
+    n = len(columns["trial"])
+    for name, column in columns.items():
+        if np.shape(column) != (n,):
+            raise BadCondition(f"{name}: shape {np.shape(column)}, must be ({n},) as trial")
+    stiffness = _text(columns, "protocol", "bending", n) == "stiffness"
+    spine_length = _numbers(columns, "spine_length", None, n)
+    _within("spine_length", spine_length, 0.0, robot.length * (1 + 1e-9), "m")
+    pressure = _pressures(robot, columns, stiffness)
+    vacuum = _numbers(columns, "vacuum", NOMINAL_VACUUM, n)
+    _within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient")
+    ids, trial = _trials(columns["trial"], spine_length)
+    used = np.zeros(pressure.shape, bool)
+    for k in range(len(ids)):
+        used[trial == k] = pressure[trial == k].max(axis=0) > USED
+    spined = spine_length > 0
+    observed = _channels(robot, columns, stiffness)
+    if channels is not None:
+        unknown = sorted(set(channels) - set(observed))
+        if unknown:
+            raise BadCondition(f"channels: {', '.join(unknown)} not in the table, which has {', '.join(observed)}")
+        observed = tuple(name for name in observed if name in channels)
+    return Design(
+        trial=trial,
+        trial_id=ids,
+        stiffness=stiffness,
+        body=stiffness & (_text(columns, "specimen", "spine", n) == "body"),
+        unload=_text(columns, "branch", "load", n) == "unload",
+        repeat=_numbers(columns, "repeat", 1.0, n).astype(np.int64),
+        t=_numbers(columns, "t", np.nan, n),
+        rate=np.abs(_numbers(columns, "rate", RATE, n)),
+        hold=_numbers(columns, "hold", HOLD, n),
+        spine_length=spine_length,
+        vacuum=vacuum,
+        nominal_vacuum=float(np.median(vacuum[spined])) if spined.any() else NOMINAL_VACUUM,
+        tip_mass=_numbers(columns, "tip_mass", robot.tip_mass, n),
+        roll=np.deg2rad(_numbers(columns, "roll_deg", 0.0, n)),
+        pressure=pressure,
+        used=used,
+        deflection=np.where(stiffness, _numbers(columns, "deflection", 0.0, n), 0.0),
+        channels=observed,
+    )
+
+
+def with_rest(design: Design) -> tuple[Design, NDArray[np.int64]]:
+    """The design and, behind its rows, the rest state of each trial that does not begin with one.
+
+    Returns also (trials,) the row at which each trial is at rest: its own first state when that is without pressure.
+    """
+    extra: list[int] = []
+    rest = np.zeros(len(design.trial_id), np.int64)
+    for k in range(len(rest)):
+        own = np.flatnonzero((design.trial == k) & ~design.stiffness)
+        if not own.size:
+            continue
+        rest[k] = own[0]
+        if np.abs(design.pressure[own[0]]).max() > VENTED:
+            rest[k] = len(design) + len(extra)
+            extra.append(int(own[0]))
+    rows = np.concatenate([np.arange(len(design)), np.array(extra, int)])
+    arrays = {f.name: getattr(design, f.name) for f in fields(design)}
+    long = {k: v[rows] for k, v in arrays.items() if k not in ("trial_id", "nominal_vacuum", "channels")}
+    long["pressure"][len(design) :] = 0.0
+    long["hold"][len(design) :] = HOLD
+    return replace(design, **long), rest
+
+
+def _numbers(columns: Columns, name: str, default: float | None, n: int) -> Array:
+    """A column of numbers; cells that were not measured take the default, which None forbids."""
+    if name not in columns:
+        if default is None:
+            raise BadCondition(f"{name}: the table has no such column")
+        return np.full(n, default)
+    try:
+        values = np.asarray(columns[name]).astype(float)
+    except ValueError as error:
+        raise BadCondition(f"{name}: holds values that are not numbers ({error})") from error
+    missing = np.isnan(values)
+    if missing.any() and default is None:
+        raise BadCondition(f"{name}: empty in row {int(np.flatnonzero(missing)[0])}, drop the rows not measured")
+    return np.where(missing, default, values) if default is not None else values
+
+
+def _text(columns: Columns, name: str, default: str, n: int) -> NDArray[np.str_]:
+    if name not in columns:
+        return np.full(n, default)
+    return np.array([str(x) if x not in (None, "") else default for x in columns[name]])
+
+
+def _within(name: str, values: Array, low: float, high: float, unit: str) -> None:
+    wrong = ~((values >= low) & (values <= high))
+    if wrong.any():
+        row = int(np.flatnonzero(wrong.reshape(len(values), -1).any(axis=1))[0])
+        raise BadCondition(
+            f"{name}: {np.atleast_1d(values[row]).max():g} {unit} in row {row}, must be within {low:g} and {high:g}: "
+            "check the unit"
+        )
+
+
+def _pressures(robot: Robot, columns: Columns, stiffness: Flags) -> Array:
+    n, chambers = len(stiffness), len(robot.chambers.azimuths_deg)
+    names = [f"p{i}" for i in range(1, chambers + 1)]
+    extra = [name for name in columns if re.fullmatch(r"p\d+", name) and name not in names]
+    if extra:
+        raise BadCondition(f"{', '.join(extra)}: robot {robot.name!r} has {chambers} chambers")
+    if stiffness.all():
+        return np.zeros((n, chambers))
+    pressure = np.stack([_numbers(columns, name, None if name in columns else 0.0, n) for name in names], axis=1)
+    if not any(name in columns for name in names):
+        raise BadCondition(f"p1..p{chambers}: the table has no pressures")
+    pressure[stiffness] = 0.0
+    _within("pressure", pressure, LOWEST_PRESSURE, HIGHEST_PRESSURE, "Pa")
+    return pressure
+
+
+def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Trial numbers and the trial of each row; a spine that changes within a trial begins another, with its own rest."""
+    ids: list[int] = []
+    trial, known = np.empty(len(numbers), np.int64), dict[tuple[int, float], int]()
+    for row, key in enumerate(
+        zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True)
+    ):
+        if key not in known:
+            known[key] = len(ids)
+            ids.append(key[0])
+        trial[row] = known[key]
+    return np.array(ids, np.int64), trial
+
+
+def _channels(robot: Robot, columns: Columns, stiffness: Flags) -> tuple[str, ...]:
+    found: list[str] = []
+    if not stiffness.all():
+        found += [name for name in TIP if name in columns]
+        if all(name in columns for name in QUATERNION):
+            found += TURN
+        for k in range(1, len(robot.markers) + 1):
+            found += [name for name in (f"m{k}x", f"m{k}y", f"m{k}z") if name in columns]
+    if stiffness.any() and "force" in columns:
+        found.append("force")
+    return tuple(found)

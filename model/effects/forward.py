@@ -1,0 +1,238 @@
+"""The forward model of a whole campaign: parameters in, all readings and their derivatives out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects import layout as at
+from model.effects.catalogue import CATALOGUE
+from model.effects.compose import INNER, OUTER, rows
+from model.effects.design import Columns, Design, with_rest
+from model.effects.history import DRIVES, History, add_rest, drive, loading_path
+from model.effects.observation import Noise, measured, observations
+from model.effects.parameters import ParameterInfo, Spread, parameter_table
+from model.effects.quantities import Quantities, baseline
+from model.effects.readings import readings
+from model.effects.solver import Solved, differentiate, integration_steps, solve
+from model.effects.spec import EffectSpec
+from model.effects.spine import ShearSpine, shear_spine
+from model.effects.tolerance import sources
+from model.errors import BadCondition
+from model.robot import Robot
+
+Array = NDArray[np.float64]
+
+NUDGE = 1e-3
+"""Prior widths by which assembly, history and readings are differenced."""
+
+
+@dataclass(frozen=True)
+class _At:
+    """Everything solved at one set of parameter values."""
+
+    theta: Array
+    quantities: Quantities
+    bare: Solved
+    """Without memory, with the rest states."""
+    final: Solved
+    """With memory, without the rest states."""
+    remembers: bool
+
+
+class ForwardModel:
+    """Readings of a campaign as a function of all parameters; see the package's docstring for how to use it.
+
+    `parameters` is the ordered table; a parameter vector holds their values in their units, and the zero vector is the
+    baseline. States without equilibrium give NaN.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        design: Design,
+        area: Literal["one", "per_length"] = "one",
+        catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+        area_factor: float | None = None,
+    ) -> None:
+        """`area_factor` is what area = 0 means: by default the robot's, its mean over the states with area "one"."""
+        if area not in ("one", "per_length"):
+            raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
+        self.robot, self.design, self.area = robot, design, area
+        self._full, self._rest_of = with_rest(design)
+        self._moved = np.flatnonzero(~design.stiffness)
+        self._in_bare = np.flatnonzero(~self._full.stiffness)
+        self._path = loading_path(design, self._rest_of)
+        self._table = parameter_table(self._full, sources(design, tuple(catalogue.values()), area))
+        self.parameters: tuple[ParameterInfo, ...] = self._table.infos
+        self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
+        factor = robot.area_factor_at(self._full.spine_length)
+        if area_factor is not None:
+            factor = np.full(len(self._full), area_factor)
+        elif area == "one" and self._moved.size:
+            factor = np.full(len(self._full), factor[self._moved].mean())
+        self.area_factor = factor[: len(design)]
+        """(n,) A_effect / A_norm of each state at zero parameters."""
+        self._arcs = np.array(robot.markers[: design.markers])
+        self._baseline = baseline(robot, self._full, factor, np.array([1.0, 0.0]))
+        self._sd = np.array([p.sd for p in self.parameters])
+        low, high = np.array([[p.low, p.high] for p in self.parameters]).T
+        self._low, self._high = low, high
+        self._memory_sizes = [
+            k
+            for k, p in enumerate(self.parameters)
+            if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
+        ]
+        self._start: Array | None = None
+        nominal = rows(self._baseline, self._shear, 1)[0, self._in_bare]
+        self._steps = integration_steps(nominal)
+        first = self._solved(np.zeros(len(self.parameters)))
+        straight = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, robot.length]
+        self._start = np.where(first.bare.ok[:, None], first.bare.unknowns, straight)
+        side = first.final.result[first.final.ok, :2].sum(axis=0)
+        if np.linalg.norm(side) > 1e-6:
+            self._baseline.plane_direction = side / np.linalg.norm(side)
+        reference = self._every_row(first.final.result[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
+        self.observations = observations(design, np.where(np.isfinite(reference), reference, [1.0, 0.0, 0.0, 0.0]))
+        self.labels: tuple[tuple[int, str], ...] = tuple(
+            zip(self.observations.row.tolist(), self.observations.channel.tolist(), strict=True)
+        )
+        """(row of the design, channel) of each observation."""
+
+    def __len__(self) -> int:
+        return len(self.observations)
+
+    def index(self, source: str) -> list[int]:
+        """Indices of the parameters of an effect, tolerance or calibration by its id."""
+        found = self._table.of_effect(source)
+        if not found:
+            known = sorted({p.source for p in self.parameters})
+            raise BadCondition(f"parameter source {source!r}: not in this model, which has {', '.join(known)}")
+        return found
+
+    def predict(self, theta: Array) -> Array:
+        """(observations,) at parameters (p,); NaN where a state has no equilibrium."""
+        return self._readings_at(self._solved(self._checked(theta)))
+
+    def observe(self, columns: Columns, noise: Noise = Noise()) -> tuple[Array, Array]:  # noqa: B008 (frozen)
+        """Measured values and standard deviations of a table with the design's rows, in the order of `labels`.
+
+        A cell that was not measured has value 0 and standard deviation inf.
+        """
+        return measured(self.observations, columns, noise)
+
+    def linearise(self, theta: Array) -> tuple[Array, Array]:
+        """Prediction (observations,) and its derivative (observations, p) by the parameters, in their units.
+
+        At a bound the derivative is the one towards the inside.
+        """
+        theta = self._checked(theta)
+        here = self._solved(theta)
+        by_slot = self._slopes(here)
+        jacobian = np.zeros((len(self), len(self.parameters)))
+        each = np.arange(len(self))
+        for slot, of_row in enumerate(self._table.of_row):
+            own = of_row[self.observations.row]
+            kept = own >= 0
+            jacobian[each[kept], own[kept]] = by_slot[slot, kept]
+        return self._readings_at(here), jacobian
+
+    def _checked(self, theta: Array) -> Array:
+        values = np.asarray(theta, float)
+        if values.shape != (len(self.parameters),):
+            raise BadCondition(f"theta: shape {values.shape}, must be ({len(self.parameters)},)")
+        wrong = ~((values >= self._low) & (values <= self._high))
+        if wrong.any():
+            info = self.parameters[int(np.flatnonzero(wrong)[0])]
+            raise BadCondition(
+                f"{info.name} = {values[wrong][0]:g} {info.unit}: must be within {info.low:g} and {info.high:g}"
+            )
+        return values
+
+    def _quantities(self, spread: Spread) -> Quantities:
+        """All laws before the rod."""
+        q = Quantities(**vars(self._baseline))
+        for i, source in enumerate(self._table.sources):
+            if source.spec.law.before is not None:
+                source.spec.law.before(q, self._table.values(i, spread))
+        return q
+
+    def _solved(self, theta: Array) -> _At:
+        spread = self._table.at(theta)
+        q = self._quantities(spread)
+        built = rows(q, self._shear, 1)
+        bare = solve(built[0, self._in_bare], self._arcs, self._steps, self._start, sprung=True)
+        keep = slice(0, self._moved.size)
+        if not any(theta[k] for k in self._memory_sizes):
+            final = bare.take(keep)
+            return _At(theta, q, bare, final, False)
+        rest = self._memory(q, built, drive(bare.rows[None], bare.result[None], self._in_bare, len(self._full)), spread)
+        changed = bare.rows[keep].copy()
+        add_rest(changed[None], rest[:, self._moved])
+        return _At(theta, q, bare, solve(changed, self._arcs, bare.steps[keep], bare.unknowns[keep], sprung=True), True)
+
+    def _memory(self, q: Quantities, built: Array, driven: Array, spread: Spread) -> Array:
+        """(v, full, DRIVES) rest curvature and strain of all laws with memory."""
+        history = History(
+            q, self._path, driven,
+            np.stack([built[..., INNER + at.BEND], built[..., OUTER + at.BEND]], axis=-1),
+            np.stack([built[..., INNER + at.STRETCH + 2], built[..., OUTER + at.STRETCH + 2]], axis=-1),
+            np.zeros((1, len(self._full), DRIVES)),
+        )  # fmt: skip
+        for i, source in enumerate(self._table.sources):
+            if source.spec.law.path is not None:
+                source.spec.law.path(history, self._table.values(i, spread))
+        return history.rest
+
+    def _slopes(self, here: _At) -> Array:
+        """(slots, observations) derivatives in the parameters' units, by differences of all but the equilibria."""
+        slots = self._table.slots
+        low = np.maximum(here.theta - NUDGE * self._sd, self._low)
+        high = np.minimum(here.theta + NUDGE * self._sd, self._high)
+        spread = self._table.around(here.theta, low, high)
+        q = self._quantities(spread)
+        built = rows(q, self._shear, 2 * slots)
+        width, below, above = (self._by_slot(x) for x in (high - low, here.theta - low, high - here.theta))
+        sd = self._by_slot(self._sd)
+        # Directions are one prior width long, in every row that the slot reaches.
+        along = (sd / width)[:, :, None]
+        directions = (built[slots:] - built[:slots]) * along
+        driven = drive(here.bare.rows[None], here.bare.result[None], self._in_bare, len(self._full))
+        if here.remembers:
+            moved = differentiate(here.bare, directions[:, self._in_bare])
+            shift = np.concatenate([-below / sd, above / sd])[:, self._in_bare, None]
+            results = here.bare.result + shift * np.concatenate([moved, moved])
+            driven = drive(built[:, self._in_bare], results, self._in_bare, len(self._full))
+        rest = np.broadcast_to(self._memory(q, built, driven, spread), (2 * slots, len(self._full), DRIVES))
+        add_rest(directions, (rest[slots:] - rest[:slots]) * along)
+        moved = differentiate(here.final, directions[:, self._moved])
+        shift = np.concatenate([-below / sd, above / sd])[:, self._moved, None]
+        results = here.final.result + shift * np.concatenate([moved, moved])
+        read = self._read(q, results, spread)
+        return (read[slots:] - read[:slots]) / width[:, self.observations.row]
+
+    def _by_slot(self, per_parameter: Array) -> Array:
+        """(slots, full) the value of the parameter that each row takes for a slot; 1 where it takes none."""
+        return np.append(per_parameter, 1.0)[self._table.of_row]
+
+    def _read(self, q: Quantities, results: Array, spread: Spread) -> Array:
+        """(v, observations) from results (v, moved, columns) of the solver."""
+        r = readings(q, self._shear, self._every_row(results))
+        for i, source in enumerate(self._table.sources):
+            if source.spec.law.after is not None:
+                source.spec.law.after(r, self._table.values(i, spread))
+        return self.observations.of(r)
+
+    def _readings_at(self, here: _At) -> Array:
+        return self._read(here.quantities, here.final.result[None], self._table.at(here.theta))[0]
+
+    def _every_row(self, results: Array) -> Array:
+        """(v, full, columns): results of the moved rows in their places, an unbent rod elsewhere."""
+        out = np.zeros((len(results), len(self._full), results.shape[2]))
+        out[:, :, at.ORIENTATION] = 1.0
+        out[:, self._moved] = results
+        return out

@@ -1,0 +1,188 @@
+"""Effects that remember: friction that opposes a change of shape, and a material that follows late.
+
+Both are driven by the elastic rod, that is by the curvature and axial strain the same rod has without memory, and
+answer with a rest curvature and a rest strain. A trial starts from rest, at its own state of zero pressure. Between
+two readings the drive stays, ramps linearly for |dP| / rate and stays again for the hold time of the later reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects import layout as at
+from model.effects.design import Design
+from model.effects.quantities import Quantities
+from model.effects.rotations import CONJUGATE, rotation_vector
+from model.rotation import from_vector, multiply
+
+Array = NDArray[np.float64]
+Order = NDArray[np.int64]
+
+SHORTEST = 1e-4
+"""m; a part shorter than this has no curvature to speak of."""
+
+DRIVES = 8
+"""Curvature x, y, z (1/m) and axial strain of the part with spine, then of the part beyond it."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """When and in which order the drive changes: one line a step, from one state to another."""
+
+    before: Order
+    """(k,) index of the state a step comes from; a trial starts at its rest."""
+    after: Order
+    """(k,) index of the state it leads to; steps of a trial follow each other."""
+    first: NDArray[np.bool_]
+    """(k,) the trial starts here."""
+    stay: Array
+    ramp: Array
+    hold: Array
+    """(k,) s each."""
+
+
+def loading_path(design: Design, rest_of: Order) -> Path:
+    """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
+    before, after, first, stay, ramp, hold = [], [], [], [], [], []
+    for k in range(len(design.trial_id)):
+        last, pressure, time, begins = int(rest_of[k]), np.zeros(design.pressure.shape[1]), np.nan, True
+        for row in np.flatnonzero((design.trial == k) & ~design.stiffness).tolist():
+            change = float(np.abs(design.pressure[row] - pressure).max())
+            rate = float(design.rate[row])
+            gap = float(design.t[row] - time)
+            rest = float(max(design.hold[row], 0.0))
+            # A table may hold rates without times or times that contradict them: the time that passed wins.
+            up = change / rate if rate > 0 else 0.0
+            if gap > 0:
+                rest = min(rest, gap)
+                up = min(up, gap - rest) if rest > 0 else gap
+            before.append(last)
+            after.append(row)
+            first.append(begins)
+            stay.append(max(gap - up - rest, 0.0) if gap > 0 else 0.0)
+            ramp.append(up)
+            hold.append(rest)
+            last, pressure, time, begins = row, design.pressure[row], float(design.t[row]), False
+    return Path(
+        np.array(before, np.int64),
+        np.array(after, np.int64),
+        np.array(first, bool),
+        np.array(stay),
+        np.array(ramp),
+        np.array(hold),
+    )
+
+
+@dataclass
+class History:
+    """What laws with memory see and fill; n states, v variants, possibly 1 for what all variants share."""
+
+    quantities: Quantities
+    path: Path
+    drive: Array
+    """(v, n, DRIVES) of the rods without memory, section frame."""
+    bend_stiffness: Array
+    """(v, n, 2) N m^2 of the two parts."""
+    axial_stiffness: Array
+    """(v, n, 2) N of the two parts."""
+    rest: Array
+    """(v, n, DRIVES) what is added to the rest curvatures and strains, in the order of the drive."""
+
+    def add(self, amount: Array) -> None:
+        """Add to `rest`, broadcasting over variants."""
+        self.rest = self.rest + amount
+
+    def lag(self, time: float) -> Array:
+        """(v, n, DRIVES) drive less what follows it with the relaxation time (s)."""
+        out = np.zeros_like(self.drive)
+        p = self.path
+        _lag(self.drive, p.before, p.after, p.first, p.stay, p.ramp, p.hold, time, out)
+        return out
+
+    def sliding(self, drive: Array, yields: Array) -> Array:
+        """Mean state (v, n, c) of elastic-sliding elements that share a drive (v, n, c).
+
+        Each is stretched with the drive from 0 at rest and slides at length 1; `yields` (v, j) is the change of the
+        drive at which element j begins to slide, in the drive's unit.
+        """
+        v = np.broadcast_shapes((len(drive),), (len(yields),))[0]
+        drive = np.broadcast_to(drive, (v, *drive.shape[1:]))
+        yields = np.broadcast_to(yields, (v, yields.shape[1]))
+        out = np.zeros(drive.shape)
+        _slide(drive, self.path.before, self.path.after, self.path.first, np.ascontiguousarray(yields), out)
+        return out
+
+
+def drive(rows: Array, results: Array, places: Order, states: int) -> Array:
+    """(v, states, DRIVES) mean curvature and strain of both parts from results (v, m, columns) of rods (v, m, WIDTH).
+
+    `places` (m,) says which states the rods are; the others stay 0.
+    """
+    turn = rows[..., at.BASE_TURN : at.BASE_TURN + 3] + (
+        rows[..., at.BASE_COMPLIANCE : at.BASE_COMPLIANCE + 3] * results[..., at.BASE_MOMENT : at.BASE_MOMENT + 3]
+    )
+    base, joint = from_vector(turn), results[..., at.JOINT : at.JOINT + 4]
+    tip = results[..., at.ORIENTATION : at.ORIENTATION + 4]
+    out = np.zeros((len(results), states, DRIVES))
+    for part, (start, end) in enumerate(((base, joint), (joint, tip))):
+        long = rows[..., at.ELEMENTS + part * at.ELEMENT_WIDTH + at.LENGTH]
+        bent = rotation_vector(multiply(start * CONJUGATE, end)) / np.maximum(long, SHORTEST)[..., None]
+        out[:, places, 4 * part : 4 * part + 3] = np.where(long[..., None] > SHORTEST, bent, 0.0)
+        out[:, places, 4 * part + 3] = np.where(long > SHORTEST, results[..., at.STRAIN + part], 0.0)
+    return out
+
+
+def add_rest(rows: Array, rest: Array) -> None:
+    """Add rest curvatures and strains (v, n, DRIVES) to rods (v, n, WIDTH) in place."""
+    for part in range(2):
+        element = at.ELEMENTS + part * at.ELEMENT_WIDTH
+        for k in range(3):
+            rows[..., element + at.REST_CURVATURE + k] += rest[..., 4 * part + k]
+        rows[..., element + at.REST_STRAIN + 2] += rest[..., 4 * part + 3]
+
+
+@numba.njit(cache=True)
+def _lag(
+    drive: Array, before: Order, after: Order, first: NDArray[np.bool_], stay: Array, ramp: Array, hold: Array,
+    time: float, out: Array,
+) -> None:  # fmt: skip
+    """A first-order follower of a piecewise linear drive, exactly."""
+    follower = np.zeros(drive.shape[2])
+    for v in range(drive.shape[0]):
+        for k in range(before.size):
+            kept, faded, settled = np.exp(-stay[k] / time), np.exp(-ramp[k] / time), np.exp(-hold[k] / time)
+            for c in range(follower.size):
+                start, end = drive[v, before[k], c], drive[v, after[k], c]
+                if first[k]:
+                    follower[c] = start
+                x = start + (follower[c] - start) * kept
+                if ramp[k] > 0.0:
+                    behind = (end - start) / ramp[k] * time
+                    x = end - behind + (x - start + behind) * faded
+                x = end + (x - end) * settled
+                follower[c] = x
+                out[v, after[k], c] = end - x
+
+
+@numba.njit(cache=True)
+def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], yields: Array, out: Array) -> None:
+    """Jenkins elements with a radial return, all of the same strength."""
+    count, wide = yields.shape[1], drive.shape[2]
+    state = np.zeros((count, wide))
+    for v in range(drive.shape[0]):
+        for k in range(before.size):
+            if first[k]:
+                state[:] = 0.0
+            for j in range(count):
+                size = 0.0
+                for c in range(wide):
+                    state[j, c] += (drive[v, after[k], c] - drive[v, before[k], c]) / yields[v, j]
+                    size += state[j, c] ** 2
+                size = max(1.0, np.sqrt(size))
+                for c in range(wide):
+                    state[j, c] /= size
+                    out[v, after[k], c] += state[j, c] / count

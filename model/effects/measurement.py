@@ -1,0 +1,89 @@
+"""Effects of the instruments."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from model.effects.quantities import Quantities
+from model.effects.readings import Readings
+from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.rotation import to_base
+
+TURN = math.radians(1.5) / math.sqrt(3)
+OFF = 6e-3 / math.sqrt(3)
+
+
+def _stack(v: Values) -> np.ndarray:
+    """(v, n, 3)."""
+    return np.stack(np.broadcast_arrays(v["x"], v["y"], v["z"]), axis=-1)
+
+
+def _frame_misalignment(r: Readings, v: Values) -> None:
+    r.turn(_stack(v))
+
+
+def _marker_offset(r: Readings, v: Values) -> None:
+    r.tip = r.tip + to_base(r.orientation, _stack(v))
+
+
+def _force_bias(r: Readings, v: Values) -> None:
+    r.force = r.force + np.where(r.design.stiffness, v["bias"], 0.0)
+
+
+def _arm_compliance(q: Quantities, v: Values) -> None:
+    q.arm_compliance = q.arm_compliance + v["give"]
+
+
+def _contact_offset(q: Quantities, v: Values) -> None:
+    q.contact_offset = q.contact_offset + v["offset"]
+
+
+SPECS = (
+    EffectSpec(
+        id="marker_offset",
+        stage="measurement",
+        equation="p_read = p + R_tip d",
+        parameters=tuple(Parameter(axis, "m", OFF, -0.05, 0.05) for axis in "xyz"),
+        law=Law(after=_marker_offset),
+        citation="geometry",
+        seen_best_in="turns with the tip's orientation",
+    ),
+    EffectSpec(
+        id="frame_misalignment",
+        stage="measurement",
+        equation="p_read = exp(theta^) p, orientation alike",
+        parameters=tuple(Parameter(axis, "rad", TURN, -0.3, 0.3) for axis in "xyz"),
+        law=Law(after=_frame_misalignment),
+        citation="geometry",
+        seen_best_in="grows with displacement, in all states alike",
+    ),
+    EffectSpec(
+        id="force_bias",
+        stage="measurement",
+        equation="F_read = F + b",
+        parameters=(Parameter("bias", "N", 0.1, -2.0, 2.0),),
+        law=Law(after=_force_bias),
+        citation="zero error of the sensor",
+        seen_best_in="stiffness trials: the intercept",
+    ),
+    EffectSpec(
+        id="arm_compliance",
+        stage="measurement",
+        equation="1/k = 1/k_specimen + c",
+        parameters=(Parameter("give", "m/N", 5e-5, 0.0, 2e-3, sign="positive"),),
+        law=Law(before=_arm_compliance),
+        citation="springs in series",
+        seen_best_in="stiffness trials: the modulus falls with the specimen's stiffness",
+    ),
+    EffectSpec(
+        id="contact_offset",
+        stage="measurement",
+        equation="F = k <y - d>",
+        parameters=(Parameter("offset", "m", 1e-3, -5e-3, 5e-3),),
+        law=Law(before=_contact_offset),
+        citation="late touch",
+        seen_best_in="stiffness trials: the first points",
+    ),
+)

@@ -1,0 +1,93 @@
+"""Which numbers of a campaign are compared: order, labels, measured values and their noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import QUATERNION, TIP, TURN, Columns, Design
+from model.effects.readings import Readings
+from model.effects.rotations import CONJUGATE, rotation_vector
+from model.errors import BadCondition
+from model.rotation import multiply, unit
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of one reading where the table has no sd_ column for it."""
+
+    position: float = 0.3e-3
+    """m, tip and markers."""
+    turn: float = math.radians(0.3)
+    """rad."""
+    force: float = 0.05
+    """N."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The order in which numbers are stacked: row by row, within a row by channel."""
+
+    row: NDArray[np.int64]
+    channel: NDArray[np.str_]
+    picked: NDArray[np.int64]
+    """Where each sits in the flattened (n, all channels) array of `stacked`."""
+    reference: Array
+    """(n or more, 4) orientations that rx, ry, rz are counted from."""
+    states: int
+    """n, rows of the design."""
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def of(self, r: Readings) -> Array:
+        """(v, observations) from readings."""
+        v, n = r.force.shape
+        turn = rotation_vector(multiply(r.orientation, self.reference[None] * CONJUGATE))
+        every = np.concatenate([r.tip, turn, r.force[..., None], r.markers.reshape(v, n, -1)], axis=-1)
+        return every.reshape(v, -1)[:, self.picked]
+
+
+def observations(design: Design, reference: Array) -> Observations:
+    """Stack what the design observes: positions and orientations of the robot's rows, forces of the stiffness rows."""
+    every = [*TIP, *TURN, "force", *(f"m{k}{axis}" for k in range(1, design.markers + 1) for axis in "xyz")]
+    rows, names, picked = [], [], []
+    for row in range(len(design)):
+        for column, name in enumerate(every):
+            if name in design.channels and (name == "force") == bool(design.stiffness[row]):
+                rows.append(row)
+                names.append(name)
+                picked.append(row * len(every) + column)
+    if not rows:
+        raise BadCondition("channels: the table has neither tip positions, orientations, markers nor forces")
+    return Observations(np.array(rows), np.array(names), np.array(picked), reference, len(design))
+
+
+def measured(o: Observations, columns: Columns, noise: Noise) -> tuple[Array, Array]:
+    """Measured values and their standard deviations in the order of `o`; a cell not measured has sd = inf and value 0.
+
+    An sd_ column (scatter of the averaged samples) is used where present; rx, ry, rz always take `noise`.
+    """
+    n = o.states
+    every = {name: np.asarray(columns[name]).astype(float) for name in columns if name in set(o.channel)}
+    if set(TURN) & set(o.channel):
+        q = unit(np.stack([np.asarray(columns[name]).astype(float) for name in QUATERNION], axis=1))
+        turn = rotation_vector(multiply(q, o.reference[:n] * CONJUGATE))
+        every |= {name: turn[:, k] for k, name in enumerate(TURN)}
+    value, sd = np.empty(len(o)), np.empty(len(o))
+    for name in np.unique(o.channel):
+        own = o.channel == name
+        if name not in every or len(every[name]) != n:
+            raise BadCondition(f"{name}: the table has no such column of {n} rows, the design observes it")
+        default = noise.force if name == "force" else noise.turn if name in TURN else noise.position
+        spread = np.asarray(columns.get(f"sd_{name}", np.full(n, default))).astype(float)
+        spread = np.where(np.isfinite(spread) & (spread > 0), spread, default)
+        value[own], sd[own] = every[name][o.row[own]], spread[o.row[own]]
+    missing = ~np.isfinite(value)
+    value[missing], sd[missing] = 0.0, np.inf
+    return value, sd

@@ -1,0 +1,144 @@
+"""The ordered table of parameters of a campaign, and how a parameter vector becomes values at each state.
+
+A parameter that exists once a trial (or once a spine length) acts on its own rows alone: all its copies share one
+slot, whose value differs from row to row, so that a derivative by all of them costs one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import Design
+from model.effects.spec import EffectSpec, Sign, Values
+from model.effects.tolerance import Group, Source
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """One entry of the parameter vector."""
+
+    name: str
+    """spine_slip.moment, area.excess, area.excess[spine_length=0.1], spine_length.excess[trial=3] .."""
+    source: str
+    """Id of the effect, or of the tolerance or calibration."""
+    group: Group
+    unit: str
+    sd: float
+    """Prior standard deviation about 0, in `unit`."""
+    low: float
+    high: float
+    sign: Sign
+    role: str
+    """size or shape; see `spec.Parameter`."""
+    starts: tuple[float, ...]
+    slot: int
+    """Column of the derivative it shares with its copies."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Values of all slots at all rows, in one or many variants."""
+
+    base: Array
+    """(slots, n)."""
+    low: Array | None
+    high: Array | None
+
+    def slot(self, k: int) -> Array:
+        """(v, n)."""
+        if self.low is None or self.high is None:
+            return self.base[k][None]
+        slots = len(self.base)
+        out = np.tile(self.base[k], (2 * slots, 1))
+        out[k], out[slots + k] = self.low[k], self.high[k]
+        return out
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """All parameters of a campaign."""
+
+    infos: tuple[ParameterInfo, ...]
+    sources: tuple[Source, ...]
+    slots: int
+    of_row: NDArray[np.int64]
+    """(slots, n) which parameter a row takes for a slot; -1 where none exists."""
+
+    def at(self, theta: Array) -> Spread:
+        """One variant: these parameters."""
+        return Spread(self._rows(theta), None, None)
+
+    def around(self, theta: Array, low: Array, high: Array) -> Spread:
+        """Two variants a slot: all at theta but the slot itself, first all low ones, then all high ones."""
+        return Spread(self._rows(theta), self._rows(low), self._rows(high))
+
+    def _rows(self, theta: Array) -> Array:
+        return np.append(theta, 0.0)[self.of_row]
+
+    def values(self, source: int, spread: Spread) -> Values:
+        """The values of one source by its own parameter names, (v, n) each."""
+        first = self.first_slot[source]
+        return {p.name: spread.slot(first + i) for i, p in enumerate(self.sources[source].spec.parameters)}
+
+    def source_of(self, slot: int) -> Source:
+        """The source a slot belongs to."""
+        return self.sources[int(np.searchsorted(self.first_slot, slot, side="right")) - 1]
+
+    @property
+    def first_slot(self) -> list[int]:
+        """The slot at which each source begins."""
+        counts = [len(s.spec.parameters) for s in self.sources]
+        return [sum(counts[:i]) for i in range(len(counts))]
+
+    def of_effect(self, spec: EffectSpec | str) -> list[int]:
+        """Indices of the parameters of one effect (or tolerance) by its id."""
+        id = spec if isinstance(spec, str) else spec.id
+        return [i for i, info in enumerate(self.infos) if info.source == id]
+
+
+def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTable:
+    """Lay out the parameters of all sources."""
+    infos: list[ParameterInfo] = []
+    of_row: list[NDArray[np.int64]] = []
+    for source in sources:
+        copies = _copies(design, source)
+        for p in source.spec.parameters:
+            rows = np.full(len(design), -1, np.int64)
+            for label, own in copies:
+                rows[own] = len(infos)
+                infos.append(
+                    ParameterInfo(
+                        f"{source.spec.id}.{p.name}{label}",
+                        source.spec.id,
+                        source.group,
+                        p.unit,
+                        p.scale,
+                        p.low,
+                        p.high,
+                        p.sign,
+                        p.role,
+                        p.starts,
+                        len(of_row),
+                    )  # fmt: skip
+                )
+            of_row.append(rows)
+    return ParameterTable(tuple(infos), sources, len(of_row), np.array(of_row))
+
+
+def _copies(design: Design, source: Source) -> list[tuple[str, NDArray[np.bool_]]]:
+    if source.scope == "all":
+        return [("", np.ones(len(design), bool))]
+    if source.scope == "spine_length":
+        rounded = np.round(design.spine_length, 4)
+        moved = ~design.stiffness
+        return [(f"[spine_length={x:g}]", (rounded == x) & moved) for x in np.unique(rounded[moved])]
+    spined = [k for k in range(len(design.trial_id)) if (design.spine_length[design.trial == k] > 0).any()]
+    labels = [f"[trial={design.trial_id[k]}]" for k in spined]
+    if len(set(labels)) < len(labels):
+        labels = [f"[trial={design.trial_id[k]}, part {k}]" for k in spined]
+    return [(label, design.trial == k) for label, k in zip(labels, spined, strict=True)]

@@ -1,0 +1,100 @@
+"""What an effect is: a declared cause of a gap between model and robot, with its law and the size that is plausible.
+
+    EffectSpec          id, stage, equation, parameters, citation, and the law in code
+    |-- Parameter       one number of it: unit, prior scale, bounds, whether it is a size or a shape
+    `-- Law             what the effect does to quantities before the rod, along the loading history, to readings after
+
+At zero parameters an effect does nothing, to the last bit, whatever other effects are present.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.errors import BadEffect
+
+if TYPE_CHECKING:
+    from model.effects.history import History
+    from model.effects.quantities import Quantities
+    from model.effects.readings import Readings
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Array]
+"""Parameter name -> value, shape (variants, 1) or (variants, states); the effect's own names without its id."""
+
+Stage = Literal["actuation", "material", "structure", "load", "boundary", "measurement"]
+STAGES: tuple[Stage, ...] = ("actuation", "material", "structure", "load", "boundary", "measurement")
+"""The chain from pressure to reading."""
+Sign = Literal["both", "positive", "blend"]
+"""both: either way; positive: zero or more; blend: 0 (baseline) to 1 (the other law in full)."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect. A size makes the effect; a shape says how it looks and does nothing at size zero."""
+
+    name: str
+    unit: str
+    scale: float
+    """Prior standard deviation, in `unit`."""
+    low: float
+    high: float
+    sign: Sign = "both"
+    role: Literal["size", "shape"] = "size"
+    starts: tuple[float, ...] = (0.0,)
+    """Where a fit begins; several where the misfit has several valleys."""
+
+    def __post_init__(self) -> None:
+        if not (self.scale > 0 and self.low <= 0 <= self.high and self.low < self.high):
+            raise BadEffect(
+                f"parameter {self.name}: scale {self.scale:g} {self.unit} must be positive and "
+                f"the bounds {self.low:g}..{self.high:g} must hold zero, where the effect is absent"
+            )
+
+
+@dataclass(frozen=True)
+class Law:
+    """The effect in code; each part may be absent."""
+
+    before: Callable[[Quantities, Values], None] | None = None
+    """Changes pressures, moduli, loads, boundary .. before the rod is solved."""
+    path: Callable[[History, Values], None] | None = None
+    """Adds rest curvature and strain that depend on what the trial has been through."""
+    after: Callable[[Readings, Values], None] | None = None
+    """Changes what the instruments read."""
+
+
+@dataclass(frozen=True)
+class EffectSpec:
+    """One effect of the catalogue."""
+
+    id: str
+    stage: Stage
+    equation: str
+    parameters: tuple[Parameter, ...]
+    law: Law
+    citation: str
+    seen_best_in: str
+    family: str = ""
+    """Effects of one family are forms of one cause; empty: the effect is its own family."""
+
+    def __post_init__(self) -> None:
+        if not self.id.isidentifier():
+            raise BadEffect(f"effect id {self.id!r}: letters, digits and _ only")
+        if self.stage not in STAGES:
+            raise BadEffect(f"effect {self.id}: stage {self.stage!r} is none of {', '.join(STAGES)}")
+        names = [p.name for p in self.parameters]
+        if not names or len(set(names)) != len(names):
+            raise BadEffect(f"effect {self.id}: parameters {names}, must be at least one, each name once")
+        if not any(p.role == "size" for p in self.parameters):
+            raise BadEffect(f"effect {self.id}: no parameter is a size, so it could never be absent")
+
+    @property
+    def family_id(self) -> str:
+        """The family, or the effect's own id."""
+        return self.family or self.id

@@ -1,0 +1,93 @@
+"""The spine's moduli: the baseline's table, and a spine of one modulus with low shear stiffness.
+
+A cantilever of length L with shear looks, by deflection, like 1/E = 1/E0 + a/L^2 with a = 3 r^2 / (4 kappa G) for a
+round bar (Timoshenko). E0 and a come from the table of apparent moduli by least squares on log E.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from model.effects.quantities import Quantities
+from model.robot import Spine
+
+Array = NDArray[np.float64]
+
+SHORTEST = 1e-3
+"""m; keeps the laws finite where there is no spine."""
+UNJAMMED = 0.02
+"""Share of the nominal vacuum that stands for granules without vacuum: they still pack under the sleeve's tension."""
+
+
+@dataclass(frozen=True)
+class ShearSpine:
+    """One Young's modulus and one shear stiffness for all lengths."""
+
+    modulus: float
+    """E0, Pa."""
+    shear: float
+    """kappa G, Pa."""
+    lag: float
+    """m: a section that may turn against the wall takes up bending over this length, sqrt(E0 I / (kappa G A))."""
+
+    def apparent(self, length: Array) -> Array:
+        """Young's modulus (Pa) that a cantilever of this length (m) seems to have."""
+        softer = 3 * self.lag**2 / np.maximum(length, SHORTEST) ** 2
+        return self.modulus / (1 + softer)
+
+    def engaged(self, length: Array) -> Array:
+        """Share (0..1) of E0 I that free sections bring into a body bent to constant curvature.
+
+        Their angle psi obeys lag^2 psi'' = psi - w', clamped at the base and free of moment at the spine's end.
+        """
+        ratio = np.maximum(length, SHORTEST) / self.lag
+        return 1 - np.tanh(ratio) / ratio
+
+
+def shear_spine(spine: Spine) -> ShearSpine:
+    """The shear-soft spine that comes closest to the table; from one length, a tenth of its compliance is shear."""
+    length = np.array(sorted(spine.modulus))
+    table = np.log([spine.modulus[x] for x in length])
+    kept = length > SHORTEST
+    length, table = length[kept], table[kept]
+    if length.size < 2:
+        modulus = math.exp(float(table[0])) / 0.9 if table.size else next(iter(spine.modulus.values()))
+        a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)
+    else:
+        start = [-table.max(), math.log(length.min() ** 2) - table.min()]
+        found = least_squares(lambda x: table + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
+        modulus, a = math.exp(-found.x[0]), math.exp(found.x[1])
+    shear = 3 * spine.radius**2 / (4 * a)
+    return ShearSpine(modulus, shear, math.sqrt(modulus * spine.radius**2 / (4 * shear)))
+
+
+def moduli(q: Quantities, shear: ShearSpine) -> tuple[Array, Array, Array]:
+    """Young's modulus in the body, modulus G (Pa) in the body, and apparent Young's modulus of the bare spine, (v, n)."""
+    spine = q.robot.spine
+    if spine is None:
+        nothing = np.zeros((1, 1))
+        return nothing, nothing, nothing
+    table = spine.modulus_at(q.spine_length)
+    ratio = q.robot.shear_modulus / q.robot.youngs_modulus
+    engaged = shear.modulus * (1 + q.shear_lag * (shear.engaged(q.spine_length) - 1))
+    jammed = q.spine_stiffness * jamming(q)
+    within = jammed * (table + q.shear_blend * (engaged - table))
+    sideways = jammed * (ratio * table + q.shear_blend * (shear.shear - ratio * table))
+    bare = jammed * (table + q.shear_blend * (shear.apparent(q.spine_length) - table))
+    return within, sideways, bare
+
+
+def jamming(q: Quantities) -> Array:
+    """Factor on the spine's moduli by the vacuum that reaches the granules; 1 at the nominal one."""
+    share = (q.design.vacuum - q.vacuum_loss) / q.design.nominal_vacuum
+    # Far above UNJAMMED this is the share itself; it levels off there instead of becoming negative.
+    low, width = UNJAMMED, 0.05
+    if (share > 0.25).all():
+        return share**q.jamming_exponent
+    smooth = low + 0.5 * (share - low + np.sqrt((share - low) ** 2 + width**2))
+    return np.where(share > 0.25, share, smooth) ** q.jamming_exponent

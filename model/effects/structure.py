@@ -1,0 +1,160 @@
+"""Effects of the spine and of how it works together with the body; and of the body's material."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.effects.history import History
+from model.effects.quantities import Quantities
+from model.effects.spec import EffectSpec, Law, Parameter, Values
+
+SLIP_YIELD = 0.04
+"""1/m, change of curvature at which friction is half spent, before its shape parameter."""
+YIELDS = np.array([0.5, 1.0, 2.0, 4.0])
+"""Spread of the sliding elements about it: a core slides in patches."""
+GRIP = 0.10
+"""m from the spine's end over which friction builds up (shear lag)."""
+FAST, SLOW = 5.0, 25.0
+"""s, relaxation times; what lies between is a mixture of both."""
+
+
+def _spine_slip(h: History, v: Values) -> None:
+    """Friction moment m s(k) and axial friction m / r, s the mean state of sliding elements driven by curvature."""
+    robot = h.quantities.robot
+    if robot.spine is None:
+        return
+    yields = SLIP_YIELD * np.exp(v["stroke"][:, :1]) * YIELDS
+    long = h.quantities.spine_length
+    built_up = np.where(long > GRIP, 1 - GRIP / (2 * np.maximum(long, GRIP)), long / (2 * GRIP))
+    bend = h.sliding(h.drive[..., 0:2], yields)
+    pull = h.sliding(h.drive[..., 3:4], yields * robot.spine.radius)
+    moment = v["moment"] * built_up
+    out = np.zeros(np.broadcast_shapes(bend.shape[:2], moment.shape) + (8,))
+    out[..., 0:2] = -(moment / h.bend_stiffness[..., 0])[..., None] * bend
+    out[..., 3] = -(moment / robot.spine.radius / h.axial_stiffness[..., 0]) * pull[..., 0]
+    h.add(out)
+
+
+def _viscoelastic(h: History, v: Values) -> None:
+    """A Zener solid, to first order in the amplitude: what has not yet relaxed is missing from the strain."""
+    for name, time in (("fast", FAST), ("slow", SLOW)):
+        h.add(-v[name][..., None] * h.lag(time))
+
+
+def _hyperelastic(q: Quantities, v: Values) -> None:
+    q.bend_softening = q.bend_softening + v["curvature"]
+    q.strain_softening = q.strain_softening + v["strain"]
+
+
+def _body_modulus(q: Quantities, v: Values) -> None:
+    q.body_modulus = q.body_modulus * (1 + v["excess"])
+
+
+def _area_moment(q: Quantities, v: Values) -> None:
+    q.area_moments = q.area_moments + v["blend"]
+
+
+def _spine_shear(q: Quantities, v: Values) -> None:
+    q.shear_blend = q.shear_blend + v["blend"]
+    q.shear_lag = q.shear_lag + v["lag"]
+
+
+def _vacuum_leak(q: Quantities, v: Values) -> None:
+    longer = np.maximum(q.spine_length, 0.01) / 0.2
+    q.vacuum_loss = q.vacuum_loss + v["lost"] * q.design.nominal_vacuum * longer ** v["length"]
+
+
+def _spine_length_offset(q: Quantities, v: Values) -> None:
+    # A retracted spine stands at its stop: there is nothing to misread.
+    q.spine_length = q.spine_length + np.where(q.design.spine_length > 0, v["offset"], 0.0)
+
+
+SPECS = (
+    EffectSpec(
+        id="body_modulus",
+        stage="material",
+        equation="E_c = E (1 + d), G_c with it",
+        parameters=(Parameter("excess", "1", 0.12, -0.6, 1.5),),
+        law=Law(before=_body_modulus),
+        citation="batch scatter of cast silicone",
+        seen_best_in="weight-driven states: horizontal robot, tip mass",
+    ),
+    EffectSpec(
+        id="hyperelastic",
+        stage="material",
+        equation="m = EI k D, D = 1 + a (k r)^2 + b e, n3 = EA (e + b e^2 / 2) + b EI k^2 / 2, over the silicone's share",
+        parameters=(
+            Parameter("curvature", "1", 20.0, -80.0, 200.0),
+            Parameter("strain", "1", 2.0, -6.0, 6.0),
+        ),
+        law=Law(before=_hyperelastic),
+        citation="series of the section integral of a Yeoh law, Rubber Chem. Technol. 66 (1993); neo-Hookean: b = -2",
+        seen_best_in="high pressure at zero spine; elongation",
+    ),
+    EffectSpec(
+        id="viscoelastic",
+        stage="material",
+        equation="k = k_e - sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5 s and 25 s; axial strain alike",
+        parameters=(
+            Parameter("fast", "1", 0.035, 0.0, 0.4, sign="positive"),
+            Parameter("slow", "1", 0.035, 0.0, 0.4, sign="positive"),
+        ),
+        law=Law(path=_viscoelastic),
+        citation="standard linear solid (Zener, 1948) with two relaxation times",
+        seen_best_in="hold times, ramp rate, unload branch: depends on rate, unlike slip",
+    ),
+    EffectSpec(
+        id="spine_length_offset",
+        stage="structure",
+        equation="L_s = L_s,read + d for a spine that is out",
+        parameters=(Parameter("offset", "m", 0.012, -0.05, 0.05),),
+        law=Law(before=_spine_length_offset),
+        citation="geometry",
+        seen_best_in="spine lengths, markers",
+    ),
+    EffectSpec(
+        id="vacuum_leak",
+        stage="structure",
+        equation="E_s ~ sqrt((v - x v_nominal (L_s / 0.2 m)^g) / v_nominal)",
+        parameters=(
+            Parameter("lost", "1", 0.3, 0.0, 0.97, sign="positive"),
+            Parameter("length", "1", 0.5, -1.5, 1.5, role="shape"),
+        ),
+        law=Law(before=_vacuum_leak),
+        citation="jamming stiffness over confining pressure, power near 1/2 (Hertzian packings)",
+        seen_best_in="vacuum sweep",
+    ),
+    EffectSpec(
+        id="area_moment",
+        stage="structure",
+        equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s), EA and GA alike",
+        parameters=(Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),),
+        law=Law(before=_area_moment),
+        citation="composite beam theory; the baseline mixes moduli by volume, eq. 10",
+        seen_best_in="tip over spine length with one A_eff for all",
+    ),
+    EffectSpec(
+        id="spine_shear",
+        stage="structure",
+        equation="E_s = (1 - w) E_table + w E0 (1 - l (1 - eta(L_s))), G_s to kappa G; bare: 1/E = 1/E0 + 3 I / (kappa G A L^2)",
+        parameters=(
+            Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
+            Parameter("lag", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
+        ),
+        law=Law(before=_spine_shear),
+        citation="Timoshenko, Phil. Mag. 41 (1921)",
+        seen_best_in="stiffness trials; tip over spine length",
+    ),
+    EffectSpec(
+        id="spine_slip",
+        stage="structure",
+        equation="m_f = -m phi(L_s) mean_j s_j, s_j sliding elements with yield curvatures k_y (1/2, 1, 2, 4); axial m_f / r",
+        parameters=(
+            Parameter("moment", "N m", 0.15, 0.0, 1.5, sign="positive"),
+            Parameter("stroke", "ln", 0.7, -2.5, 2.5, role="shape"),
+        ),
+        law=Law(path=_spine_slip),
+        citation="Jenkins (1962), Iwan, J. Appl. Mech. 33 (1966): friction as parallel elastic-sliding elements",
+        seen_best_in="unload branch: hysteresis that does not depend on rate",
+    ),
+)

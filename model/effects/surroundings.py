@@ -1,0 +1,121 @@
+"""Effects of loads and of the boundary."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from model.effects.quantities import Quantities
+from model.effects.spec import EffectSpec, Law, Parameter, Values
+
+PLANE = 0.07
+"""m from the axis to the obstacle, before its shape parameter."""
+
+
+def _vector(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(v, n, 3) with z = 0."""
+    x, y = np.broadcast_arrays(x, y)
+    return np.stack([x, y, np.zeros_like(x)], axis=-1)
+
+
+def _self_weight(q: Quantities, v: Values) -> None:
+    q.density = q.density * (1 + v["excess"])
+
+
+def _tether_load(q: Quantities, v: Values) -> None:
+    q.tip_force = q.tip_force + _vector(v["x"], v["y"])
+    q.tether = q.tether + v["spring"]
+
+
+def _contact(q: Quantities, v: Values) -> None:
+    q.plane_stiffness = q.plane_stiffness + v["stiffness"]
+    q.plane_distance = np.maximum(PLANE + v["distance"], 0.005)
+
+
+def _base_tilt(q: Quantities, v: Values) -> None:
+    q.base_turn = q.base_turn + _vector(v["x"], v["y"])
+
+
+def _base_compliance(q: Quantities, v: Values) -> None:
+    q.base_compliance = q.base_compliance + v["give"]
+    q.clamp_root = q.clamp_root + v["give"]
+
+
+def _precurvature(q: Quantities, v: Values) -> None:
+    """The body's own curvature turns with the body."""
+    c, s = np.cos(q.design.roll), np.sin(q.design.roll)
+    q.rest_curvature = q.rest_curvature + _vector(c * v["x"] - s * v["y"], s * v["x"] + c * v["y"])
+    q.rest_growth = q.rest_growth + v["growth"]
+
+
+SPECS = (
+    EffectSpec(
+        id="self_weight",
+        stage="load",
+        equation="f = rho A g (1 + d)",
+        parameters=(Parameter("excess", "1", 0.12, -0.6, 1.5),),
+        law=Law(before=_self_weight),
+        citation="statics",
+        seen_best_in="zero-pressure elongation, horizontal robot",
+    ),
+    EffectSpec(
+        id="tether_load",
+        stage="load",
+        equation="F_tip = F0 - k (x, y), fixed in the base frame",
+        parameters=(
+            Parameter("x", "N", 0.35 / math.sqrt(2), -3.0, 3.0),
+            Parameter("y", "N", 0.35 / math.sqrt(2), -3.0, 3.0),
+            Parameter("spring", "N/m", 2.0, 0.0, 40.0, sign="positive"),
+        ),
+        law=Law(before=_tether_load),
+        citation="statics of hoses and cables",
+        seen_best_in="roll the robot: its direction stays in the world",
+    ),
+    EffectSpec(
+        id="contact",
+        stage="load",
+        equation="F_tip = -k <e . p - (70 mm + d)> e, e the direction the campaign bends to, < > positive part over 2 mm",
+        parameters=(
+            Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
+            Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.0, 0.03)),
+        ),
+        law=Law(before=_contact),
+        citation="one-sided spring (penalty contact)",
+        seen_best_in="kink in the sweep",
+    ),
+    EffectSpec(
+        id="base_tilt",
+        stage="boundary",
+        equation="R(0) = exp(theta^), theta fixed in the base frame",
+        parameters=(
+            Parameter("x", "rad", math.radians(1.5) / math.sqrt(2), -0.2, 0.2),
+            Parameter("y", "rad", math.radians(1.5) / math.sqrt(2), -0.2, 0.2),
+        ),
+        law=Law(before=_base_tilt),
+        citation="geometry",
+        seen_best_in="zero-pressure pose; does not turn with the robot",
+    ),
+    EffectSpec(
+        id="base_compliance",
+        stage="boundary",
+        equation="R(0) = exp((C m(0))^), about x and y",
+        parameters=(Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),),
+        law=Law(before=_base_compliance),
+        citation="elastic clamp",
+        seen_best_in="tip mass, horizontal robot",
+    ),
+    EffectSpec(
+        id="precurvature",
+        stage="boundary",
+        equation="u*(s) = u0 (1 + g (2 s / L - 1)), turns with roll",
+        parameters=(
+            Parameter("x", "1/m", 0.12 / math.sqrt(2), -2.0, 2.0),
+            Parameter("y", "1/m", 0.12 / math.sqrt(2), -2.0, 2.0),
+            Parameter("growth", "1", 0.5, -2.0, 2.0, role="shape"),
+        ),
+        law=Law(before=_precurvature),
+        citation="paper's u*, set to zero there",
+        seen_best_in="roll the robot: turns with it, unlike a tilted base",
+    ),
+)

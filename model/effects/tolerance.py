@@ -1,0 +1,132 @@
+"""What is never quite as drawn: calibration of the chamber area, and tolerances with tight priors.
+
+They enter the forward model like effects, but are no causes to be named.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from model.effects.design import Design
+from model.effects.quantities import Quantities
+from model.effects.readings import Readings
+from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
+
+Scope = Literal["all", "trial", "spine_length"]
+Group = Literal["effect", "calibration", "nuisance"]
+
+
+@dataclass(frozen=True)
+class Source:
+    """An effect, tolerance or calibration and how many copies of its parameters there are."""
+
+    spec: EffectSpec
+    group: Group
+    scope: Scope = "all"
+
+
+def _stack(v: Values) -> np.ndarray:
+    return np.stack(np.broadcast_arrays(v["x"], v["y"], v["z"]), axis=-1)
+
+
+def _area(q: Quantities, v: Values) -> None:
+    q.area_factor = q.area_factor * (1 + v["excess"][..., None])
+
+
+def _modulus(q: Quantities, v: Values) -> None:
+    q.body_modulus = q.body_modulus * (1 + v["excess"])
+
+
+def _density(q: Quantities, v: Values) -> None:
+    q.density = q.density * (1 + v["excess"])
+
+
+def _length(q: Quantities, v: Values) -> None:
+    q.length = q.length + v["excess"]
+
+
+def _tilt(q: Quantities, v: Values) -> None:
+    x, y = np.broadcast_arrays(v["x"], v["y"])
+    q.base_turn = q.base_turn + np.stack([x, y, np.zeros_like(x)], axis=-1)
+
+
+def _frame_turn(r: Readings, v: Values) -> None:
+    r.turn(_stack(v))
+
+
+def _frame_shift(r: Readings, v: Values) -> None:
+    shift = _stack(v)
+    r.tip = r.tip + shift
+    if r.markers.shape[2]:
+        r.markers = r.markers + shift[..., None, :]
+
+
+def _spine_length(q: Quantities, v: Values) -> None:
+    q.spine_length = q.spine_length + np.where(q.design.spine_length > 0, v["excess"], 0.0)
+
+
+def _spine_stiffness(q: Quantities, v: Values) -> None:
+    q.spine_stiffness = q.spine_stiffness * (1 + v["excess"])
+
+
+def _jamming(q: Quantities, v: Values) -> None:
+    q.jamming_exponent = q.jamming_exponent + v["exponent"]
+
+
+def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter) -> EffectSpec:
+    return EffectSpec(id, stage, "", parameters, law, "tolerance", "")
+
+
+def _xyz(unit: str, sd: float, axes: str = "xyz") -> tuple[Parameter, ...]:
+    return tuple(Parameter(axis, unit, sd, -10 * sd, 10 * sd) for axis in axes)
+
+
+AREA = _tolerance("area", "actuation", Law(before=_area), Parameter("excess", "1", 0.5, -0.9, 8.0))
+ANGLE = math.radians(0.1)
+ALWAYS = (
+    Source(
+        _tolerance("youngs_modulus", "material", Law(before=_modulus), Parameter("excess", "1", 0.02, -0.2, 0.2)),
+        "nuisance",
+    ),
+    Source(_tolerance("density", "load", Law(before=_density), Parameter("excess", "1", 0.01, -0.1, 0.1)), "nuisance"),
+    Source(_tolerance("tilt", "boundary", Law(before=_tilt), *_xyz("rad", ANGLE, "xy")), "nuisance"),
+    Source(_tolerance("frame_turn", "measurement", Law(after=_frame_turn), *_xyz("rad", ANGLE)), "nuisance"),
+    Source(_tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 0.5e-3)), "nuisance"),
+    Source(
+        _tolerance("length", "boundary", Law(before=_length), Parameter("excess", "m", 0.5e-3, -5e-3, 5e-3)), "nuisance"
+    ),
+)
+BY_TRIAL = (
+    Source(
+        _tolerance("spine_length", "structure", Law(before=_spine_length), Parameter("excess", "m", 1e-3, -0.01, 0.01)),
+        "nuisance", "trial",
+    ),
+    Source(
+        _tolerance("spine_stiffness", "structure", Law(before=_spine_stiffness), Parameter("excess", "1", 0.02, -0.2, 0.2)),
+        "nuisance", "trial",
+    ),
+)  # fmt: skip
+JAMMING = Source(
+    _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5)), "nuisance"
+)
+
+
+def sources(
+    design: Design, catalogue: tuple[EffectSpec, ...], area: Literal["one", "per_length"]
+) -> tuple[Source, ...]:
+    """Everything that has parameters, in the order of the parameter table: effects, calibration, tolerances."""
+    found = [Source(spec, "effect") for spec in catalogue]
+    moved = bool((~design.stiffness).any())
+    if moved:
+        found.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
+    found += ALWAYS if moved else ALWAYS[:2]
+    if (design.spine_length > 0).any():
+        found += BY_TRIAL
+        spined = design.vacuum[design.spine_length > 0]
+        if np.ptp(spined) > 0.05 * design.nominal_vacuum:
+            found.append(JAMMING)
+    return tuple(found)
