@@ -60,7 +60,9 @@ def apart(reduced: Reduced, parameters: Parameters, effects: Sequence[str], size
     return Apart(tuple(effects), out)
 
 
-def _information(reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float) -> tuple[Array, NDArray[np.bool_]]:
+def _information(
+    reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float
+) -> tuple[Array, NDArray[np.bool_]]:
     """Information about the parameters of `pair`, all other effects integrated out within their spikes."""
     mask = p.mask(pair)
     other = ~mask

@@ -60,6 +60,14 @@ class States:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def take(self, rows: NDArray[np.bool_]) -> States:
+        """The states picked by a mask."""
+        kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
+        return States(
+            kept, self.trial[rows], self.spine_length[rows], self.pressure[rows], self.branch[rows], self.time[rows],
+            self.tip[rows], self.condition[rows], self.kind[rows],
+        )  # fmt: skip
+
     @property
     def highest(self) -> Array:
         """(n,) Pa, pressure of the most inflated chamber."""

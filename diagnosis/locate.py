@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from model.condition import Condition
+from model.condition import conditions
 from model.errors import ModelError
 from model.euler import solve_euler
 from model.robot import Robot
@@ -53,13 +53,15 @@ def cells(states: States, gap: Array, floor: float, markers: Mapping[float, Arra
     found["branch"] = [cell(name, own, gap) for name, own in branches.items() if own.any()]
     found["time"] = [cell(_middle(states.time, m), m, gap) for m in _bins(states.time)]
     found["arc_length"] = [
-        cell(s, np.isfinite(missed).all(axis=1), missed) for s, missed in markers.items() if np.isfinite(missed).any()
+        cell(s, np.asarray(np.isfinite(missed).all(axis=1)), missed)
+        for s, missed in markers.items()
+        if np.isfinite(missed).any()
     ]
     return _called(found)
 
 
 def _each(level: NDArray[np.int64]) -> list[Mask]:
-    return [level == k for k in np.unique(level)]
+    return [np.asarray(level == k) for k in np.unique(level)]
 
 
 def _bins(time: Array) -> list[Mask]:
@@ -103,11 +105,14 @@ def _called(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str, tuple[Ce
     return {name: tuple(replace(c, significant=bool(p <= limit)) for c, p in group) for name, group in found.items()}
 
 
-def numerical_error(robot: Robot, condition: Condition, states: States) -> float:
-    """Root mean square tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where it fails."""
-    _, first = np.unique(np.column_stack([states.condition]), return_index=True)
-    few = condition[first]
+def numerical_error(robot: Robot, states: States) -> float:
+    """Rms tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where it has none."""
+    _, first = np.unique(states.condition, return_index=True)
+    rows = [states.rows[i] for i in first]
+    mass = np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows])
+    roll = np.radians([r.roll_deg or 0.0 for r in rows])
     try:
+        few = conditions(robot, states.spine_length[first], states.pressure[first], mass, roll)
         converged, stepped = solve(robot, few), solve_euler(robot, few)
     except ModelError:
         return float("nan")

@@ -63,14 +63,19 @@ class Posterior:
         return out
 
 
+def prior(named: Hypothesis, effects: int) -> float:
+    """Prior probability of a hypothesis of a catalogue of that many effects."""
+    return SHARES.get(len(named), 0.0) / comb(effects, len(named))
+
+
 def posterior(
     candidates: Sequence[Candidate], unknown: Candidate | None, effects: int, temperature: float
 ) -> Posterior:
     """Probabilities; `effects` is how many the catalogue holds, `temperature` divides log evidence (see tempering)."""
-    entries = [(c.named, c, np.log(SHARES.get(len(c.named), 1e-3) / comb(effects, len(c.named)))) for c in candidates]
+    entries = [(c.named, c, np.log(prior(c.named, effects))) for c in candidates]
     if unknown is not None:
         entries.append((UNKNOWN, unknown, np.log(UNKNOWN_SHARE)))
-    score = np.array([c.log_evidence / temperature + prior for _, c, prior in entries])
+    score = np.array([c.log_evidence / temperature + before for _, c, before in entries])
     share = np.exp(score - score.max())
     share /= share.sum()
     order = np.argsort(-share, kind="stable")

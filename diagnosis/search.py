@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, Weighed, weigh_at
 from .fit import Fit, fit
@@ -73,11 +74,16 @@ class Search:
             self._grow(pairs[: self.extent.parents], self.extent.triples)
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
-    def unknown(self, near: Candidate) -> Candidate:
-        """The hypothesis that something outside the catalogue is at work, around the fit of another candidate."""
-        found = weigh_at(near.fit.linear, LARGE, self.problem.parameters, [NONE])[0]
-        spike, size = _peak(found, LARGE)
-        return Candidate(NONE, found, near.fit, spike, size, unknown=True)
+    def unknown(self, leading: Sequence[Candidate], shares: Sequence[float]) -> Candidate:
+        """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
+
+        `shares` are the prior weights of the leading hypotheses among themselves.
+        """
+        beside = [weigh_at(c.fit.linear, LARGE, self.problem.parameters, [c.named])[0] for c in leading]
+        terms = np.array([w.log_evidence for w in beside]) + np.log(np.array(shares) / np.sum(shares))
+        i = int(np.argmax(terms))
+        total = replace(beside[i], log_evidence=float(logsumexp(terms)))
+        return Candidate(leading[i].named, total, leading[i].fit, *_peak(beside[i], LARGE), unknown=True)
 
     def _none(self) -> Candidate:
         fitted = self._fit(NONE, START_SPIKE, START_SIZE, self.problem.parameters.mean)

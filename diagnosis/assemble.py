@@ -1,0 +1,153 @@
+"""The parts of the answer, from what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.trials import Table
+
+from . import locate
+from .attribute import Found
+from .evidence import NONE
+from .masking import absorbed
+from .posterior import UNKNOWN
+from .prepare import Prepared
+from .quantify import Unseen, baseline_model, candidate_model, folds, unseen_error
+from .result import STAGES, Attribute, Data, Locate, Ranked, Value
+from .search import Candidate
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+LISTED = 12
+"""Hypotheses shown in the ranking."""
+PREDICTED = 4
+"""Leading hypotheses whose held-out error is computed."""
+
+
+def data(p: Prepared, table: Table) -> Data:
+    """What was diagnosed."""
+    repeated = p.floor.contrasts
+    source = (
+        f"{repeated} differences between repeats"
+        if repeated
+        else "usual values of settled readings: nothing was repeated"
+    )
+    channels = tuple(dict.fromkeys(p.labels.channel.tolist()))
+    return Data(len(table), len(np.unique(p.states.trial)), channels, p.floor.channel["tip"] * MM, source)
+
+
+def where(f: Found, stages: Mapping[str, str]) -> Locate:
+    """Where the gap of the calibrated baseline lies; `stages` effect id -> stage of the chain."""
+    p = f.prepared
+    missed = p.problem.observed - p.problem.forward.predict(f.calibrated)
+    gap = p.tip(missed)
+    seen = np.asarray(np.isfinite(gap).all(axis=1))
+    own = p.states.take(seen)
+    by = locate.cells(own, gap[seen], p.reading, {s: m[seen] for s, m in _markers(p, missed).items()})
+    rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
+    significant = any(c.significant for group in by.values() for c in group)
+    stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
+    return Locate(rmse * MM, p.reading * MM, significant, by, stage, locate.numerical_error(p.robot, own) * MM)
+
+
+def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
+    """Arc length m -> (states, 3) m."""
+    out = {}
+    for k, s in enumerate(p.robot.markers, 1):
+        own = np.char.startswith(p.labels.channel, f"m{k}")
+        out[float(s)] = np.full((len(p.states), 3), np.nan)
+        out[float(s)][p.labels.state[own], p.labels.axis[own]] = missed[own]
+    return out
+
+
+def which(f: Found, unseen: Unseen | None) -> Attribute:
+    """The verdict with its ranking; held-out errors of the leading hypotheses where `unseen` was computed."""
+    p = f.prepared
+    fold = folds(p)[0]
+    ranked = []
+    for rank, (named, probability) in enumerate(f.posterior.ranking[:LISTED]):
+        c = f.posterior.candidates[named]
+        heldout = None
+        if unseen is not None and rank < PREDICTED and named != UNKNOWN:
+            model = baseline_model(p, f.none) if named == NONE else candidate_model(p, c)
+            errors = unseen.after if c is f.best and named != NONE else unseen_error(p, model, fold)
+            heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
+        ranked.append(Ranked(named, probability, c.log_evidence, heldout, _sizes(p, c)))
+    d = f.decision
+    return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals)
+
+
+def _sizes(p: Prepared, c: Candidate) -> dict[str, Value]:
+    """Fitted parameters of the named effects with standard deviations."""
+    parameters = p.problem.parameters
+    if c.unknown or not c.named:
+        return {}
+    reduced = c.fit.linear.reductions(np.array([c.size]))[0]
+    _, covariance = reduced.posterior(parameters.variance(c.named, c.spike))
+    sd = np.sqrt(np.diag(covariance)) * parameters.scale
+    rows = np.flatnonzero(parameters.of_effect)
+    return {
+        parameters.names[i]: Value(float(c.fit.theta[i]), float(sd[j]), parameters.units[i])
+        for j, i in enumerate(rows)
+        if parameters.effects[i] in c.named
+    }
+
+
+def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
+    """What the figures show beyond the contract. Tips in m, base frame."""
+    p = f.prepared
+    observed = p.problem.observed
+    given, slope = p.problem.forward.linearise(p.problem.parameters.mean)
+    calibrated, explained = (p.problem.forward.predict(t) for t in (f.calibrated, f.best.fit.theta))
+    made: dict[str, Any] = {
+        "signs": vars(f.signs),
+        "tolerance_of_other_effects": f.best.spike,
+        "discrepancy_mm": f.best.size * p.unit * MM,
+        "waterfall_mm": {
+            "as given": _rms(p, observed - given),
+            "calibrated": _rms(p, observed - calibrated),
+            "with the best hypothesis": _rms(p, observed - explained),
+            "noise floor": p.reading * MM,
+        },
+        "best_hypothesis": list(f.best.named),
+        "masking": _masking(p, slope),
+        "floor": {"channel": dict(p.floor.channel), "pressure": p.floor.pressure, "trial": dict(p.floor.trial)},
+        "bench": f.tempering.bench,
+        "states": {
+            "trial": p.states.trial.tolist(),
+            "spine_length": p.states.spine_length.tolist(),
+            "pressure": p.states.highest.tolist(),
+            "branch": p.states.branch.tolist(),
+            "experiment": p.states.kind.tolist(),
+            "tip": p.states.tip.tolist(),
+            "calibrated": p.tip(calibrated).tolist(),
+            "explained": p.tip(explained).tolist(),
+        },
+    }
+    if unseen is not None:
+        made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
+    return made
+
+
+def _rms(p: Prepared, missed: Array) -> float:
+    """Root mean square tip distance, mm."""
+    return float(np.sqrt(np.nanmean((p.tip(missed) ** 2).sum(axis=1)))) * MM
+
+
+def _masking(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:
+    """Share of each effect's tip displacement that a calibration absorbs: one area factor, or one a spine length."""
+    parameters = p.problem.parameters
+    weight = np.where(p.labels.kind == 0, 1.0, 0.0)
+    rest = [i for i, name in enumerate(parameters.names) if not parameters.effects[i] and "[trial=" not in name]
+    area = slope[:, [parameters.names.index("area.excess")]]
+    length = np.round(p.states.spine_length[p.labels.state], 2)
+    each = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
+    return {
+        "one": absorbed(parameters, slope, weight, slope[:, rest]),
+        "per_length": absorbed(parameters, slope, weight, np.hstack([slope[:, rest], each])),
+    }

@@ -1,0 +1,88 @@
+"""Which effect: the search, the posterior, the signs of something else, and the decision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .apart import Apart, apart
+from .case import PRESSURE_GAP, States
+from .fit import fit
+from .posterior import UNKNOWN, Posterior, posterior, prior
+from .prepare import Prepared
+from .search import Candidate, Search
+from .tempering import Tempering, tempering
+from .unknown import Signs, signs
+from .verdict import Decision, decide
+
+Array = NDArray[np.float64]
+
+BESIDE = 8
+"""Leading hypotheses beside which a cause outside the catalogue is weighed."""
+WORTH = 0.01
+"""Effects less probable than this are no rivals."""
+LEAST_DISCREPANCY = 0.5
+"""Size of the discrepancy at which effects must at least be told apart: the honest floor."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the attribution found."""
+
+    prepared: Prepared
+    posterior: Posterior
+    none: Candidate
+    best: Candidate
+    """The most probable hypothesis of the catalogue, none included."""
+    calibrated: Array
+    """(k,) parameters of the baseline: area factor and tolerances fitted, no effect."""
+    signs: Signs
+    decision: Decision
+    apart: Apart
+    tempering: Tempering
+
+    @property
+    def rivals(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of effects that carry weight and could pass for each other."""
+        worth = [e for e in self.apart.effects if self.posterior.of_effect(e) > WORTH]
+        groups = (tuple(e for e in worth if e == one or e in self.apart.rivals(one)) for one in worth)
+        return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
+
+
+def attribute(p: Prepared) -> Found:
+    """Weigh the catalogue against the data."""
+    search = Search(p.problem)
+    candidates = search.run()
+    effects = len(p.problem.parameters.ids)
+    own = tempering(bool((p.labels.kind == 1).any()), bool((p.states.branch < 0).any()))
+    leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
+    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading])
+    weighed = posterior(candidates, unknown, effects, own.temperature)
+    best = search.found[next(h for h, _ in weighed.ranking if h != UNKNOWN)]
+    sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)
+    decision = decide(weighed, own, sign.outlier_trial is not None, _enough(p.states))
+    return Found(p, weighed, search.none, best, _calibrated(p), sign, decision, _apart(p, search, weighed, best), own)
+
+
+def _enough(s: States) -> bool:
+    """Whether a cause may be named at all: the robot is bent, at two pressures, and states were repeated."""
+    return s.repeats >= 2 and bool(s.highest.max() > PRESSURE_GAP) and len(np.unique(np.round(s.highest / 5e3))) > 1
+
+
+def _calibrated(p: Prepared) -> Array:
+    parameters = p.problem.parameters
+    return fit(p.problem, np.zeros(len(parameters.scale)), 0.0, parameters.mean).theta
+
+
+def _apart(p: Prepared, search: Search, weighed: Posterior, best: Candidate) -> Apart:
+    """Separations of all single effects: at the fitted size where an effect carries weight, else at its scale."""
+    parameters = p.problem.parameters
+    size = np.ones(len(parameters.scale))
+    for effect in parameters.ids:
+        if weighed.of_effect(effect) > WORTH:
+            mask = parameters.mask((effect,))
+            size[mask] = (search.found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
+    reduced = best.fit.linear.reductions(np.array([max(best.size, LEAST_DISCREPANCY)]))[0]
+    return apart(reduced, parameters, parameters.ids, size, best.spike)

@@ -1,0 +1,59 @@
+"""The whole diagnosis of one case: pure, seeded, silent.
+
+from diagnosis.diagnose import diagnose
+answer = diagnose(case)          # case.robot, case.table
+answer.statement, answer.attribute.verdict, answer.to_json()
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from model.effects.catalogue import CATALOGUE
+
+from . import assemble, next_experiment
+from .attribute import Found, attribute
+from .case import CaseLike, states
+from .prepare import prepare
+from .quantify import shrink
+from .result import Diagnosis, Locate, Proposal, Shrink
+from .verdict import statement
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is computed beyond the attribution and the place of the gap."""
+
+    quantify: bool = True
+    """Held-out errors."""
+    experiments: bool = True
+    """What to do next."""
+
+
+def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
+    """Diagnose a case; raises `DiagnosisError` when the table cannot be used at all."""
+    wanted = options or Options()
+    own, concerns = states(case)
+    prepared = prepare(case.robot, own)
+    found = attribute(prepared)
+    shrunk, unseen = shrink(prepared, found.none, found.best) if wanted.quantify else (None, None)
+    proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
+    where = assemble.where(found, {e: spec.stage for e, spec in CATALOGUE.items()})
+    return Diagnosis(
+        statement=_statement(found, where, shrunk, proposals),
+        data=assemble.data(prepared, case.table),
+        locate=where,
+        attribute=assemble.which(found, unseen),
+        shrink=shrunk,
+        next_experiment=proposals,
+        concerns=concerns,
+        detail=assemble.detail(found, unseen),
+    )
+
+
+def _statement(f: Found, where: Locate, shrunk: Shrink | None, proposals: tuple[Proposal, ...]) -> str:
+    named = f.decision.effects
+    alike = (group for group in f.rivals if set(named) & set(group))
+    rivals = tuple(dict.fromkeys(e for group in alike for e in group if e not in named))
+    return statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
+                     f.signs.outlier_trial, f.tempering.bench)  # fmt: skip

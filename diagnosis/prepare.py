@@ -1,0 +1,191 @@
+"""From a case to the problem that is solved: forward model, measured values, noise floor, discrepancy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.parameters import ParameterInfo
+from model.robot import Robot
+from recordings.trials import Table
+
+from .case import States
+from .discrepancy import by_channel, columns, settings
+from .errors import BadCase
+from .floor import Components, Repeated, components, reading_rms
+from .noise import Noise
+from .problem import Parameters, Problem
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TIP = ("x", "y", "z")
+KINDS = ("tip", "turn", "marker")
+USUAL = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
+"""Usual white noise of a settled reading: m, rad, m."""
+USUAL_PRESSURE = 500.0
+"""Pa."""
+LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
+"""m, between which the unit of the discrepancy is kept."""
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What each of n measured values is."""
+
+    state: Ints
+    """(n,) index into the states."""
+    channel: NDArray[np.str_]
+    kind: Ints
+    """(n,) 0 tip, 1 orientation, 2 marker."""
+    axis: Ints
+    """(n,) which of its kind's three axes."""
+    trial: Ints
+    experiment: Ints
+    """(n,) kind of experiment, see `States.kind`."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A problem and what its values mean."""
+
+    robot: Robot
+    states: States
+    problem: Problem
+    labels: Labels
+    floor: Components
+    reading: float
+    """m, root mean square distance of a single tip reading from its condition's average; the noise floor."""
+    unit: float
+    """m, size 1 of the discrepancy."""
+    forward: ForwardModel
+
+    def tip(self, values: Array) -> Array:
+        """(states, 3) the tip's values of (n,) values; NaN where not measured."""
+        out = np.full((len(self.states), 3), np.nan)
+        own = self.labels.kind == 0
+        out[self.labels.state[own], self.labels.axis[own]] = values[own]
+        return out
+
+
+class Kept:
+    """A forward model of which some values are not looked at."""
+
+    def __init__(self, forward: ForwardModel, kept: NDArray[np.bool_]) -> None:
+        self._forward, self._kept = forward, kept
+
+    def predict(self, theta: Array) -> Array:
+        """Predicted values that are kept."""
+        return self._forward.predict(theta)[self._kept]
+
+    def linearise(self, theta: Array) -> tuple[Array, Array]:
+        """Predicted values that are kept, and their derivatives."""
+        predicted, slope = self._forward.linearise(theta)
+        return predicted[self._kept], slope[self._kept]
+
+
+def prepare(robot: Robot, states: States, area: Literal["one", "per_length"] = "one") -> Prepared:
+    """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
+    table = table_columns(states)
+    forward = ForwardModel(robot, design_from_columns(robot, table), area)
+    observed, sd = forward.observe(table)
+    start = np.zeros(len(forward.parameters))
+    predicted, slope = forward.linearise(start)
+    kept = np.isfinite(sd) & np.isfinite(predicted)
+    if not kept.any():
+        raise BadCase(
+            "the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor"
+        )
+    labels = _labels(forward, states, kept)
+    made = parameters(forward.parameters)
+    floor, reading = _floor(states, labels, made, forward.parameters, (observed - predicted)[kept], slope[kept])
+    pressure = slope[kept][:, made.names.index("pressure_offset.offset")]
+    white = np.array([floor.channel[k] for k in KINDS])[labels.kind]
+    noise = Noise(labels.state, white, floor.pressure * pressure)
+    known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
+    unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
+    smooth = _smooth(robot, states, labels, unit)
+    problem = Problem(Kept(forward, kept), _scattered(made, forward.parameters, floor), observed[kept], noise, smooth)
+    return Prepared(robot, states, problem, labels, floor, known, unit, forward)
+
+
+def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
+    """The table's columns of the states, spine lengths not below zero."""
+    table = Table(states.rows)
+    return {name: table[name] for name in table.columns} | {"spine_length": states.spine_length}
+
+
+def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
+    """The forward model's table as the diagnosis sees it."""
+    return Parameters(
+        names=tuple(p.name for p in infos),
+        effects=tuple(p.source if p.group == "effect" else "" for p in infos),
+        mean=np.zeros(len(infos)),
+        sd=np.array([p.sd for p in infos]),
+        lower=np.array([p.low for p in infos]),
+        upper=np.array([p.high for p in infos]),
+        units=tuple(p.unit for p in infos),
+        shapes=tuple(p.role == "shape" for p in infos),
+        starts=tuple(p.starts for p in infos),
+    )
+
+
+def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> Labels:
+    row = forward.observations.row[kept]
+    channel = forward.observations.channel[kept].astype(np.str_)
+    turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
+    axis = np.array(["xyz".index(name[-1]) for name in channel], np.int64)
+    kind = np.where(turn, 1, np.where(marker, 2, 0)).astype(np.int64)
+    return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
+
+
+def _floor(
+    states: States, labels: Labels, made: Parameters, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array
+) -> tuple[Components, float]:
+    """Components of the noise, and the rms of a single tip reading (m)."""
+    names = list(dict.fromkeys(labels.channel.tolist()))
+    column = np.array([names.index(c) for c in labels.channel])
+
+    def grid(values: Array) -> Array:
+        out = np.full((len(states), len(names)), np.nan)
+        out[labels.state, column] = values
+        return out
+
+    residual = grid(missed)
+    whole = np.isfinite(residual).all(axis=1)
+    by_trial = {
+        source: slope[:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
+        for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name)
+    }
+    kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
+    data = Repeated(
+        residual[whole],
+        states.condition[whole],
+        states.trial[whole],
+        kinds,
+        grid(slope[:, made.names.index("pressure_offset.offset")])[whole],
+        {source: grid(values)[whole] for source, values in by_trial.items()},
+    )
+    trial = {source: next(p.sd for p in infos if p.source == source) for source in by_trial}
+    found = components(data, Components({k: USUAL[k] for k in KINDS}, USUAL_PRESSURE, trial, 0))
+    return found, reading_rms(data, np.array([name in TIP for name in names]))
+
+
+def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components) -> Parameters:
+    """The priors of what a trial has of its own as wide as the repeats show."""
+    sd = np.array([floor.trial.get(p.source, p.sd) for p in infos])
+    return replace(made, sd=sd)
+
+
+def _smooth(robot: Robot, states: States, labels: Labels, unit: float) -> Array:
+    where = settings(states.spine_length, states.highest, states.branch, states.kind, robot.length)
+    channels = sorted(set(labels.channel.tolist()))
+    number = np.array([channels.index(c) for c in labels.channel])
+    # A bend that moves the tip by d turns it by about 2 d / L.
+    size = np.array([2 * unit / robot.length if name.startswith("r") else unit for name in channels])
+    return by_channel(columns(where), labels.state, number, size)

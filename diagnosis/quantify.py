@@ -1,0 +1,117 @@
+"""How far the gap shrinks, on data that no fit saw.
+
+Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within
+the tolerance that the data ask for. Each spine length is predicted by a fit to the others (each trial, when there is one
+length only); the share closed counts from the noise floor, its interval comes from drawing trials anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .case import SPINE_GAP, levels
+from .heldout import Model, left_out
+from .prepare import Prepared
+from .result import LengthShrink, Shrink
+from .search import Candidate
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MM = 1e3
+DRAWS = 500
+SEED = 31337
+CLOSABLE = 1.1
+"""Before must exceed the floor by this factor, or there is nothing to close."""
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Tip errors (n,) m of states, each predicted without its fold."""
+
+    before: Array
+    after: Array
+    how: str
+
+
+def folds(p: Prepared) -> tuple[Ints, str]:
+    """What is left out together (states,), and its name."""
+    length = levels(p.states.spine_length, SPINE_GAP)
+    if len(np.unique(length)) >= 3:
+        return length, "leave one spine length out"
+    pressure = levels(p.states.highest, 3e3)
+    if len(np.unique(pressure)) >= 3:
+        return pressure, "leave one pressure out"
+    return np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64), "leave one trial out"
+
+
+def baseline_model(p: Prepared, none: Candidate) -> Model:
+    """The calibrated baseline without any effect; the fit of none is where its search begins."""
+    start = np.where(p.problem.parameters.of_effect, 0.0, none.fit.theta)
+    return Model(np.zeros(len(p.problem.parameters.scale)), 0.0, start)
+
+
+def candidate_model(p: Prepared, c: Candidate) -> Model:
+    """The model of a hypothesis: named effects wide, the others within their tolerance."""
+    return Model(p.problem.parameters.variance(c.named, c.spike), c.size, c.fit.theta)
+
+
+def unseen_error(p: Prepared, model: Model, fold: Ints) -> Array:
+    """Tip distance (states,) m between measured and predicted, each state predicted without its fold (states,)."""
+    missed = left_out(p.problem, model, fold[p.labels.state])
+    out: Array = np.linalg.norm(p.tip(missed), axis=1)
+    return out
+
+
+def shrink(p: Prepared, none: Candidate, best: Candidate) -> tuple[Shrink, Unseen]:
+    """Before and after for the named hypothesis."""
+    fold, how = folds(p)
+    before = unseen_error(p, baseline_model(p, none), fold)
+    after = unseen_error(p, candidate_model(p, best), fold)
+    seen = np.isfinite(before) & np.isfinite(after)
+    share, interval = _closed(before[seen], after[seen], p.reading, p.states.trial[seen])
+    length = levels(p.states.spine_length, SPINE_GAP)
+    by_length = tuple(
+        LengthShrink(
+            float(np.round(p.states.spine_length[own].mean(), 6)),
+            _rms(before[own]) * MM,
+            _rms(after[own]) * MM,
+            int(own.sum()),
+        )
+        for own in (seen & (length == k) for k in np.unique(length))
+        if own.any()
+    )
+    made = Shrink(how, _rms(before[seen]) * MM, _rms(after[seen]) * MM, p.reading * MM, share, interval, by_length)
+    return made, Unseen(before, after, how)
+
+
+def share_closed(before: float, after: float, floor: float) -> float | None:
+    """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
+    if before <= CLOSABLE * floor:
+        return None
+    return 1 - (after**2 - floor**2) / (before**2 - floor**2)
+
+
+def _closed(before: Array, after: Array, floor: float, trial: Ints) -> tuple[float | None, tuple[float, float] | None]:
+    share = share_closed(_rms(before), _rms(after), floor)
+    if share is None:
+        return None, None
+    names, index = np.unique(trial, return_inverse=True)
+    count = np.bincount(index).astype(float)
+    worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
+    drawn = np.random.default_rng(SEED).integers(0, len(names), (DRAWS, len(names)))
+    n = count[drawn].sum(axis=1)
+    top = better[drawn].sum(axis=1) / n - floor**2
+    bottom = worse[drawn].sum(axis=1) / n - floor**2
+    shares = 1 - top[bottom > 0] / bottom[bottom > 0]
+    if not shares.size:
+        return share, None
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return share, (float(low), float(high))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -1,0 +1,67 @@
+"""The verdict and its wording.
+
+    best supported     one cause leads; called confirmed only after an experiment that the fit did not see agrees
+    tied with ..       others explain the data as well; what would break the tie is named
+    outside the catalogue
+    below the floor    nothing significant
+
+Probabilities are given with the bench that they were calibrated on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .evidence import NONE
+from .posterior import UNKNOWN, Posterior
+from .result import Locate, Shrink, Verdict
+from .tempering import Tempering
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What is answered."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    probability: float
+
+
+def decide(posterior: Posterior, tempering: Tempering, odd_trial: bool, enough: bool) -> Decision:
+    """Effect, none or unknown.
+
+    With too little data (`enough` false) nothing is named however well it fits; an odd trial that no common cause
+    explains makes the answer unknown unless an effect leads clearly.
+    """
+    outside = posterior.probability(UNKNOWN)
+    named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
+    if not enough or outside >= tempering.flagged:
+        return Decision("unknown", (), outside)
+    if named == NONE:
+        return Decision("unknown", (), outside) if odd_trial else Decision("none", (), probability)
+    return Decision("effect", named, probability)
+
+
+def statement(
+    d: Decision, posterior: Posterior, where: Locate, shrunk: Shrink | None, rivals: Sequence[str], breaker: str | None,
+    odd_trial: int | None, bench: str,
+) -> str:  # fmt: skip
+    """The verdict in a few sentences; `breaker` is the experiment that would separate the candidates best."""
+    gap, floor = where.gap_rmse_mm, where.noise_floor_mm
+    head = f"The calibrated model misses the tip by {gap:.2f} mm rms; the noise floor is {floor:.2f} mm."
+    sure = f"p = {d.probability:.2f}, {bench}"
+    if d.verdict == "none":
+        return f"{head} Below the floor: no effect of the catalogue is supported ({sure})."
+    if d.verdict == "unknown":
+        odd = f" Trial {odd_trial} does not fit with the others: look at it first." if odd_trial is not None else ""
+        near = next((h for h, _ in posterior.ranking if h not in (NONE, UNKNOWN)), None)
+        alike = f" What comes nearest is {' and '.join(near)}, which does not explain it." if near else ""
+        return f"{head} No cause can be named: outside the catalogue, or too little data ({sure}).{alike}{odd}"
+    tied = f", tied with {', '.join(rivals)}" if rivals else ""
+    broken = f", broken by: {breaker}" if rivals and breaker else ""
+    text = f"{head} Best supported cause: {' and '.join(d.effects)} ({sure}){tied}{broken}."
+    if shrunk is None:
+        return text
+    closed = f", {shrunk.share_closed * 100:.0f} % of what can be closed" if shrunk.share_closed is not None else ""
+    return f"{text} With it {shrunk.after_mm:.2f} mm are left on data that the fit did not see{closed}."
