@@ -25,6 +25,8 @@ STAMP = "device_time"
 """Name of the field that holds the instrument's own stamp, s."""
 FEWEST = 20
 """Samples that a model needs."""
+LATEST = 1e10
+"""s: a stamp beyond is none."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class ClockModel:
 
 def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     """The model of stamps in the order in which they arrived, both in s; None when there are too few to tell."""
-    use = np.isfinite(device) & np.isfinite(host)
+    use = (np.abs(device) < LATEST) & (np.abs(host) < LATEST)
     device, host = device[use], host[use]
     back = np.flatnonzero(np.diff(device) < 0)
     if len(back):

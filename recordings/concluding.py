@@ -127,9 +127,12 @@ def _each(estimate: Estimator, samples: Samples, field: str) -> list[Estimate]:
 
 def _orientation(rule: Settled | Window | Crossing, span: Span, tip: Samples) -> tuple[float, float, float, float]:
     turns = tip["orientation"]
-    if isinstance(rule, Crossing):
-        return line_quaternion(span.at, tip["t"], turns)
-    return mean_quaternion(turns.tolist())
+    try:
+        if isinstance(rule, Crossing):
+            return line_quaternion(span.at, tip["t"], turns)
+        return mean_quaternion(turns.tolist())
+    except ValueError as error:
+        raise NotSettled(f"orientation on /tip: {error}; check the body's definition in the camera software") from error
 
 
 def _markers(estimate: Estimator, tip: Samples) -> tuple[tuple[float, float, float], ...]:

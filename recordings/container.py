@@ -8,7 +8,7 @@ file says about lengths is believed before it is held against the bytes that are
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 
@@ -111,16 +111,33 @@ def walk(data: memoryview, name: str) -> Contents:
                 contents.finished = True
                 contents.end = head.end + len(MAGIC)
             break
-    total = sum(chunk.size for chunk in contents.chunks)
+    check_total(contents.chunks, name)
+    if not contents.finished and contents.chunks:
+        # Some of its indexes may be cut off; without any, its records are walked over instead.
+        contents.chunks[-1].indexes.clear()
+    return contents
+
+
+def check_total(chunks: Iterable[ChunkPlace], name: str) -> None:
+    """Raises `Oversized` when chunks say that they hold more than is read at once; impossible ones do not count."""
+    total = sum(chunk.size for chunk in chunks if chunk.size <= MAX_CHUNK)
     if total > MAX_TOTAL:
         raise Oversized(
             f"{name}: says that its chunks hold {total} bytes, {MAX_TOTAL} are read at most; "
             "the file is damaged, or longer than this software reads at once"
         )
-    if not contents.finished and contents.chunks:
-        # Some of its indexes may be cut off; without any, its records are walked over instead.
-        contents.chunks[-1].indexes.clear()
-    return contents
+
+
+def chunks_of(data: memoryview) -> Iterator[ChunkPlace]:
+    """The chunks of a file by their heads alone, up to the first record that is broken."""
+    at = len(MAGIC)
+    while (head := head_at(data, at)) is not None:
+        if head.opcode == Opcode.CHUNK:
+            try:
+                yield chunk_place(data, head)
+            except _UNPARSABLE:
+                return
+        at = head.end
 
 
 def _take(contents: Contents, data: memoryview, head: Head) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import threading
 from array import array
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +47,19 @@ class StreamCounts:
     def complete(self) -> bool:
         """Nothing was lost on the way."""
         return self.dropped == 0 and self.lost == 0
+
+
+def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, int]]:
+    """The whole numbers among the counts that a file tells, by topic; what cannot be read is left out."""
+    out: dict[str, dict[str, int]] = {}
+    for topic, text in metadata.get("counts", {}).items():
+        try:
+            told = json.loads(text)
+        except ValueError:
+            continue
+        if isinstance(told, dict):
+            out[topic] = {name: value for name, value in told.items() if isinstance(value, int)}
+    return out
 
 
 @dataclass

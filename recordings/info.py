@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from .clocks import ClockModel, clocks
+from .counts import counted
 from .reader import Recording
 from .timing import Timing, timing
 
@@ -61,9 +61,11 @@ def info(path: str | os.PathLike[str]) -> Info:
     recording = Recording.open(path, truncated=True)
     metadata = dict(recording.metadata)
     metadata.pop("clocks", None)
-    counts = {topic: json.loads(text) for topic, text in metadata.pop("counts", {}).items()}
+    counts = counted(metadata)
+    metadata.pop("counts", None)
     outcome = metadata.pop("outcome", {})
     streams: dict[str, StreamInfo] = {}
+    start = recording.start_wall_ns if "recording" in metadata else 0
     first: int | None = None
     last = 0
     for topic in recording.topics:
@@ -71,9 +73,9 @@ def info(path: str | os.PathLike[str]) -> Info:
         if len(log_times):
             first = int(log_times[0]) if first is None else min(first, int(log_times[0]))
             last = max(last, int(log_times[-1]))
-        counted = counts.get(topic, {})
-        start = int(metadata.get("recording", {}).get("start_wall_ns", 0))
-        streams[topic] = StreamInfo(timing((log_times - start) / 1e9), counted.get("dropped"), counted.get("lost"))
+        told = counts.get(topic, {})
+        since = (log_times - start) / 1e9
+        streams[topic] = StreamInfo(timing(since), told.get("dropped"), told.get("lost"))
     return Info(
         path=str(recording.path),
         size=recording.contents.size,

@@ -82,10 +82,9 @@ def play(recording: Recording, sink: Callable[[Played], None], speed: float = ma
 
 
 def _times(recording: Recording, topic: str) -> np.ndarray[Any, np.dtype[np.int64]]:
-    if topic not in STREAMS:
-        return np.array([log_time for log_time, _ in recording.events(EVENTS[topic])], dtype=np.int64)
-    stamps = recording.stream(topic)["t"]
-    return np.asarray(recording.start_wall_ns + np.round(stamps * 1e9).astype(np.int64))
+    if topic in STREAMS:
+        return recording.log_times(topic)  # in the order of the stream's own stamps, from which they are made
+    return np.array([log_time for log_time, _ in recording.events(EVENTS[topic])], dtype=np.int64)
 
 
 def _stream(recording: Recording, topic: str) -> Callable[[int], Fields]:

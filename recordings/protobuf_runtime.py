@@ -18,7 +18,16 @@ from .messages import MessageType
 
 
 def message_class(schema: Schema) -> type[Any]:
-    """The protobuf class that a schema record describes."""
+    """The protobuf class that a schema record describes; raises `Damaged` when it describes none."""
+    try:
+        return _class(schema)
+    except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
+        raise Damaged(
+            f"the schema {schema.name} in the file describes no message: {error}; run `lab verify`"
+        ) from error
+
+
+def _class(schema: Schema) -> type[Any]:
     files = {file.name: file for file in FileDescriptorSet.FromString(schema.data).file}
     pool = DescriptorPool()
 
@@ -65,7 +74,9 @@ def decode(message: MessageType, schema: Schema, payloads: Sequence[bytes]) -> N
         values = [getattr(p, field.name) for p in parsed]
         if field.shape and any(len(value) != field.count for value in values):
             raise OtherVersion(f"{message.topic}: field {field.name} changes its size within the file")
-        out[field.name] = np.array([list(v) for v in values]).reshape(-1, *field.shape) if field.shape else values
+        out[field.name] = (
+            np.array([list(v) for v in values]).reshape(len(values), *field.shape) if field.shape else values
+        )
     return out
 
 

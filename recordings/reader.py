@@ -120,12 +120,12 @@ class Recording:
     @property
     def start_wall_ns(self) -> int:
         """Wall time (ns since the epoch) of rig time 0."""
-        try:
-            return int(self.metadata["recording"]["start_wall_ns"])
-        except KeyError:
+        text = self.metadata.get("recording", {}).get("start_wall_ns", "")
+        if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) < 2**63):
             raise NotARecording(
-                f"{self.path} was not written by this software: it has no metadata 'recording'"
-            ) from None
+                f"{self.path} was not written by this software: its metadata 'recording' tell no start_wall_ns"
+            )
+        return int(text)
 
     # -- streams
     def stream(self, topic: str) -> NDArray[np.void]:

@@ -17,7 +17,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from .container import MAGIC
-from .counts import StreamCounts
+from .counts import StreamCounts, counted
 from .errors import NotARecording, RecordingError, WriteFailed
 from .reader import mapped
 from .scan import Message, Scan, messages, scan
@@ -38,7 +38,7 @@ class Recovery:
     lost: dict[str, int]
     """Known to be missing by the messages' numbers, by topic; topics that miss none are left out."""
     nameless: int
-    """Messages left out because nothing in the file describes their topic any more."""
+    """Messages left out because nothing in the file describes their topic any more, or their time makes no sense."""
     seconds_kept: float
     seconds_lost: float
     """Rig seconds between the messages before and behind each hole, and to the end that a torn chunk tells."""
@@ -122,7 +122,7 @@ def _write(data: memoryview, found: Scan, source: Path, target: Path, file: Any)
         earliest = math.inf
         for message in messages(data, chunk, str(source)):
             entry = kept.get(message.channel)
-            if entry is None:
+            if entry is None or message.log_time >= 2**63:
                 nameless += 1
                 continue
             entry.add(message)
@@ -169,10 +169,10 @@ def _register(writer: Writer, found: Scan) -> dict[int, _Kept]:
 
 def _counts(kept: dict[int, _Kept], found: Scan) -> dict[str, StreamCounts]:
     """Counts of the new file: the messages' numbers tell how many there were before the last one that is kept."""
-    start = int(found.metadata.get("recording", {}).get("start_wall_ns", 0))
-    out = {}
+    start = min((entry.log_times[0] for entry in kept.values() if entry.log_times), default=0)
+    out, before = {}, counted(found.metadata)
     for entry in kept.values():
-        told = json.loads(found.metadata.get("counts", {}).get(entry.topic, "{}"))
+        told = before.get(entry.topic, {})
         generated = max(entry.highest, entry.count, told.get("generated", 0))
         at = timing((np.sort(np.array(entry.log_times, dtype=np.int64)) - start) / 1e9)
         out[entry.topic] = StreamCounts.of(generated, entry.count, told.get("lost", 0), at)

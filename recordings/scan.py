@@ -17,7 +17,19 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
-from .container import MAGIC, MAX_CHUNK, ChunkPlace, Head, chunk_place, head_at, index_place, records_in, stream
+from .container import (
+    MAGIC,
+    MAX_CHUNK,
+    ChunkPlace,
+    Head,
+    check_total,
+    chunk_place,
+    chunks_of,
+    head_at,
+    index_place,
+    records_in,
+    stream,
+)
 from .errors import RecordingError
 from .gather import MESSAGE, decompress
 
@@ -73,7 +85,8 @@ class Scan:
 
 
 def scan(data: memoryview, name: str) -> Scan:
-    """Read a file as far as possible; never raises for what stands in it."""
+    """Read a file as far as possible; raises nothing but `Oversized`, whatever stands in it."""
+    check_total(chunks_of(data), name)
     out = Scan()
     at = len(MAGIC)
     while at < len(data):

@@ -140,8 +140,9 @@ def _entry(file: Path) -> tuple[Any, ...]:
         changed = datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="seconds")
         return (changed, 0.0, "", "[]", "unreadable", str(error), 0, 0, 0, "")
     lost = sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values())
-    return (
-        summary.start, summary.duration, ", ".join(sorted({state.protocol for state in states})),
-        json.dumps(sorted({state.spine_length for state in states})), (summary.outcome if summary.finished else None) or "abrupt", summary.detail,
-        summary.states, summary.rows, lost, summary.metadata.get("campaign", {}).get("id", ""),
-    )  # fmt: skip
+    outcome = (summary.outcome if summary.finished else None) or "abrupt"
+    protocols = ", ".join(sorted({state.protocol for state in states}))
+    spines = json.dumps(sorted({state.spine_length for state in states}))
+    campaign = summary.metadata.get("campaign", {}).get("id", "")
+    when = (summary.start, summary.duration)
+    return (*when, protocols, spines, outcome, summary.detail, summary.states, summary.rows, lost, campaign)

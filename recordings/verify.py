@@ -6,7 +6,6 @@ each attachment, so that no changed byte stays unnoticed. A file that was never 
 
 from __future__ import annotations
 
-import json
 import os
 import struct
 import zlib
@@ -21,7 +20,19 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Schema
 from numpy.typing import NDArray
 
-from .container import MAGIC, ChunkPlace, Head, chunk_place, head_at, index_place, records_in, stream
+from .container import (
+    MAGIC,
+    ChunkPlace,
+    Head,
+    check_total,
+    chunk_place,
+    chunks_of,
+    head_at,
+    index_place,
+    records_in,
+    stream,
+)
+from .counts import counted
 from .errors import NotARecording, RecordingError
 from .gather import decompress, index_of
 from .messages import STREAMS
@@ -216,11 +227,12 @@ def _sorted(pairs: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def verify(path: str | os.PathLike[str]) -> Verification:
-    """Check a file in full; raises `NotARecording` when it cannot be read or is none."""
+    """Check a file in full; raises `NotARecording` when it cannot be read or is none, or `Oversized`."""
     path = Path(path)
     data = mapped(path)
     if bytes(data[: len(MAGIC)]) != MAGIC:
         raise NotARecording(f"{path} is not an MCAP file: it begins with {bytes(data[:8])!r}")
+    check_total(chunks_of(data), str(path))
     check = _Check(str(path), data)
     finished = check.walk()
     if not check.problems:
@@ -236,15 +248,16 @@ def _contents(path: Path) -> list[str]:
     """What is wrong with the messages and counts of a file whose records are all right."""
     problems = []
     recording = Recording.open(path)
+    counts = counted(recording.metadata)
     for topic in recording.topics:
         try:
             if topic in STREAMS:
                 recording.stream(topic)
-            counted = json.loads(recording.metadata.get("counts", {}).get(topic, "{}")).get("written")
+            written = counts.get(topic, {}).get("written")
             held = len(recording.log_times(topic))
-            if counted is not None and counted != held:
-                problems.append(f"{topic}: {counted} messages were written, the file holds {held}")
-        except (RecordingError, ValueError) as error:
+            if written is not None and written != held:
+                problems.append(f"{topic}: {written} messages were written, the file holds {held}")
+        except RecordingError as error:
             problems.append(f"{topic}: {error}")
     try:
         _ = recording.states, recording.trials, recording.log

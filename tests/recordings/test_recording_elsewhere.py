@@ -1,0 +1,129 @@
+"""Other people's software reads the recordings: counts, order, sums, attachments, metadata, and fields by name.
+
+The reader in JavaScript needs node and the packages @mcap/core, @mcap/support and protobufjs. Say where they are with
+SOFTLAB_NODE_MODULES=<folder>/node_modules, or let the test install them into a temporary folder with
+SOFTLAB_NPM_INSTALL=1. Another viewer's importer is checked where its command `rerun` is found, or named in SOFTLAB_RERUN.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from synthetic_run import Run
+
+from recordings.messages import STREAMS
+from recordings.player import messages
+from recordings.reader import Recording
+from recordings.writer import Recorder
+
+HERE = Path(__file__).parent
+PACKAGES = ("@mcap/core@2", "@mcap/support@1", "protobufjs@8")
+
+
+@pytest.fixture(scope="module")
+def node_modules(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if shutil.which("node") is None:
+        pytest.skip("node is not installed, so the independent reader cannot run")
+    if place := os.environ.get("SOFTLAB_NODE_MODULES"):
+        return Path(place)
+    if os.environ.get("SOFTLAB_NPM_INSTALL") != "1" or shutil.which("npm") is None:
+        pytest.skip("the independent reader needs SOFTLAB_NODE_MODULES=<folder> or SOFTLAB_NPM_INSTALL=1 (and npm)")
+    folder = tmp_path_factory.mktemp("node")
+    command = ["npm", "install", "--ignore-scripts", "--no-audit", "--no-fund", "--prefix", str(folder), *PACKAGES]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=folder)
+    if done.returncode:
+        pytest.skip(f"npm could not install the independent reader: {done.stderr[-300:]}")
+    return folder / "node_modules"
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("elsewhere") / "run.mcap"
+    files = {"rig.yaml": b"clock: {speed: 1}\n", "robot.yaml": b"name: r\n", "empty": b""}
+    about = {"versions": {"softlab": "0.1", "text": 'with "quotes" and umlauts äöü'}}
+    with Recorder(path, start_wall_ns=10**18 + 7, attachments=files, metadata=about, markers=2) as recorder:
+        for k, (topic, t, values) in enumerate(Run(duration=3.0).messages()):
+            recorder.push(topic, t, values)
+            if k % 100 == 0:
+                recorder.log("info", f"line {k}")
+    return path
+
+
+def read_by_node(file: Path, modules: Path) -> Any:
+    command = ["node", str(HERE / "independent" / "read.cjs"), str(file)]
+    environment = os.environ | {"NODE_PATH": str(modules)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def sums(recording: Recording) -> dict[str, dict[str, float]]:
+    """Of every number of every stream, added in the order of the file; NaN does not count."""
+    out: dict[str, dict[str, float]] = {}
+    for message in messages(recording):
+        if message.topic in STREAMS:
+            of = out.setdefault(message.topic, {})
+            for name, value in message.fields.items():
+                for number in _numbers(value):
+                    if not math.isnan(number):
+                        of[name] = of.get(name, 0.0) + number
+    return out
+
+
+def _numbers(value: Any) -> list[float]:
+    return [number for item in value for number in _numbers(item)] if isinstance(value, list) else [float(value)]
+
+
+def check_by_node(file: Path, modules: Path) -> None:
+    recording, found = Recording.open(file), read_by_node(file, modules)
+    assert found["inOrder"] and int(found["messages"]) == sum(topic["count"] for topic in found["topics"].values())
+    counts = {topic: len(recording.log_times(topic)) for topic in recording.topics}
+    assert {name: topic["count"] for name, topic in found["topics"].items()} == {t: n for t, n in counts.items() if n}
+    for name, topic in found["topics"].items():
+        log_times = recording.log_times(name)
+        assert (int(topic["first"]), int(topic["last"])) == (log_times[0], log_times[-1])
+        assert topic["encoding"] == "protobuf"
+    for name, expected in sums(recording).items():
+        assert found["topics"][name]["sums"] == expected, name
+    assert found["attachments"] == {n: hashlib.sha256(d).hexdigest() for n, d in recording.attachments.items()}
+    assert found["metadata"] == recording.metadata
+
+
+def test_an_independent_reader_finds_equal_counts_order_sums_attachments_and_metadata(
+    path: Path, node_modules: Path
+) -> None:
+    check_by_node(path, node_modules)
+    topics = read_by_node(path, node_modules)["topics"]
+    assert topics["/force"]["metadata"]["unit.raw"] == "N, N m" and topics["/arm"]["schema"] == "lab.Arm"
+    assert topics["/arm/joints"]["schema"] == "foxglove.JointStates"
+
+
+def test_the_independent_reader_reads_the_old_version_and_a_recording_named_by_the_caller(node_modules: Path) -> None:
+    check_by_node(HERE / "data" / "bending-schema-1.mcap", node_modules)
+    if further := os.environ.get("SOFTLAB_RECORDING"):
+        check_by_node(Path(further), node_modules)
+
+
+def test_another_viewer_imports_messages_as_fields_not_bytes(path: Path, tmp_path: Path) -> None:
+    rerun = os.environ.get("SOFTLAB_RERUN") or shutil.which("rerun")
+    if rerun is None:
+        pytest.skip("the command rerun (rerun-sdk) is not installed; name it in SOFTLAB_RERUN to check its importer")
+
+    def run(*arguments: object) -> str:
+        done = subprocess.run([rerun, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=True)
+        return done.stdout
+
+    run("mcap", "check", path)
+    run("mcap", "convert", path, "-o", tmp_path / "run.rrd")
+    shown = run("rrd", "print", "-vvv", tmp_path / "run.rrd")
+    numbers = "List(non-null Float64)"
+    assert f'Struct("t": Float64, "setpoint": {numbers}, "measured": {numbers})' in shown
+    assert "component: lab.Tip:message" in shown
