@@ -10,6 +10,7 @@ Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     stuck     these units repeat the pressure that they showed when the fault began
     ignore    these units keep their set-point whatever is sent
     refuse    these units answer everything with `?`
+    reading   pressure (Pa) that all units show instead of the measured one
     status    {"A": "OVR"}: status codes shown by a unit
     swap      these units answer under the next letter
 The back door `device["A"]` is a unit's state: its set-point, range, model, firmware, source, unit of measure, holds.
@@ -113,6 +114,11 @@ class AlicatFake(PtyFake):
         for unit in self.device.values():
             unit.process(dt)
 
+    def restart(self) -> None:
+        """Set-points and holds are forgotten."""
+        for unit in self.device.values():
+            unit.setpoint, unit.held, unit.locked = 0.0, "", False
+
     def feed(self) -> bool:
         """Answer one line."""
         line, end, rest = self.buffer.partition(b"\r")
@@ -214,6 +220,8 @@ class AlicatFake(PtyFake):
         if isinstance(status, dict) and letter in status:
             codes.append(str(status[letter]))
         reading = self.random.gauss(measured, NOISE)
+        if isinstance(shown := self.faults.extra.get("reading"), float):
+            reading = shown
         if self._has("stuck", letter):
             reading = self._stuck.setdefault(letter, reading)
         else:

@@ -4,6 +4,8 @@
     {"confirm": "what was wrong"}                     a person has put it right; sets free what was held by `person`
     {"state": true}                                                                       what the plant is doing
     {"faults": {"pressure": {"silent": true}}}                                            faults of a serial fake
+    {"fault": ["spine", "half"]}, {"fault": null}                                         one of sim_fakes/faults.py; none
+    {"accident": "burst"}, {"accident": null}                                             one of sim_fakes/accidents.py; none
     {"tip_visible": false}                                                                hide the tip from the cameras
     {"ur": {"do": "protective_stop"}}                                                     passed on to the arm's controller
 
@@ -76,6 +78,10 @@ class BackDoor:
         elif what == "faults":
             for line, faults in value.items():
                 rig.set_faults(line, faults)
+        elif what == "fault":
+            rig.switch.begin(*value) if value else rig.switch.end()
+        elif what == "accident":
+            rig.accidents.begin(value) if value else rig.accidents.end()
         elif what == "tip_visible":
             with rig.plant.lock:
                 rig.plant.tip_visible = bool(value)

@@ -252,6 +252,10 @@ class DynamixelFake(PtyFake):
             self.motor.restart()
         self.motor.process(dt)
 
+    def restart(self) -> None:
+        """The supply fails for an instant."""
+        self.motor.restart()
+
     def feed(self) -> bool:
         start = self.buffer.find(HEADER)
         if start < 0:

@@ -120,6 +120,10 @@ class Ft300sFake(PtyFake):
         self._frames = 0
         self._held: NDArray[np.int16] | None = None
 
+    def restart(self) -> None:
+        """It wakes up in Modbus mode."""
+        self.device.streaming = False
+
     def feed(self) -> bool:
         """Bytes only note their time here: silence, not content, ends a request."""
         self._heard_at = time.monotonic()

@@ -7,13 +7,16 @@ A hidden tip keeps its last pose with the tracking bit cleared.
 Strict where the device is: frames leave from the data port, only to clients that connected and keep alive; a datagram
 whose length is not what its header says is dropped; keep-alive is not answered.
 
-Faults used: `silent` (nothing is sent), `truncate` (frames cut in half), `freeze` (poses stand still). By name in
+Faults used: `silent` (nothing is sent), `delay`, `truncate` (frames cut in half), `split` (a frame in two datagrams),
+`garbage` (a datagram in front of each), `corrupt`, `skew` (of the stamps), `freeze` (poses stand still). By name in
 `faults.extra`:
 - "drop" (int): this many frames are counted and not sent.
 - "replay" (bool): the last frame is sent again and again.
 - "nan" (bool), "absurd" (bool): the tip's position is NaN, or 1000 km away, yet marked as tracked.
 - "zeros" (bool): a hidden tip is reported at zero instead of its last pose.
 - "no_body" (bool): the tip is missing in the frames.
+- "refuse" (bool): every request is answered with "unrecognized".
+- "foreign" (bool): the rigid bodies have other names.
 - "restart" (bool): frame numbers start again from 1.
 """
 
@@ -127,6 +130,7 @@ class MotiveFake(threading.Thread):
         names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
         self._bodies = [Body(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self._last_frame = b""
+        self._outgoing: list[tuple[float, socket.socket, tuple[str, int], bytes]] = []
         self._running = True
         self._look()
 
@@ -144,6 +148,7 @@ class MotiveFake(threading.Thread):
             ready, _, _ = select.select([self._command], [], [], max(0.0, min(0.05, due - time.monotonic())))
             if ready:
                 self._serve()
+            self._deliver()
             now = time.monotonic()
             if now >= due:
                 due = max(due + 1 / self.rate, now - 5 / self.rate)
@@ -156,9 +161,25 @@ class MotiveFake(threading.Thread):
         return s
 
     def _send(self, via: socket.socket, client: tuple[str, int], message: int, payload: bytes) -> None:
-        if not self.faults.silent:
+        f = self.faults
+        if f.silent:
+            return
+        datagram = struct.pack("<HH", message, len(payload)) + payload
+        if f.corrupt:
+            bit = int(self._random.integers(8 * len(datagram)))
+            datagram = bytes(b ^ (1 << bit % 8 if i == bit // 8 else 0) for i, b in enumerate(datagram))
+        pieces = [datagram[: len(datagram) // 2], datagram[len(datagram) // 2 :]] if f.split else [datagram]
+        due = time.monotonic() + f.delay
+        self._outgoing += [(due, via, client, piece) for piece in ([f.garbage] if f.garbage else []) + pieces]
+        self._deliver()
+
+    def _deliver(self) -> None:
+        """Send what is due."""
+        now = time.monotonic()
+        while self._outgoing and self._outgoing[0][0] <= now:
+            _, via, client, piece = self._outgoing.pop(0)
             with contextlib.suppress(OSError):
-                via.sendto(struct.pack("<HH", message, len(payload)) + payload, client)
+                via.sendto(piece, client)
 
     def _serve(self) -> None:
         """Take one datagram and answer it."""
@@ -184,6 +205,8 @@ class MotiveFake(threading.Thread):
         self._send(self._command, client, *answer)
 
     def _answer(self, message: int, payload: bytes) -> tuple[int, bytes]:
+        if self.faults.extra.get("refuse"):
+            return UNRECOGNIZED, b""
         if message == CONNECT:
             return SERVERINFO, self._server_info()
         if message == REQUEST_MODELDEF:
@@ -206,7 +229,8 @@ class MotiveFake(threading.Thread):
     def _definitions(self) -> bytes:
         payload = struct.pack("<i", len(self._bodies))
         for body in self._bodies:
-            d = body.name.encode() + b"\0" + struct.pack("<ii3f", body.id, -1, 0, 0, 0)
+            name = f"Other{body.id}" if self.faults.extra.get("foreign") else body.name
+            d = name.encode() + b"\0" + struct.pack("<ii3f", body.id, -1, 0, 0, 0)
             d += struct.pack("<i3fi", 1, 0.01, 0.0, 0.0, 0)
             if self.version >= (4, 0):
                 d += b"Marker1\0"
@@ -274,7 +298,9 @@ class MotiveFake(threading.Thread):
             size = struct.pack("<i", len(content)) if self.version >= (4, 1) else b""
             payload += struct.pack("<i", count) + size + content
         ticks = self._ticks()
-        payload += struct.pack("<IIdQQQ", 0, 0, self.clock.now(), ticks, ticks + 20_000, ticks + 30_000)
+        payload += struct.pack(
+            "<IIdQQQ", 0, 0, self.clock.now() * self.faults.skew, ticks, ticks + 20_000, ticks + 30_000
+        )
         if self.version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
         return payload + struct.pack("<hI", 0, 0)

@@ -4,6 +4,8 @@ Stricter than the device: lower case and single blanks only; anything else gets 
 
 Faults by name in `faults.extra`:
 - "stuck" (bool): the coil does not follow commands; its read-back tells.
+- "foreign" (str): this is answered to everything.
+- "garbled" (str): this is read back instead of on or off.
 - "welded" (bool): the contact stays as it is although the coil follows; only the vacuum tells.
 """
 
@@ -34,6 +36,10 @@ class NumatoFake(PtyFake):
         if not self.faults.extra.get("welded"):
             self.plant.valve_on = self.coils[self.valve]
 
+    def restart(self) -> None:
+        """Without power all coils drop."""
+        self.coils = [False] * len(self.coils)
+
     def feed(self) -> bool:
         line, end, rest = self.buffer.partition(b"\r")
         if not end:
@@ -42,6 +48,11 @@ class NumatoFake(PtyFake):
         command = line.decode("ascii", "replace")
         self.requests.append(line)
         value = self._execute(command)
+        if re.fullmatch(r"relay read .", command):
+            value = str(self.faults.extra.get("garbled", value))
+        if foreign := self.faults.extra.get("foreign"):
+            self.send(str(foreign).encode() + LINE_END + b">")
+            return True
         if not self.faults.freeze:
             self.process(0.0)
         self.send(line + LINE_END + (value.encode() + LINE_END if value else b"") + b">")

@@ -38,6 +38,10 @@ class Faults:
     """Sent in front of every answer."""
     freeze: bool = False
     """The device's physics stands still; it still answers."""
+    skew: float = 1.0
+    """The device's own time runs so much faster than the rig's."""
+    replay: bool = False
+    """Every answer is the one before it."""
     extra: dict[str, object] = field(default_factory=dict)
     """Faults of one instrument, by name (its module lists them)."""
 
@@ -62,14 +66,45 @@ class PtyFake(threading.Thread):
         self.requests: deque[bytes] = deque(maxlen=10_000)
         """Complete requests in the order they came, for tests; each fake's `feed` appends its own."""
         self.lock = threading.RLock()
-        self._master, self._slave = pty.openpty()
-        tty.setraw(self._master)
-        tty.setraw(self._slave)
-        # what nobody reads is lost, as on a real line; a blocking write would stop the fake for ever
-        os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
+        self._master = self._slave = -1
+        self.port = ""
+        self.plug()
+        self._quiet_until = 0.0
+        self._before = b""
         self._running = True
         self._last_process = clock.now()
+
+    # -- plug and power
+    def plug(self) -> None:
+        """Make the line; after `unplug` it comes back under another name."""
+        with self.lock:
+            if self._master >= 0:
+                return
+            self._master, self._slave = pty.openpty()
+            tty.setraw(self._master)
+            tty.setraw(self._slave)
+            # what nobody reads is lost, as on a real line; a blocking write would stop the fake for ever
+            os.set_blocking(self._master, False)
+            self.port = os.ttyname(self._slave)
+
+    def unplug(self) -> None:
+        """Pull the cable out of the computer: the port is gone, the device goes on."""
+        with self.lock:
+            for fd in (self._master, self._slave):
+                with contextlib.suppress(OSError):
+                    os.close(fd)
+            self._master = self._slave = -1
+            self.buffer = b""
+
+    def reset(self, silence: float = 0.3) -> None:
+        """An instant without power: volatile state is lost, and nothing is answered for `silence` s of host time."""
+        with self.lock:
+            self.buffer = b""
+            self._quiet_until = time.monotonic() + silence
+            self.restart()
+
+    def restart(self) -> None:
+        """What the device forgets without power; fakes with volatile state say so."""
 
     # -- to be written by each fake
     def feed(self) -> bool:
@@ -90,8 +125,12 @@ class PtyFake(threading.Thread):
         `line_time` False does not wait for the bytes to pass: for a stream whose pace is kept by `idle`.
         """
         f = self.faults
-        if f.silent:
+        if f.silent or time.monotonic() < self._quiet_until:
             return
+        if f.replay:
+            answer, self._before = self._before, answer
+        else:
+            self._before = answer
         if f.delay:
             time.sleep(f.delay)
         if f.corrupt and answer:
@@ -112,14 +151,18 @@ class PtyFake(threading.Thread):
     def run(self) -> None:
         wait: float | None = None
         while self._running:
-            ready, _, _ = select.select([self._master], [], [], 0.02 if wait is None else max(0.0, wait))
+            try:
+                lines = [self._master] if self._master >= 0 else []
+                ready, _, _ = select.select(lines, [], [], 0.02 if wait is None else max(0.0, wait))
+            except OSError:
+                continue  # unplugged meanwhile
             with self.lock:
                 self._advance()
-                if ready:
+                if ready and self._master >= 0:
                     try:
                         data = os.read(self._master, 4096)
                     except OSError:
-                        return
+                        continue
                     time.sleep(len(data) * self.byte_time)
                     self.buffer += data
                     while self.feed():
@@ -130,13 +173,11 @@ class PtyFake(threading.Thread):
         now = self.clock.now()
         dt, self._last_process = now - self._last_process, now
         if not self.faults.freeze:
-            self.process(dt)
+            self.process(dt * self.faults.skew)
 
     def stop(self) -> None:
         """End the thread and close the line."""
         self._running = False
         if self.is_alive():
             self.join(1.0)
-        for fd in (self._master, self._slave):
-            with contextlib.suppress(OSError):
-                os.close(fd)
+        self.unplug()

@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 import yaml
 
+from .accidents import Accidents
 from .alicat import AlicatFake
 from .backdoor import BackDoor
 from .clock import SimClock
 from .dynamixel import DynamixelFake
+from .faults import FaultSwitch
 from .ft300s import Ft300sFake
 from .motive import MOCAP_TO_BASE, MotiveFake
 from .numato import NumatoFake
@@ -80,6 +82,8 @@ class FakeRig:
         self._running = False
         self._threads: list[threading.Thread] = []
         self.ur: UrProcess | None = None
+        self.switch = FaultSwitch(self)
+        self.accidents = Accidents(self.wiring)
         self.troubles: list[str] = []
         """What a person was asked to put right."""
         self.on_confirm: Callable[[str], None] | None = None
@@ -157,7 +161,7 @@ class FakeRig:
             due = time.monotonic() + PLANT_PERIOD
             now = self.clock.now()
             with self.plant.lock:
-                self.robot.advance(self.plant, now - last)
+                self.accidents.advance(self.robot, self.plant, now - last)
             last = now
             time.sleep(max(0.0, due - time.monotonic()))
 

@@ -6,6 +6,7 @@ Stricter than the instrument: lines must end in CR LF, words must be exact (one 
 Faults of its own, in `faults.extra`:
     refuse    a text answered to every command, such as "UNKNOWN COMMAND" or "OUT OF RANGE"
     ignore    set-points are acknowledged with the old one
+    reading   counts that `MON` gives instead of the measured ones
     stuck     `MON` repeats the pressure that it gave when the fault began
 The back door `device` gives the unit's state: set-point in counts, range, highest count that it takes.
 """
@@ -76,6 +77,10 @@ class SmcItvFake(PtyFake):
         """Advance the unit."""
         self.device.process(dt)
 
+    def restart(self) -> None:
+        """The set-point is forgotten."""
+        self.device.setpoint = 0
+
     def feed(self) -> bool:
         """Answer one line."""
         line, end, rest = self.buffer.partition(b"\r\n")
@@ -119,6 +124,8 @@ class SmcItvFake(PtyFake):
     def _measured(self) -> int:
         reading = self.random.gauss(self.device.pressure, NOISE) / self.device.full_scale * STEPS
         counts = max(0, min(STEPS, round(reading)))
+        if isinstance(shown := self.faults.extra.get("reading"), int):
+            counts = shown
         if self.faults.extra.get("stuck"):
             counts = self._stuck = counts if self._stuck is None else self._stuck
         else:

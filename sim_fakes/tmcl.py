@@ -181,6 +181,10 @@ class TmclFake(PtyFake):
             self.drum.restart()
         self.drum.process(dt)
 
+    def restart(self) -> None:
+        """The supply fails for an instant."""
+        self.drum.restart()
+
     def idle(self) -> float | None:
         if self.buffer and time.monotonic() - self._heard > GAP_TIME:
             self.buffer = b""

@@ -3,7 +3,10 @@
 Requests, `do` and its other keys:
 - state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1); forget (empties the logs)
 - protective_stop; emergency_stop; clear; power (on)
-- drop (cuts all connections); freeze (seconds); dashboard (silent); stuck (variables: names whose values stay)
+- safeguard_stop (somebody opens the cell); serial (text)
+- drop (cuts all connections); freeze (seconds, 0 ends it); dashboard (silent); halt (on: no cycle passes)
+- stuck (variables: names whose values stay, or a table of names and values)
+- lag (seconds); mangle (how: half, split, garbage, flip, replay or ""); skew (factor of the controller's own time)
 Every answer is the state, or {"error": why}.
 """
 
@@ -74,6 +77,20 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
             controller.protective_stop("back door")
         case "emergency_stop":
             controller.emergency_stop()
+        case "safeguard_stop":
+            controller.safeguard_stop()
+        case "serial":
+            controller.serial = str(request["text"])
+        case "halt":
+            controller.halted = bool(request["on"])
+        case "lag":
+            hub.lag = float(request["seconds"])
+        case "mangle":
+            hub.mangle = str(request["how"])
+            for connection in hub.connections:
+                connection.last = b""
+        case "skew":
+            controller.skew = float(request["factor"])
         case "clear":
             controller.clear()
         case "drop":
@@ -86,7 +103,8 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
             controller.end_program("power switched")
             controller.robot_mode = RUNNING if request["on"] else POWER_OFF
         case "stuck":
-            controller.stuck = {name: controller.value(name) for name in request["variables"]}
+            held = request["variables"]
+            controller.stuck = held if isinstance(held, dict) else {name: controller.value(name) for name in held}
         case "forget":
             controller.commands.clear()
             controller.ended.clear()

@@ -20,9 +20,9 @@ STOPPED, PLAYING = 1, 2
 """runtime_state"""
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
 """robot_mode"""
-NORMAL, PROTECTIVE_STOP, EMERGENCY_STOP = 1 << 0, 1 << 2, 1 << 6 | 1 << 7
-"""safety_status_bits: normal; protective stop; robot emergency stop and any emergency stop"""
-SAFETY_MODE = {NORMAL: 1, PROTECTIVE_STOP: 3, EMERGENCY_STOP: 7}
+NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP, EMERGENCY_STOP = 1 << 0, 1 << 2, 1 << 4, 1 << 6 | 1 << 7
+"""safety_status_bits: normal; protective stop; safeguard stop; robot emergency stop and any emergency stop"""
+SAFETY_MODE = {NORMAL: 1, PROTECTIVE_STOP: 3, SAFEGUARD_STOP: 5, EMERGENCY_STOP: 7}
 
 ENCODER_NOISE = 1e-5
 """rad, standard deviation."""
@@ -63,6 +63,10 @@ class Controller:
     """Why each program ended, oldest first."""
     stuck: dict[str, float | list[float]] = field(default_factory=dict)
     """Variables that keep one value on the wire."""
+    halted: bool = False
+    """No cycle passes: arm, program and time stand still."""
+    skew: float = 1.0
+    """The controller's own clock runs so much faster."""
 
     def __post_init__(self) -> None:
         self.period = 0.008 if self.version[0] == 3 else 0.002
@@ -84,8 +88,10 @@ class Controller:
     # -- one cycle
     def advance(self) -> None:
         """One cycle."""
+        if self.halted:
+            return
         dt = self.period * self.speed
-        self.t += dt
+        self.t += dt * self.skew
         try:
             if self._program is not None and not self._program.cycle(dt * self.slider):
                 self.end_program("stopped by the client")
@@ -116,6 +122,11 @@ class Controller:
         """The safety system stops the arm; the program is gone."""
         self.safety = PROTECTIVE_STOP
         self.end_program(f"protective stop: {reason}")
+
+    def safeguard_stop(self) -> None:
+        """Somebody opened the cell: the arm halts as after a protective stop, with its brakes released."""
+        self.safety = SAFEGUARD_STOP
+        self.end_program("safeguard stop")
 
     def emergency_stop(self) -> None:
         """Somebody pressed the button: power is cut."""

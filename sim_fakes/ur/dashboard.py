@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
-from .controller import EMERGENCY_STOP, IDLE, NORMAL, PLAYING, POWER_OFF, PROTECTIVE_STOP, RUNNING, Controller
+from .controller import (
+    EMERGENCY_STOP,
+    IDLE,
+    NORMAL,
+    PLAYING,
+    POWER_OFF,
+    PROTECTIVE_STOP,
+    RUNNING,
+    SAFEGUARD_STOP,
+    Controller,
+)
 from .wire import Connection
 
 PORT = 29999
 LONGEST_LINE = 1024
-_SAFETY = {NORMAL: "NORMAL", PROTECTIVE_STOP: "PROTECTIVE_STOP", EMERGENCY_STOP: "ROBOT_EMERGENCY_STOP"}
+_SAFETY = {
+    NORMAL: "NORMAL",
+    PROTECTIVE_STOP: "PROTECTIVE_STOP",
+    SAFEGUARD_STOP: "SAFEGUARD_STOP",
+    EMERGENCY_STOP: "ROBOT_EMERGENCY_STOP",
+}
 _MODE = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
 _SINCE = {
     "get serial number": ((3, 12), (5, 6)),

@@ -6,6 +6,7 @@ the frequency are all checked, and every breach is noted.
 
 from __future__ import annotations
 
+import asyncio
 import struct
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from .wire import Connection, Hub
 PORT = 30004
 VERSION, CONTROLLER_VERSION, OUTPUTS, INPUTS, START, PAUSE, DATA = b"VvOISPU"
 LARGEST_PACKET = 4096
+SPLIT_PAUSE = 0.003
+"""s between the pieces of a package."""
 _BACKLOG = 200_000
 """Bytes a client may leave unread before packages are skipped."""
 
@@ -72,7 +75,28 @@ class RtdeConnection(Connection):
         self.transport.abort()
 
     def _send(self, kind: int, body: bytes) -> None:
-        self.transport.write(struct.pack(">HB", len(body) + 3, kind) + body)
+        packet = struct.pack(">HB", len(body) + 3, kind) + body
+        pieces = self._mangled(packet) if self.hub.mangle and kind == DATA else [packet]
+        for i, piece in enumerate(pieces):
+            if wait := self.hub.lag + SPLIT_PAUSE * i:
+                asyncio.get_running_loop().call_later(wait, self.transport.write, piece)
+            else:
+                self.transport.write(piece)
+
+    def _mangled(self, packet: bytes) -> list[bytes]:
+        """The pieces in which a data package goes out while a fault is on."""
+        how, half = self.hub.mangle, len(packet) // 2
+        if how == "half":
+            return [packet[:half]]
+        if how == "split":
+            return [packet[:half], packet[half:]]
+        if how == "garbage":
+            return [b"\x00\x07\x55\xaa\xff\x00\x13" + packet]
+        if how == "flip":
+            at = 3 + self.hub.random.randrange(len(packet) - 3)
+            return [packet[:at] + bytes([packet[at] ^ 1 << self.hub.random.randrange(8)]) + packet[at + 1 :]]
+        self.last = self.last or packet
+        return [self.last]
 
     def _answer(self, kind: int, body: bytes) -> bool:
         if kind == VERSION and len(body) == 2:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 import socket
 
 from .controller import Controller
@@ -15,7 +16,13 @@ class Hub:
         self.controller = controller
         self.connections: set[Connection] = set()
         self.frozen = False
+        self._frozen_until = 0.0
         self.dashboard_silent = False
+        self.lag = 0.0
+        """s of host time by which every RTDE packet is late."""
+        self.random = random.Random(1)
+        self.mangle = ""
+        """What happens to data packages: "half", "split", "garbage", "flip" or "replay"; empty: nothing."""
         self.violations: list[str] = []
         """Requests that a real client must not send."""
         self.owner: dict[str, Connection] = {}
@@ -33,9 +40,12 @@ class Hub:
     def freeze(self, seconds: float) -> None:
         """For `seconds` of host time nothing is sent and nothing that arrives is looked at; the arm goes on."""
         self.frozen = True
+        self._frozen_until = asyncio.get_running_loop().time() + seconds
         asyncio.get_running_loop().call_later(seconds, self._thaw)
 
     def _thaw(self) -> None:
+        if not self.frozen or asyncio.get_running_loop().time() < self._frozen_until - 1e-3:
+            return
         self.frozen = False
         for connection in list(self.connections):
             connection.drain()
@@ -49,6 +59,8 @@ class Connection(asyncio.Protocol):
     def __init__(self, hub: Hub) -> None:
         self.hub = hub
         self.buffer = b""
+        self.last = b""
+        """The package that is replayed."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         if not isinstance(transport, asyncio.Transport):

@@ -1,0 +1,165 @@
+"""Fifteen faults for every instrument of a fake rig, by name: what a test, or a person through the back door, switches on.
+
+    silence delay half split garbage bad_crc wrong_id nak stuck over_range disconnect freeze reset skew replay
+
+A fault that an instrument cannot have becomes the nearest that it can: a point-to-point line has no ids, a datagram is
+never half. `reset` is an event; the others last until `end`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from .dynamixel import DynamixelFake
+from .pty_fake import Faults, PtyFake
+from .tmcl import TmclFake
+
+if TYPE_CHECKING:
+    from .rig import FakeRig
+
+FAULTS = (
+    "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
+    "freeze", "reset", "skew", "replay",
+)  # fmt: skip
+INSTRUMENTS = ("arm", "force", "pressure", "spine", "valve", "gauge", "mocap")
+LATE = 1.0
+"""Host seconds of a delay: longer than any answer may take."""
+NOISE = b"\x00#\x7f!"
+SKEW = 1.2
+FAR_AWAY = 2_000_000
+"""Counts by which an encoder jumps."""
+COMMON: dict[str, tuple[str, Any]] = {
+    "silence": ("silent", True), "delay": ("delay", LATE), "half": ("truncate", True), "split": ("split", True),
+    "garbage": ("garbage", NOISE), "bad_crc": ("corrupt", True), "freeze": ("freeze", True), "skew": ("skew", SKEW),
+    "replay": ("replay", True),
+}  # fmt: skip
+OWN: dict[str, dict[str, tuple[str, Any]]] = {
+    "AlicatFake": {
+        "wrong_id": ("swap", "ABCDEFGHI"), "nak": ("refuse", "ABCDEFGHI"), "stuck": ("stuck", "ABCDEFGHI"),
+        "over_range": ("reading", 450e3),
+    },
+    "SmcItvFake": {
+        "wrong_id": ("refuse", "ITV?"), "nak": ("refuse", "UNKNOWN COMMAND"), "stuck": ("stuck", True),
+        "over_range": ("reading", 1023),
+    },
+    "DynamixelFake": {"wrong_id": ("wrong_id", True), "nak": ("nak", 7), "stuck": ("stuck", True)},
+    "TmclFake": {"wrong_id": ("wrong_address", True), "nak": ("nak", 5), "stuck": ("stuck", True)},
+    "NumatoFake": {
+        "wrong_id": ("foreign", "relay"), "nak": ("foreign", "?"), "stuck": ("stuck", True), "over_range": ("garbled", "2"),
+    },
+    "PfeifferFake": {
+        "wrong_id": ("wrong_address", True), "nak": ("refuse", "_LOGIC"), "over_range": ("value", 5e6),
+    },
+    "Ft300sFake": {
+        "wrong_id": ("foreign", "GRP"), "nak": ("exception", 4), "stuck": ("stuck", True), "over_range": ("over_range", 2),
+    },
+    "MotiveFake": {
+        "wrong_id": ("foreign", True), "nak": ("refuse", True), "over_range": ("nan", True), "replay": ("replay", True),
+    },
+}  # fmt: skip
+
+
+class FaultSwitch:
+    """Switches the faults of one rig of fakes."""
+
+    def __init__(self, rig: FakeRig) -> None:
+        self._rig = rig
+
+    def begin(self, instrument: str, fault: str) -> None:
+        """Switch a fault on. Raises ValueError for a name that is not known."""
+        if fault not in FAULTS or instrument not in INSTRUMENTS:
+            raise ValueError(f"{instrument} {fault}: one of {', '.join(INSTRUMENTS)} and one of {', '.join(FAULTS)}")
+        if instrument == "arm":
+            self._arm(fault)
+        elif instrument == "mocap":
+            self._mocap(fault)
+        else:
+            self._serial(self.line(instrument), fault)
+
+    def line(self, instrument: str) -> PtyFake:
+        """The serial fake of an instrument; the first of several regulators."""
+        return self._rig.lines.get(instrument) or self._rig.lines[f"{instrument}1"]
+
+    def end(self) -> None:
+        """All faults off, all cables in, all power on; ports may have new names."""
+        for line in self._rig.lines.values():
+            line.faults = Faults()
+            line.plug()
+        self._rig.mocap.faults = Faults()
+        self._rig.accidents.end()
+        with self._rig.plant.lock:
+            self._rig.plant.tip_visible = True
+        ur = self._rig.ur
+        if ur is not None:
+            for request in CALM:
+                ur.backdoor(**request)
+
+    def _serial(self, line: PtyFake, fault: str) -> None:
+        own = OWN[type(line).__name__]
+        if fault == "disconnect":
+            line.unplug()
+        elif fault == "reset":
+            line.reset()
+        elif fault == "over_range" and isinstance(line, DynamixelFake):
+            line.motor.place(line.motor.counts + FAR_AWAY)
+        elif fault == "over_range" and isinstance(line, TmclFake):
+            line.drum.set_encoder(line.drum.encoder + 10 * FAR_AWAY)
+        elif fault == "stuck" and fault not in own:
+            line.faults.extra["value"] = float(self._rig.plant.vacuum_absolute)
+        elif fault in own:
+            name, value = own[fault]
+            line.faults.extra[name] = value
+        else:
+            name, value = COMMON[fault]
+            setattr(line.faults, name, value)
+
+    def _mocap(self, fault: str) -> None:
+        faults = self._rig.mocap.faults
+        own = OWN["MotiveFake"]
+        if fault == "reset":
+            faults.extra["restart"] = True
+        elif fault in ("disconnect", "freeze"):
+            faults.silent = True
+        elif fault == "stuck":
+            faults.freeze = True
+        elif fault in own:
+            name, value = own[fault]
+            faults.extra[name] = value
+            if fault == "wrong_id":
+                faults.extra["no_body"] = True
+        else:
+            name, value = COMMON[fault]
+            setattr(faults, name, value)
+
+    def _arm(self, fault: str) -> None:
+        ur = self._rig.ur
+        if ur is None:
+            raise ValueError("this rig has no arm")
+        actions: dict[str, Callable[[], Any]] = {
+            "silence": lambda: ur.backdoor("freeze", seconds=1e6),
+            "delay": lambda: ur.backdoor("lag", seconds=LATE),
+            "half": lambda: ur.backdoor("mangle", how="half"),
+            "split": lambda: ur.backdoor("mangle", how="split"),
+            "garbage": lambda: ur.backdoor("mangle", how="garbage"),
+            "bad_crc": lambda: ur.backdoor("mangle", how="flip"),
+            "wrong_id": lambda: ur.backdoor("serial", text="20999999999"),
+            "nak": lambda: ur.backdoor("protective_stop"),
+            "stuck": lambda: ur.backdoor("stuck", variables=["actual_TCP_pose", "actual_q", "actual_TCP_speed"]),
+            "over_range": lambda: ur.backdoor("stuck", variables={"actual_TCP_pose": [math.nan] * 6}),
+            "disconnect": lambda: ur.backdoor("drop"),
+            "freeze": lambda: ur.backdoor("halt", on=True),
+            "reset": lambda: [ur.backdoor("power", on=False), ur.backdoor("drop")],
+            "skew": lambda: ur.backdoor("skew", factor=SKEW),
+            "replay": lambda: ur.backdoor("mangle", how="replay"),
+        }
+        actions[fault]()
+
+
+CALM: tuple[dict[str, Any], ...] = (
+    {"do": "freeze", "seconds": 0}, {"do": "lag", "seconds": 0}, {"do": "mangle", "how": ""},
+    {"do": "serial", "text": "20183500000"}, {"do": "stuck", "variables": []}, {"do": "halt", "on": False},
+    {"do": "skew", "factor": 1.0}, {"do": "dashboard", "silent": False}, {"do": "power", "on": True}, {"do": "clear"},
+)  # fmt: skip
+"""What makes the arm's controller sound again."""
