@@ -125,6 +125,7 @@ def _boundary(q: Quantities, out: Array) -> None:
         out[..., at.BASE_TURN + k] = q.base_turn[..., k]
     for k in range(2):
         out[..., at.BASE_COMPLIANCE + k] = q.base_compliance
+    out[..., at.BASE_RELIEF] = q.base_relief
     bottom = np.zeros((1, 1))
     for element in (INNER, OUTER):
         long = out[..., element + at.LENGTH]

@@ -165,7 +165,7 @@ class ForwardModel:
         spread = self._table.at(theta)
         q = self._quantities(spread)
         built = rows(q, self._shear, 1)
-        bare = solve(built[0, self._in_bare], self._arcs, self._steps, self._start, sprung=True)
+        bare = solve(built[0, self._in_bare], self._arcs, self._steps, self._start)
         keep = slice(0, self._moved.size)
         if not any(theta[k] for k in self._memory_sizes):
             final = bare.take(keep)
@@ -173,7 +173,7 @@ class ForwardModel:
         rest = self._memory(q, built, drive(bare.rows[None], bare.result[None], self._in_bare, len(self._full)), spread)
         changed = bare.rows[keep].copy()
         add_rest(changed[None], rest[:, self._moved])
-        return _At(theta, q, bare, solve(changed, self._arcs, bare.steps[keep], bare.unknowns[keep], sprung=True), True)
+        return _At(theta, q, bare, solve(changed, self._arcs, bare.steps[keep], bare.unknowns[keep]), True)
 
     def _memory(self, q: Quantities, built: Array, driven: Array, spread: Spread) -> Array:
         """(v, full, DRIVES) rest curvature and strain of all laws with memory."""

@@ -17,7 +17,7 @@ from model.effects import layout as at
 from model.effects.design import Design
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
-from model.rotation import from_vector, multiply
+from model.rotation import multiply
 
 Array = NDArray[np.float64]
 Order = NDArray[np.int64]
@@ -122,11 +122,7 @@ def drive(rows: Array, results: Array, places: Order, states: int) -> Array:
 
     `places` (m,) says which states the rods are; the others stay 0.
     """
-    turn = rows[..., at.BASE_TURN : at.BASE_TURN + 3] + (
-        rows[..., at.BASE_COMPLIANCE : at.BASE_COMPLIANCE + 3] * results[..., at.BASE_MOMENT : at.BASE_MOMENT + 3]
-    )
-    base, joint = from_vector(turn), results[..., at.JOINT : at.JOINT + 4]
-    tip = results[..., at.ORIENTATION : at.ORIENTATION + 4]
+    base, joint, tip = (results[..., k : k + 4] for k in (at.BASE, at.JOINT, at.ORIENTATION))
     out = np.zeros((len(results), states, DRIVES))
     for part, (start, end) in enumerate(((base, joint), (joint, tip))):
         long = rows[..., at.ELEMENTS + part * at.ELEMENT_WIDTH + at.LENGTH]

@@ -14,7 +14,9 @@ BASE_TURN = 9
 """Rotation vector (rad) that turns the base out of the base frame's axes."""
 BASE_COMPLIANCE = 12
 """rad/(N m): how far the base turns with the moment on it, about each axis of the base frame."""
-SPRINGS, SPRING_WIDTH, SPRING_COUNT = 15, 6, 3
+BASE_RELIEF = 15
+"""Share of the moment of the follower loads that the base does not feel."""
+SPRINGS, SPRING_WIDTH, SPRING_COUNT = 16, 6, 3
 SPRING_DIRECTION, SPRING_STIFFNESS, SPRING_ORIGIN, SPRING_SOFTNESS = 0, 3, 4, 5
 """Offsets in a spring: unit direction (base frame), N/m, where along it the spring begins to be stretched (m), and the
 width (m) over which a spring that acts one way sets in; 0 for one that acts both ways."""
@@ -24,6 +26,6 @@ LENGTH, BEND, STRETCH, REST_CURVATURE, REST_STRAIN, LOAD, SERIES, RISE = 0, 1, 4
 terms a (m^2), b (1), c (1); u* = REST_CURVATURE + x RISE[0] + x^2 RISE[1] + x^3 RISE[2] over x = 0..1 of the element."""
 WIDTH = ELEMENTS + ELEMENT_WIDTH * ELEMENT_COUNT
 
-TIP, ORIENTATION, JOINT, STRAIN, BASE_MOMENT, MARKERS = 0, 3, 7, 11, 13, 16
-"""Columns of a result: tip (m), its quaternion, quaternion of the spine's end, mean axial strain of the two elements,
-moment at the base (N m), then positions (m) at the arc lengths asked for. All in the base frame."""
+TIP, ORIENTATION, JOINT, BASE, STRAIN, MARKERS = 0, 3, 7, 11, 15, 17
+"""Columns of a result: tip (m), quaternions of the tip, of the spine's end and of the base, mean axial strain of the
+two elements, then positions (m) at the arc lengths asked for. All in the base frame."""

@@ -25,7 +25,14 @@ NUDGE = 1e-6
 """rad and m, central differences of the unknowns."""
 CLOSE = 1e-10
 """rad and m, miss of a solved rod."""
-ROUNDS = 30
+ROUNDS = 40
+SERIES_ROUNDS = 40
+LONGEST = 0.6
+"""rad (and a fifth of it in m), a Newton step is shortened to this."""
+LEAST_DETERMINANT = 1e-3
+"""Of the Jacobian of the misses, 1 without dead loads: less is at or beyond a point of buckling."""
+MOST_PARTS = 16
+"""Load steps from zero, when nothing else works."""
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -62,9 +69,12 @@ def _slope(y: Array, force: Array, row: Array, e: int, x: float, out: Array) -> 
         pull, bend = strain, k0 * k0 + k1 * k1
         coupled = 0.25 * b * (row[e + 1] + row[e + 2]) * bend / row[e + 6]
         d = 1.0
-        for _ in range(8):
+        for _ in range(SERIES_ROUNDS):
+            before = d
             strain = (pull - coupled / (d * d)) / (1.0 + c * strain)
             d = 1.0 + a * bend / (d * d) + b * strain
+            if abs(d - before) < 1e-13:
+                break
         k0, k1 = k0 / d, k1 / d
     x2 = x * x
     x3 = x2 * x
@@ -118,16 +128,16 @@ def _step(y: Array, force: Array, row: Array, e: int, left: float, h: float, wor
 
 @numba.njit(cache=True, error_model="numpy")
 def _pass(
-    row: Array, share: float, q: Array, held: Array, sprung: bool, arcs: Array, counts: Counts, work: Array, out: Array
+    row: Array, share: float, q: Array, held: Array, arcs: Array, counts: Counts, work: Array, out: Array
 ) -> None:
     """One pass under a share of the loads: result columns into `out`, the six misses behind them."""
     y, force, side, spare = work[6], work[7], work[8], work[9]
     inner_work = work[0:6]
     f0, f1, f2 = _turned(q, share * row[0], share * row[1], share * row[2], 1.0)
     force[0], force[1], force[2] = f0 + share * row[6], f1 + share * row[7], f2 + share * row[8]
-    if sprung:
-        for j in range(at.SPRING_COUNT):
-            o = at.SPRINGS + j * at.SPRING_WIDTH
+    for j in range(at.SPRING_COUNT):
+        o = at.SPRINGS + j * at.SPRING_WIDTH
+        if row[o + 3] != 0.0:
             stretch = row[o] * held[0] + row[o + 1] * held[1] + row[o + 2] * held[2] - row[o + 4]
             soft = row[o + 5]
             if soft > 0.0:
@@ -140,6 +150,7 @@ def _pass(
     for i in range(3):
         y[4 + i] = share * row[at.TIP_MOMENT + i]
         y[7 + i] = 0.0
+    g0, g1, g2 = _turned(q, y[4], y[5], y[6], 1.0)
     top = row[at.ELEMENTS] + row[at.ELEMENTS + at.ELEMENT_WIDTH]
     for element in range(at.ELEMENT_COUNT - 1, -1, -1):
         e = at.ELEMENTS + element * at.ELEMENT_WIDTH
@@ -177,7 +188,11 @@ def _pass(
         out[o + 1] += p1
         out[o + 2] += p2
     m0, m1, m2 = _turned(y, y[4], y[5], y[6], 1.0)
-    out[at.BASE_MOMENT], out[at.BASE_MOMENT + 1], out[at.BASE_MOMENT + 2] = m0, m1, m2
+    relief = row[at.BASE_RELIEF]
+    if relief != 0.0:
+        m0 -= relief * (g0 + p1 * f2 - p2 * f1)
+        m1 -= relief * (g1 + p2 * f0 - p0 * f2)
+        m2 -= relief * (g2 + p0 * f1 - p1 * f0)
     # The base misses its pose by the rotation from where it should be; small, so the order of turns does not matter.
     b0 = row[at.BASE_TURN] + row[at.BASE_COMPLIANCE] * m0
     b1 = row[at.BASE_TURN + 1] + row[at.BASE_COMPLIANCE + 1] * m1
@@ -186,11 +201,13 @@ def _pass(
     half = 0.5 - angle * angle / 48.0 if angle < 1e-3 else math.sin(0.5 * angle) / angle
     spare[0], spare[1], spare[2], spare[3] = math.cos(0.5 * angle), -half * b0, -half * b1, -half * b2
     _product(y[:4], spare[:4], side[:4])
+    for i in range(4):
+        out[at.BASE + i] = y[i]
     miss = out.size - 6
     scale = math.copysign(4.0 / (1.0 + abs(side[0])), side[0])
     for i in range(3):
         out[miss + i] = scale * side[1 + i]
-        out[miss + 3 + i] = held[i] - out[i] if sprung else 0.0
+        out[miss + 3 + i] = held[i] - out[i]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -211,19 +228,23 @@ def _by_unknowns(
     share: float,
     q: Array,
     held: Array,
-    sprung: bool,
     arcs: Array,
     counts: Counts,
     work: Array,
-    out: Array,
+    here: Array,
     slopes: Array,
+    central: bool,
 ) -> None:
-    """Derivatives of a pass by the six unknowns, (6, columns), into `slopes`."""
-    x, near, moved = np.zeros(3), np.zeros(4), np.zeros(3)
+    """Derivatives of a pass by the six unknowns, (6, columns), into `slopes`; `here` is the pass itself."""
+    sprung = False
+    for j in range(at.SPRING_COUNT):
+        sprung = sprung or row[at.SPRINGS + j * at.SPRING_WIDTH + 3] != 0.0
+    wide = slopes.shape[1]
+    x, near, moved, out = np.zeros(3), np.zeros(4), np.zeros(3), np.empty(wide)
     for k in range(6):
         if k >= 3 and not sprung:
             slopes[k] = 0.0
-            slopes[k, out.size - 6 + k] = 1.0
+            slopes[k, wide - 6 + k] = 1.0
             continue
         for sign in (1.0, -1.0):
             x[:] = 0.0
@@ -233,57 +254,53 @@ def _by_unknowns(
             else:
                 moved[k - 3] += sign * NUDGE
             _turn(q, x, work[9], near)
-            _pass(row, share, near, moved, sprung, arcs, counts, work, out)
-            for c in range(out.size):
+            _pass(row, share, near, moved, arcs, counts, work, out)
+            if not central:
+                for c in range(wide):
+                    slopes[k, c] = (out[c] - here[c]) / NUDGE
+                break
+            for c in range(wide):
                 slopes[k, c] = out[c] if sign > 0 else (slopes[k, c] - out[c]) / (2.0 * NUDGE)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _newton(
-    row: Array,
-    share: float,
-    q: Array,
-    held: Array,
-    sprung: bool,
-    arcs: Array,
-    counts: Counts,
-    work: Array,
-    out: Array,
-    slopes: Array,
+    row: Array, share: float, q: Array, held: Array, counts: Counts, work: Array, out: Array, slopes: Array
 ) -> bool:
-    """Move the unknowns q and held to equilibrium; True when they got there. `out` and `slopes` belong to the end."""
-    wide = out.size
-    last = np.inf
-    none = arcs[:0]
-    short = out[wide - at.MARKERS - 6 :]
-    narrow = np.empty((6, at.MARKERS + 6))
-    fresh = False
+    """Move the unknowns q and held to equilibrium, by Newton with Broyden's updates; True when they got there."""
+    none = np.empty(0)
+    last, age = np.inf, ROUNDS
+    jacobian, turned, before, change = np.empty((6, 6)), np.empty(4), np.empty(6), np.zeros(6)
+    miss = out[at.MARKERS :]
     for _ in range(ROUNDS):
-        _pass(row, share, q, held, sprung, none, counts, work, short)
-        size = 0.0
-        for i in range(6):
-            size += short[short.size - 6 + i] ** 2
-        size = math.sqrt(size)
+        _pass(row, share, q, held, none, counts, work, out)
+        size = np.sqrt(np.sum(miss**2))
         if not size < np.inf:
             return False
         if size < CLOSE or (size < 1e-8 and size >= 0.5 * last):
-            _by_unknowns(row, share, q, held, sprung, arcs, counts, work, out, slopes)
-            _pass(row, share, q, held, sprung, arcs, counts, work, out)
             return True
-        if not fresh or size > 1e-3 or size > 0.05 * last:
-            miss = short[short.size - 6 :].copy()
-            _by_unknowns(row, share, q, held, sprung, none, counts, work, short, narrow)
-            short[short.size - 6 :] = miss
-            fresh = True
+        if age == ROUNDS or size > 0.3 * last:
+            _by_unknowns(row, share, q, held, none, counts, work, out, slopes, False)
+            for i in range(6):
+                for j in range(6):
+                    jacobian[i, j] = slopes[j, at.MARKERS + i]
+            age = 0
+        else:
+            # The rank-one change that makes the Jacobian agree with the step just made.
+            gained = (miss - before - jacobian @ change) / np.sum(change**2)
+            for i in range(6):
+                for j in range(6):
+                    jacobian[i, j] += gained[i] * change[j]
+            age += 1
         last = size
-        jacobian = np.ascontiguousarray(narrow[:, at.MARKERS :].T)
-        if abs(np.linalg.det(jacobian)) < 1e-9:
+        # One eigenvalue through zero is a point of snapping or buckling; what lies beyond is another branch.
+        if not np.linalg.det(jacobian) > LEAST_DETERMINANT:
             return False
-        change: Array = -np.linalg.solve(jacobian, short[short.size - 6 :])
+        before[:] = miss
+        change[:] = -np.linalg.solve(jacobian, miss)
         longest = max(np.abs(change[:3]).max(), 5.0 * np.abs(change[3:]).max())
-        if longest > 0.6:
-            change *= 0.6 / longest
-        turned = np.empty(4)
+        if longest > LONGEST:
+            change *= LONGEST / longest
         _turn(q, change[:3], work[9], turned)
         q[:] = turned
         held += change[3:]
@@ -292,90 +309,75 @@ def _newton(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def solve_rows(
-    rows: Array,
-    sprung: bool,
-    arcs: Array,
-    steps: Counts,
-    start: Array,
-    warm: bool,
-    out: Array,
-    slopes: Array,
-    unknowns: Array,
+    rows: Array, arcs: Array, steps: Counts, start: Array, warm: bool, out: Array, unknowns: Array
 ) -> NDArray[np.bool_]:
     """Solve every row; returns which were solved. `start` (n, 7) holds tip quaternion and position, used when `warm`."""
     n = rows.shape[0]
     solved = np.zeros(n, np.bool_)
-    work = np.zeros((10, 10))
+    work, short, slopes = np.zeros((10, 10)), np.empty(at.MARKERS + 6), np.empty((6, at.MARKERS + 6))
     q, held = np.zeros(4), np.zeros(3)
     for r in range(n):
         row, counts = rows[r], steps[r]
         if warm:
             q[:] = start[r, :4]
             held[:] = start[r, 4:]
-            solved[r] = _newton(row, 1.0, q, held, sprung, arcs, counts, work, out[r], slopes[r])
+            solved[r] = _newton(row, 1.0, q, held, counts, work, short, slopes)
         parts = 1
-        while not solved[r] and parts <= 16:
+        while not solved[r] and parts <= MOST_PARTS:
             q[:] = 0.0
             q[0] = 1.0
             held[:] = 0.0
             held[2] = row[at.ELEMENTS] + row[at.ELEMENTS + at.ELEMENT_WIDTH]
             solved[r] = True
             for i in range(1, parts + 1):
-                if not _newton(row, i / parts, q, held, sprung, arcs, counts, work, out[r], slopes[r]):
+                if not _newton(row, i / parts, q, held, counts, work, short, slopes):
                     solved[r] = False
                     break
             parts *= 4
         unknowns[r, :4] = q
         unknowns[r, 4:] = held
-        if not solved[r]:
+        if solved[r]:
+            _pass(row, 1.0, q, held, arcs, counts, work, out[r])
+        else:
             out[r] = np.nan
-            slopes[r] = np.nan
     return solved
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def sensitivities(
-    rows: Array,
-    sprung: bool,
-    arcs: Array,
-    steps: Counts,
-    unknowns: Array,
-    slopes: Array,
-    directions: Array,
-    step: float,
-    result: Array,
+    rows: Array, arcs: Array, steps: Counts, out: Array, unknowns: Array, directions: Array, step: float, result: Array
 ) -> None:
     """d(out) / d(direction) of solved rows: `directions` (p, n, WIDTH) -> `result` (p, n, columns without the miss)."""
     p, n, _ = directions.shape
-    work = np.zeros((10, 10))
-    wide = slopes.shape[2]
-    up, down, row = np.empty(wide), np.empty(wide), np.empty(rows.shape[1])
+    wide = out.shape[1]
+    work, row, near = np.zeros((10, 10)), np.empty(rows.shape[1]), np.empty(wide)
+    slopes, change = np.empty((6, wide)), np.empty(6)
     for r in range(n):
-        if not np.isfinite(slopes[r, 0, 0]):
+        if not np.isfinite(out[r, 0]):
             result[:, r] = np.nan
             continue
-        counts = steps[r]
-        inverse = np.linalg.inv(np.ascontiguousarray(slopes[r, :, wide - 6 :].T))
+        counts, q, held = steps[r], unknowns[r, :4], unknowns[r, 4:]
+        _by_unknowns(rows[r], 1.0, q, held, arcs, counts, work, out[r], slopes, True)
+        inverse = np.linalg.inv(np.ascontiguousarray(slopes[:, wide - 6 :].T))
         for k in range(p):
             moves = False
             for c in range(row.size):
-                if directions[k, r, c] != 0.0:
-                    moves = True
-                    break
+                along = directions[k, r, c]
+                row[c] = rows[r, c] + step * along
+                moves = moves or along != 0.0
             if not moves:
                 result[k, r] = 0.0
                 continue
-            for c in range(row.size):
-                row[c] = rows[r, c] + step * directions[k, r, c]
-            _pass(row, 1.0, unknowns[r, :4], unknowns[r, 4:], sprung, arcs, counts, work, up)
-            for c in range(row.size):
-                row[c] = rows[r, c] - step * directions[k, r, c]
-            _pass(row, 1.0, unknowns[r, :4], unknowns[r, 4:], sprung, arcs, counts, work, down)
+            _pass(row, 1.0, q, held, arcs, counts, work, near)
             for c in range(wide):
-                up[c] = (up[c] - down[c]) / (2.0 * step)
-            change = -inverse @ up[wide - 6 :]
+                near[c] = (near[c] - out[r, c]) / step
+            for i in range(6):
+                total = 0.0
+                for c in range(6):
+                    total -= inverse[i, c] * near[wide - 6 + c]
+                change[i] = total
             for c in range(wide - 6):
-                total = up[c]
+                total = near[c]
                 for i in range(6):
-                    total += slopes[r, i, c] * change[i]
+                    total += slopes[i, c] * change[i]
                 result[k, r, c] = total

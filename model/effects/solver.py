@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 STEP = 0.03
 """m, longest Runge-Kutta step: keeps a 0.4 m rod within 0.01 mm up to a bend of two radians."""
-PROBE = 1e-3
+PROBE = 1e-6
 """Share of a direction by which a pass is probed; directions are a prior width long, so this is small in all units."""
 
 
@@ -28,27 +28,20 @@ class Solved:
     rows: Array
     arcs: Array
     steps: NDArray[np.int64]
-    result: Array
-    """(n, columns) as in `layout`; NaN where no equilibrium was found."""
+    shot: Array
+    """(n, columns + 6) results and, behind them, what is left of the misses; NaN where no equilibrium was found."""
     ok: NDArray[np.bool_]
     unknowns: Array
     """(n, 7) tip quaternion and position: where a solve nearby starts."""
-    slopes: Array
-    """(n, 6, columns + 6) derivatives of a pass by the unknowns."""
-    sprung: bool
+
+    @property
+    def result(self) -> Array:
+        """(n, columns) as in `layout`."""
+        return self.shot[:, :-6]
 
     def take(self, keep: slice) -> Solved:
         """Some of the rows."""
-        return Solved(
-            self.rows[keep],
-            self.arcs,
-            self.steps[keep],
-            self.result[keep],
-            self.ok[keep],
-            self.unknowns[keep],
-            self.slopes[keep],
-            self.sprung,
-        )
+        return Solved(self.rows[keep], self.arcs, self.steps[keep], self.shot[keep], self.ok[keep], self.unknowns[keep])
 
 
 def integration_steps(rows: Array) -> NDArray[np.int64]:
@@ -60,29 +53,19 @@ def integration_steps(rows: Array) -> NDArray[np.int64]:
     return np.maximum(1, np.ceil(length / STEP - 1e-6)).astype(np.int64)
 
 
-def solve(
-    rows: Array, arcs: Array, steps: NDArray[np.int64], start: Array | None = None, sprung: bool = False
-) -> Solved:
-    """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` (n, 7) is where to begin.
-
-    `sprung` keeps the springs at the tip among the unknowns although they have no stiffness, which a later
-    derivative by their stiffness needs.
-    """
-    n, wide = len(rows), at.MARKERS + 3 * len(arcs)
-    out, slopes, unknowns = np.zeros((n, wide + 6)), np.zeros((n, 6, wide + 6)), np.zeros((n, 7))
-    springs = rows[:, at.SPRINGS : at.ELEMENTS].reshape(n, at.SPRING_COUNT, at.SPRING_WIDTH)
-    held = sprung or bool(springs[..., at.SPRING_STIFFNESS].any())
-    warm = start is not None
-    given: Array = np.zeros((n, 7)) if start is None else np.ascontiguousarray(start)
-    ok = solve_rows(np.ascontiguousarray(rows), held, arcs, steps, given, warm, out, slopes, unknowns)
-    return Solved(rows, arcs, steps, out[:, :wide], ok, unknowns, slopes, held)
+def solve(rows: Array, arcs: Array, steps: NDArray[np.int64], start: Array | None = None) -> Solved:
+    """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` (n, 7) is where to begin."""
+    n = len(rows)
+    shot, unknowns = np.zeros((n, at.MARKERS + 3 * len(arcs) + 6)), np.zeros((n, 7))
+    given: Array = unknowns if start is None else np.ascontiguousarray(start)
+    kept = np.ascontiguousarray(rows)
+    ok = solve_rows(kept, arcs, steps, given.copy(), start is not None, shot, unknowns)
+    return Solved(kept, arcs, steps, shot, ok, unknowns)
 
 
 def differentiate(solved: Solved, directions: Array) -> Array:
     """(p, n, columns) change of the results along `directions` (p, n, WIDTH)."""
     out = np.zeros((len(directions), *solved.result.shape))
-    sensitivities(
-        np.ascontiguousarray(solved.rows), solved.sprung, solved.arcs, solved.steps, solved.unknowns, solved.slopes,
-        np.ascontiguousarray(directions), PROBE, out,
-    )  # fmt: skip
+    along = np.ascontiguousarray(directions)
+    sensitivities(solved.rows, solved.arcs, solved.steps, solved.shot, solved.unknowns, along, PROBE, out)
     return out

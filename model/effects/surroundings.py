@@ -39,6 +39,7 @@ def _base_tilt(q: Quantities, v: Values) -> None:
 
 def _base_compliance(q: Quantities, v: Values) -> None:
     q.base_compliance = q.base_compliance + v["give"]
+    q.base_relief = q.base_relief + v["relief"]
     q.clamp_root = q.clamp_root + v["give"]
 
 
@@ -99,8 +100,11 @@ SPECS = (
     EffectSpec(
         id="base_compliance",
         stage="boundary",
-        equation="R(0) = exp((C m(0))^), about x and y",
-        parameters=(Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),),
+        equation="R(0) = exp((C (m(0) - l m_chambers))^), about x and y; l = 1: the chambers' ends pull on the mount alike",
+        parameters=(
+            Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),
+            Parameter("relief", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
+        ),
         law=Law(before=_base_compliance),
         citation="elastic clamp",
         seen_best_in="tip mass, horizontal robot",
