@@ -59,7 +59,7 @@ class Design:
     vacuum: Array
     """(n,) Pa below ambient."""
     nominal_vacuum: float
-    """Pa."""
+    """Pa, the vacuum of most states with spine, at which the robot's spine moduli are taken to hold."""
     tip_mass: Array
     """(n,) kg."""
     roll: Array
@@ -123,7 +123,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         hold=_numbers(columns, "hold", HOLD, n),
         spine_length=spine_length,
         vacuum=vacuum,
-        nominal_vacuum=float(np.median(vacuum[spined])) if spined.any() else NOMINAL_VACUUM,
+        nominal_vacuum=_usual(vacuum[spined]) if spined.any() else NOMINAL_VACUUM,
         tip_mass=_numbers(columns, "tip_mass", robot.tip_mass, n),
         roll=np.deg2rad(_numbers(columns, "roll_deg", 0.0, n)),
         pressure=pressure,
@@ -186,6 +186,13 @@ def _within(name: str, values: Array, low: float, high: float, unit: str) -> Non
             f"{name}: {np.atleast_1d(values[row]).max():g} {unit} in row {row}, must be within {low:g} and {high:g}: "
             "check the unit"
         )
+
+
+def _usual(vacuum: Array) -> float:
+    """The level (Pa) that occurs most often, the stronger one of equals; readings within 2 kPa are one level."""
+    levels, count = np.unique(np.round(vacuum / 2e3), return_counts=True)
+    level = levels[len(count) - 1 - int(np.argmax(count[::-1]))]
+    return max(float(vacuum[np.round(vacuum / 2e3) == level].mean()), 1.0)
 
 
 def _pressures(robot: Robot, columns: Columns, stiffness: Flags) -> Array:

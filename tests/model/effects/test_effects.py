@@ -1,0 +1,241 @@
+"""Each effect: absent at zero, sign and rough size on the paper's sweep, what turns with the robot and what does not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, design_from_columns, with_effects
+from model.effects.quantities import Quantities
+from model.effects.spec import Values
+from model.errors import BadEffect
+from model.robot import Robot, robot_from_dict
+
+Array = NDArray[np.float64]
+Make = Callable[..., Any]
+IDS = {
+    "spine_slip", "area_moment", "spine_shear", "vacuum_leak", "spine_length_offset", "body_modulus", "hyperelastic",
+    "viscoelastic", "chamber_ballooning", "pressure_deadband", "pressure_offset", "chamber_azimuth", "chamber_twist",
+    "self_weight", "tether_load", "contact", "base_tilt", "base_compliance", "precurvature", "frame_misalignment",
+    "marker_offset", "time_offset", "force_bias", "arm_compliance", "contact_offset",
+}  # fmt: skip
+ON_FORCE = {"force_bias", "arm_compliance", "contact_offset"}
+
+
+class Moved:
+    """How far effects move the tips of a campaign, m."""
+
+    def __init__(self, robot: Robot, columns: Any, **options: Any) -> None:
+        self.forward = ForwardModel(robot, design_from_columns(robot, columns, ("x", "y", "z")), **options)
+        self.zero = np.zeros(len(self.forward.parameters))
+        self.still = self.forward.predict(self.zero).reshape(-1, 3)
+
+    def by(self, **sizes: float) -> Array:
+        """(n, 3) tip change by parameters, named effect__parameter."""
+        theta = self.zero.copy()
+        names = [p.name for p in self.forward.parameters]
+        for name, value in sizes.items():
+            theta[names.index(name.replace("__", "."))] = value
+        return self.forward.predict(theta).reshape(-1, 3) - self.still
+
+
+@pytest.fixture(scope="module")
+def sweep(paper_robot: Robot, make_campaign: Make) -> Moved:
+    return Moved(paper_robot, make_campaign(lengths=(0.0, 0.15, 0.30), levels=(50e3, 100e3, 150e3, 200e3)))
+
+
+def test_the_catalogue_holds_every_effect_once() -> None:
+    assert set(CATALOGUE) == IDS
+
+
+@pytest.mark.parametrize("id", sorted(IDS - ON_FORCE - {"time_offset"}))
+def test_an_effect_at_its_scale_moves_the_tip_and_at_zero_does_not_at_all(sweep: Moved, id: str) -> None:
+    spec = CATALOGUE[id]
+    shapes = {
+        f"{id}__{p.name}": 0.5 * (p.high if p.low == 0 else p.scale) for p in spec.parameters if p.role == "shape"
+    }
+    assert not sweep.by(**shapes).any()
+    for p in spec.parameters:
+        if p.role == "size":
+            moved = np.linalg.norm(sweep.by(**shapes, **{f"{id}__{p.name}": p.scale}), axis=1)
+            assert 2e-4 < moved.max() < 0.35, p.name
+
+
+@pytest.mark.parametrize(
+    ("parameter", "size", "bends_more"),
+    [
+        ("body_modulus__excess", 0.1, False),
+        ("chamber_ballooning__growth", 0.1, True),
+        ("pressure_deadband__band", 10e3, False),
+        ("pressure_offset__offset", 5e3, True),
+        ("area_moment__blend", 1.0, True),
+        ("vacuum_leak__lost", 0.3, True),
+        ("spine_shear__blend", 0.5, False),
+        ("viscoelastic__slow", 0.05, False),
+        ("hyperelastic__curvature", 20.0, False),
+        ("hyperelastic__strain", -2.0, True),
+        ("base_compliance__give", 0.01, True),
+        ("contact__stiffness", 300.0, False),
+        ("tether_load__spring", 5.0, False),
+        ("spine_slip__moment", 0.15, False),
+    ],
+)
+def test_an_effect_bends_the_robot_the_way_its_law_says(
+    sweep: Moved, parameter: str, size: float, bends_more: bool
+) -> None:
+    design = sweep.forward.design
+    # Shortly before the top of the load branch, with a middle spine: every effect is at work there.
+    row = int(np.flatnonzero((design.spine_length == 0.15) & (design.pressure.max(axis=1) == 200e3))[0])
+    along = -sweep.by(**{parameter: size})[row, 0]
+    assert (along > 1e-4) if bends_more else (along < -1e-4)
+
+
+def test_effects_add_to_first_order_and_any_subset_works_together(sweep: Moved) -> None:
+    one = sweep.by(base_tilt__x=0.002)
+    two = sweep.by(chamber_azimuth__angle=0.005)
+    both = sweep.by(base_tilt__x=0.002, chamber_azimuth__angle=0.005)
+    assert both == pytest.approx(one + two, abs=0.05 * float(np.abs(both).max()))
+    everything = {
+        f"{s.id}__{p.name}": 0.2 * p.scale for s in CATALOGUE.values() for p in s.parameters if s.id not in ON_FORCE
+    }
+    assert np.isfinite(sweep.by(**everything)).all()
+
+
+def test_precurvature_turns_with_the_robot_and_a_tilted_base_does_not(paper_robot: Robot, make_campaign: Make) -> None:
+    straight, rolled = (
+        Moved(paper_robot, make_campaign(lengths=(0.1,), levels=(), unload=False, roll_deg=angle))
+        for angle in (0.0, 90.0)
+    )
+    tilt = {"base_tilt__x": 0.02}
+    assert rolled.by(**tilt) == pytest.approx(straight.by(**tilt), abs=1e-9)
+    curved = {"precurvature__x": 0.1}
+    x, y, z = straight.by(**curved)[0]
+    assert rolled.by(**curved)[0] == pytest.approx([-y, x, z], abs=1e-9)
+    assert math.hypot(x, y) > 5e-3
+
+
+def test_friction_makes_a_loop_that_no_rate_changes_and_relaxation_one_that_it_does(
+    paper_robot: Robot, make_campaign: Make
+) -> None:
+    def loop(parameter: str, size: float, rate: float) -> float:
+        made = Moved(paper_robot, make_campaign(lengths=(0.2,), levels=(60e3, 120e3, 180e3), rate=rate))
+        moved = made.by(**{parameter: size})[:, 0]
+        up, down = moved[2], moved[4]
+        return float(up - down)
+
+    assert loop("spine_slip__moment", 0.15, 25e3) > 3e-4
+    assert loop("spine_slip__moment", 0.15, 25e3) == pytest.approx(loop("spine_slip__moment", 0.15, 2.5e3), rel=1e-6)
+    assert loop("viscoelastic__fast", 0.05, 25e3) > 2 * loop("viscoelastic__fast", 0.05, 2.5e3) > 0
+
+
+def test_a_late_clock_shifts_states_read_on_the_fly_and_turns_its_sign_on_the_way_down(
+    paper_robot: Robot, make_campaign: Make
+) -> None:
+    levels = (60e3, 120e3, 180e3)
+    settled = Moved(paper_robot, make_campaign(lengths=(0.1,), levels=levels))
+    assert not settled.by(time_offset__delay=0.4).any()
+    flying = Moved(paper_robot, make_campaign(lengths=(0.1,), levels=levels, hold=0.0))
+    moved = flying.by(time_offset__delay=0.4)[:, 0]
+    assert moved[2] < -1e-3 and moved[4] > 1e-3
+    faster = Moved(paper_robot, make_campaign(lengths=(0.1,), levels=levels, hold=0.0, rate=50e3))
+    assert faster.by(time_offset__delay=0.2)[2, 0] == pytest.approx(moved[2], rel=1e-9)
+
+
+def test_a_dead_band_and_an_offset_differ_below_the_band_only(paper_robot: Robot, make_campaign: Make) -> None:
+    made = Moved(paper_robot, make_campaign(lengths=(0.0,), levels=(5e3, 100e3, 200e3), unload=False))
+    band, offset = made.by(pressure_deadband__band=10e3), made.by(pressure_offset__offset=-10e3)
+    assert band[2:] == pytest.approx(offset[2:], abs=0.06 * float(np.abs(offset).max()))
+    assert np.abs(band[:2]).max() < 0.6 * np.abs(offset[:2]).max()
+
+
+def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot, make_campaign: Make) -> None:
+    columns = make_campaign(lengths=(0.2,), levels=(150e3,), unload=False)
+    columns["vacuum"] = np.array([80e3, 56e3])
+    columns["trial"] = np.array([1, 2])
+    for name in [f"p{c}" for c in (9, 1, 2)]:
+        columns[name][:] = 150e3
+    full, less = Moved(paper_robot, columns).still
+    leaking = Moved(paper_robot, columns).by(vacuum_leak__lost=0.3)[0]
+    # The nominal vacuum is that of most states, the stronger one of equals.
+    assert less[0] - full[0] == pytest.approx(leaking[0], rel=0.01)
+
+
+def test_contact_kinks_the_sweep_where_the_plane_stands(sweep: Moved) -> None:
+    moved = sweep.by(contact__stiffness=500.0, contact__distance=-0.01)
+    reach = -sweep.still[:, 0]
+    assert np.abs(moved[reach < 0.04]).max() < 1e-3
+    assert (np.abs(moved[reach > 0.09, 0]) > 0.01).all()
+
+
+def test_a_force_reading_has_bias_arm_and_late_touch(paper_robot: Robot) -> None:
+    y = np.array([0.0, 1e-3, 2e-3, 3e-3, 4e-3])
+    columns = {
+        "trial": np.ones(5, int), "protocol": np.full(5, "stiffness"), "specimen": np.full(5, "spine"),
+        "spine_length": np.full(5, 0.1), "deflection": y, "force": np.zeros(5),
+    }  # fmt: skip
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    zero = np.zeros(len(forward.parameters))
+    stiffness = 3 * 1.323e6 * math.pi / 4 * 0.029**4 / 0.1**3
+    assert forward.predict(zero) == pytest.approx(stiffness * y)
+
+    def read(name: str, size: float) -> Array:
+        theta = zero.copy()
+        theta[[p.name for p in forward.parameters].index(name)] = size
+        return forward.predict(theta)
+
+    assert read("force_bias.bias", 0.2) == pytest.approx(stiffness * y + 0.2)
+    assert read("arm_compliance.give", 1e-4) == pytest.approx(y / (1 / stiffness + 1e-4))
+    assert read("contact_offset.offset", 1.5e-3) == pytest.approx(stiffness * np.maximum(y - 1.5e-3, 0))
+    assert read("vacuum_leak.lost", 0.36)[-1] < 0.9 * stiffness * y[-1]
+
+
+def test_a_shear_soft_spine_gives_the_papers_table_of_moduli(paper_robot: Robot) -> None:
+    assert paper_robot.spine is not None
+    lengths = np.array(sorted(paper_robot.spine.modulus))
+    n = len(lengths)
+    columns = {
+        "trial": np.arange(n), "protocol": np.full(n, "stiffness"), "specimen": np.full(n, "spine"),
+        "spine_length": lengths, "deflection": np.full(n, 1e-3), "force": np.zeros(n),
+    }  # fmt: skip
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    theta = np.zeros(len(forward.parameters))
+    table = forward.predict(theta)
+    theta[forward.index("spine_shear")[0]] = 1.0
+    ratio = np.log(forward.predict(theta) / table)
+    assert np.sqrt(np.mean(ratio**2)) < 0.08
+
+
+def test_an_effect_of_ones_own_takes_part_like_any_other(paper_robot: Robot, make_campaign: Make) -> None:
+    def weak(q: Quantities, v: Values) -> None:
+        share = np.zeros(9)
+        share[0] = 1.0
+        q.area_factor = q.area_factor * (1 - v["loss"][..., None] * share)
+
+    own = EffectSpec(
+        "weak_chamber", "actuation", "A_1 = A (1 - d)", (Parameter("loss", "1", 0.2, 0.0, 1.0, sign="positive"),),
+        Law(before=weak), "a test", "roll",
+    )  # fmt: skip
+    made = Moved(
+        paper_robot, make_campaign(lengths=(0.0,), levels=(100e3,), unload=False), catalogue=with_effects([own])
+    )
+    assert made.by(weak_chamber__loss=0.3)[1, 0] > 2e-3
+    with pytest.raises(BadEffect, match="taken"):
+        with_effects([own], with_effects([own]))
+
+
+def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(
+    paper_robot: Robot, make_campaign: Make
+) -> None:
+    three = {**paper_robot.chambers.model_dump(), "azimuths_deg": (0.0, 120.0, 240.0)}
+    plain = robot_from_dict({**paper_robot.model_dump(), "spine": None, "area_factor": 1.4, "chambers": three})
+    columns = make_campaign(lengths=(0.0,), levels=(80e3,), chambers=(1,))
+    for c in range(4, 10):
+        del columns[f"p{c}"]
+    made = Moved(plain, columns)
+    assert made.still[1, 0] < -0.01
+    assert not made.by(spine_slip__moment=0.1).any()
