@@ -6,9 +6,12 @@ and the bytes of each chunk are accounted for, so an index that lies or leaves o
 
 from __future__ import annotations
 
+import os
 import struct
+import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import lz4.frame
@@ -23,6 +26,9 @@ from .errors import Damaged, Oversized
 
 BATCH = 4 * 2**20
 """Bytes of decompressed chunks held at a time; small enough for the allocator to use the same memory again."""
+
+UNPACKERS = min(4, os.cpu_count() or 1)
+"""Threads that unpack chunks."""
 
 _RECORD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
@@ -87,10 +93,18 @@ def _unpacked(packed: memoryview, chunk: ChunkPlace, where: str) -> bytes:
     # The size inside the packed data is what the library would reserve memory for.
     if zstandard.frame_content_size(packed) not in (chunk.size, -1):
         raise Damaged(f"{where} fails its checksum: its packed data tell another size; run `lab verify`")
-    return _ZSTD.decompress(packed, max_output_size=chunk.size + 1)
+    return _unpacker().decompress(packed, max_output_size=chunk.size + 1)
 
 
-_ZSTD = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK)
+def _unpacker() -> zstandard.ZstdDecompressor:
+    """One for each thread: they cannot be shared."""
+    if not hasattr(_LOCAL, "zstd"):
+        _LOCAL.zstd = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK)
+    unpacker: zstandard.ZstdDecompressor = _LOCAL.zstd
+    return unpacker
+
+
+_LOCAL = threading.local()
 
 
 def find_channels(data: memoryview, contents: Contents, name: str) -> None:
@@ -110,27 +124,39 @@ def _senseless(name: str, chunk: ChunkPlace, error: Exception) -> Damaged:
 
 
 def pick(data: memoryview, contents: Contents, name: str) -> Iterator[Picked]:
-    """All messages of a file, channel by channel, batch by batch, in the file's order."""
+    """All messages of a file, channel by channel, batch by batch, in the file's order.
+
+    Chunks are unpacked by threads, one batch ahead of what is picked.
+    """
+    with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
+        ahead: list[tuple[list[ChunkPlace], list[Future[bytes]]]] = []
+        for batch in _batches(contents.chunks):
+            ahead.append((batch, [pool.submit(decompress, data, chunk, name) for chunk in batch]))
+            if len(ahead) > 1:
+                chunks, raws = ahead.pop(0)
+                yield from _pick(data, chunks, [raw.result() for raw in raws], name)
+        for chunks, raws in ahead:
+            yield from _pick(data, chunks, [raw.result() for raw in raws], name)
+
+
+def _batches(chunks: Sequence[ChunkPlace]) -> Iterator[list[ChunkPlace]]:
     batch: list[ChunkPlace] = []
     size = 0
-    for chunk in contents.chunks:
+    for chunk in chunks:
         batch.append(chunk)
         size += chunk.size
         if size >= BATCH:
-            yield from _pick(data, batch, name)
+            yield batch
             batch, size = [], 0
     if batch:
-        yield from _pick(data, batch, name)
+        yield batch
 
 
-def _pick(data: memoryview, batch: list[ChunkPlace], name: str) -> Iterator[Picked]:
-    raws: list[bytes] = []
+def _pick(data: memoryview, batch: list[ChunkPlace], raws: list[bytes], name: str) -> Iterator[Picked]:
     bases = np.zeros(len(batch) + 1, np.int64)
     pairs: dict[int, list[bytes | memoryview]] = {}
     places: dict[int, list[tuple[int, int]]] = {}
-    for number, chunk in enumerate(batch):
-        raw = decompress(data, chunk, name)
-        raws.append(raw)
+    for number, (chunk, raw) in enumerate(zip(batch, raws, strict=True)):
         bases[number + 1] = bases[number] + len(raw)
         indexes = [(channel, data[a:b]) for channel, a, b in chunk.indexes] or _index(raw, chunk, name)
         for channel, entries in indexes:

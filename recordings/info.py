@@ -61,6 +61,7 @@ def info(path: str | os.PathLike[str]) -> Info:
     recording = Recording.open(path, truncated=True)
     metadata = dict(recording.metadata)
     metadata.pop("clocks", None)
+    recording.load()
     counts = counted(metadata)
     metadata.pop("counts", None)
     outcome = metadata.pop("outcome", {})

@@ -50,6 +50,7 @@ class Pace(Protocol):
 
 def messages(recording: Recording) -> Iterator[Played]:
     """All messages in the order of their log time; at equal times in the order of the channels."""
+    recording.load()
     topics = [topic for topic in recording.topics if topic in STREAMS or topic in EVENTS]
     makers = [_stream(recording, topic) if topic in STREAMS else _events(recording, topic) for topic in topics]
     times = [_times(recording, topic) for topic in topics]

@@ -66,13 +66,15 @@ def mapped(path: Path) -> memoryview:
 
 
 class Recording:
-    """One recording, read. Streams are decoded at the first use of any of them and then kept."""
+    """One recording, read. Streams are decoded when they are used and then kept: the first one alone, all the others at
+    the use of the second; `load` takes them in one go."""
 
     def __init__(self, path: Path, data: memoryview, contents: Contents) -> None:
         self.path = path
         self.contents = contents
         self._data = data
-        self._loaded = False
+        self._loaded: set[int] = set()
+        """Channels whose messages were read."""
         self._samples: dict[int, Samples] = {}
         self._payloads: dict[int, list[bytes]] = {}
         self._log_times: dict[int, list[NDArray[np.int64]]] = {}
@@ -150,8 +152,19 @@ class Recording:
 
     def log_times(self, topic: str) -> NDArray[np.int64]:
         """Log times (ns since the epoch) of a topic's messages, ascending."""
-        self._load()
-        return np.sort(np.concatenate([np.zeros(0, np.int64), *self._log_times.get(self._channel(topic).id, [])]))
+        channel = self._channel(topic)
+        if not self._loaded:
+            self._load({channel.id})
+        return np.sort(np.concatenate([np.zeros(0, np.int64), *self._log_times.get(channel.id, [])]))
+
+    def load(self) -> None:
+        """Read everything at once, for a use that needs most of it."""
+        self._load(set(self.contents.channels) - self._loaded)
+
+    def _need(self, channel: Channel) -> None:
+        """Have the messages of a channel read: of it alone when it is the first."""
+        if channel.id not in self._loaded:
+            self._load({channel.id} if not self._loaded else set(self.contents.channels) - self._loaded)
 
     def _channel(self, topic: str) -> Channel:
         for channel in self.contents.channels.values():
@@ -159,20 +172,25 @@ class Recording:
                 return channel
         raise MissingStream(f"{self.path} has no stream {topic}; it has {', '.join(self.topics) or 'none'}")
 
-    def _load(self) -> None:
-        """Read the whole file once: streams to arrays, the messages of everything else as bytes."""
-        if self._loaded:
+    def _load(self, wanted: set[int]) -> None:
+        """Read the file once: wanted streams to arrays, the messages of other wanted channels as bytes."""
+        if not wanted:
             return
-        for channel in self.contents.channels.values():
+        for number in wanted:
+            channel = self.contents.channels[number]
             if channel.topic in STREAMS and self._version(channel) == SCHEMA_VERSION:
-                self._samples[channel.id] = Samples(self._message(channel), self._expected(channel))
+                self._samples[number] = Samples(self._message(channel), self._expected(channel))
+        first = not self._loaded
         for picked in pick(self._data, self.contents, str(self.path)):
-            self._log_times.setdefault(picked.channel, []).append(picked.log_times)
+            if first:
+                self._log_times.setdefault(picked.channel, []).append(picked.log_times)
+            if picked.channel not in wanted:
+                continue
             if picked.channel in self._samples:
                 self._samples[picked.channel].add(picked.rows())
             else:
                 self._payloads.setdefault(picked.channel, []).extend(picked.messages())
-        self._loaded = True
+        self._loaded |= wanted
 
     def _expected(self, channel: Channel) -> int:
         """How many messages of a channel the indexes list."""
@@ -185,7 +203,7 @@ class Recording:
         if topic not in STREAMS:
             raise MissingStream(f"{topic} is no stream of numbers; those are {', '.join(STREAMS)}")
         self._check_version(channel)
-        self._load()
+        self._need(channel)
         samples = self._samples[channel.id].array
         if samples is None:
             batches = pick(self._data, self.contents, str(self.path))
@@ -232,7 +250,7 @@ class Recording:
             return []
         channel = self._channel(event.topic)
         self._check_version(channel)
-        self._load()
+        self._need(channel)
         log_times = [int(t) for part in self._log_times.get(channel.id, []) for t in part]
         return [
             (log_time, protobuf_runtime.parse(event.message_class, payload, event.topic))

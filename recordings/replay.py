@@ -45,6 +45,7 @@ def table_of(recording: Recording) -> Table:
 def replay_states(recording: Recording) -> list[Replayed]:
     """Read every recorded state again from the file's samples."""
     out = []
+    recording.load()
     for event in recording.states:
         try:
             row = conclude(recording, event.state)

@@ -249,6 +249,10 @@ def _contents(path: Path) -> list[str]:
     problems = []
     recording = Recording.open(path)
     counts = counted(recording.metadata)
+    try:
+        recording.load()
+    except RecordingError as error:
+        return [str(error)]
     for topic in recording.topics:
         try:
             if topic in STREAMS:
