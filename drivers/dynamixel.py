@@ -324,6 +324,8 @@ class DynamixelSpine:
         _, _, _, _, current, velocity, counts = table.STATE.unpack(block)
         alert = self._servo.alert
         watchdog = self._servo.read(table.WATCHDOG)
+        if watchdog not in (self._watchdog_raw, table.WATCHDOG_TRIPPED):
+            watchdog = self._servo.read(table.WATCHDOG)  # one odd answer is no proof of a restart
         if alert and (bits := self._servo.read(table.HARDWARE_ERROR)):
             why = table.hardware_errors(bits)
             self._lose_zero(f"hardware error: {why}; torque is off. Remove the cause (un-jam the spine), then home()")

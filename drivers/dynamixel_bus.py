@@ -149,6 +149,8 @@ class Servo:
                     value, result, error = None, COMM_RX_CORRUPT, 0
                 if result == COMM_SUCCESS and error & ~ALERT != CRC_REFUSED:
                     break
+                time.sleep(self._timeout)  # an answer that is only late must not be taken for the next one's
+                port.clearPort()
         where = f"id {self.id} on {self._path} at {self.baud} Bd"
         if result == COMM_RX_CORRUPT:
             raise BadReply(

@@ -9,6 +9,7 @@ safe state is read back. Run by `python -m lab.guard COMMANDS PULSE SAMPLES` wit
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -38,6 +39,8 @@ BEAT_BACK = 0.2
 """Host seconds between two signs of life to the program."""
 CLIPPED = 1e3
 """Pa by which a set-point must be clipped to be worth a line in the log."""
+JUST_TRIED = 5.0
+"""Host seconds in which a landing that was not confirmed is not repeated; the drivers stop once more as they close."""
 LOG_EVERY = 1.0
 """Host seconds between two such lines."""
 
@@ -76,6 +79,7 @@ class Guard:
         self._deciding = threading.Lock()
         self._sending = threading.Lock()
         self._clip_told = 0.0
+        self._landed_at = -math.inf
 
     def _make(self, name: str, config: Any) -> Any:
         if config.driver in CONFIGS:
@@ -159,6 +163,7 @@ class Guard:
         """Land what is open and read it back; the latch goes when all of it is confirmed. Never raises."""
         with self._landing_lock:
             report = self.landing.land(list(self.own.opened), keep_vacuum)
+            self._landed_at = time.monotonic()
             if self.latch is not None:
                 if self.energised or not report.confirmed:
                     self.latch.note(f"landed ({why}): {report}")
@@ -278,7 +283,7 @@ class Guard:
         """Land what may still be energised, disconnect everything, the regulators first."""
         self.landed = self.landed or "the guard is ending"
         with self._landing_lock:
-            if self.energised:
+            if self.energised and time.monotonic() - self._landed_at > JUST_TRIED:
                 self.safe("the program ended", self.rig.safe.keep_vacuum)
         self.running = False
         closing = [

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from drivers import ft300s, natnet_mocap, ur5_state
 from drivers.chambers import ChamberMap
@@ -182,7 +182,7 @@ class Rig:
                 with contextlib.suppress(Exception):
                     driver.close()
 
-    def __enter__(self) -> Rig:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.errors import DeviceFault, InstrumentError, StaleReading
-from drivers.interfaces import ArmSample, WrenchSample
+from drivers.interfaces import ArmSample, BodySample, WrenchSample
 from protocols.errors import Suspended
 
 from .actuators import Actuators
@@ -28,6 +28,8 @@ GRACE = 0.5
 """Host seconds for which a stream may be late: a loaded computer must not end a run."""
 SAFEGUARD = 1 << 4
 """Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
+STUCK = 1.0
+"""Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
 NO_ZERO = (0.0,) * 6
 AGREE = 2
 """Samples in a row that must be beyond the limit: one may be a knock."""
@@ -62,6 +64,8 @@ class Watch:
         self._stop_now = stop_now
         self._needed: tuple[str, ...] = ()
         self._since: dict[str, float] = {}
+        self._values: dict[str, tuple[tuple[float, ...] | None, float]] = {}
+        """What a stream showed last, and since when (host time)."""
         self._began = time.monotonic()
 
     def over(self, needed: Sequence[str]) -> None:
@@ -72,6 +76,7 @@ class Watch:
     def forget(self) -> None:
         """What was wrong before is over: start anew."""
         self._since.clear()
+        self._values.clear()
         self._vital.pause = None
         self._began = time.monotonic()
 
@@ -116,10 +121,24 @@ class Watch:
                 raise
         else:
             self._since.pop(name, None)
+            self._moves_on(name, sample, now)
             if isinstance(sample, ArmSample) and sample.safety_bits & SAFEGUARD:
                 raise Suspended(
                     DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
                 )
+
+
+    def _moves_on(self, name: str, sample: Any, now: float) -> None:
+        """Raises StaleReading when a noisy sensor repeats itself: samples come, but nothing is measured any more."""
+        if not isinstance(sample, (WrenchSample, BodySample)):
+            return
+        values = sample.raw if isinstance(sample, WrenchSample) else (*sample.position, *sample.orientation)
+        before, since = self._values.get(name, (None, now))
+        if values != before:
+            self._values[name] = (values, now)
+        elif now - since > STUCK:
+            stuck = StaleReading(name, f"every value has been the same for {now - since:.1f} s; restart the sensor")
+            raise Suspended(stuck) if name == "mocap" else stuck
 
 
 class ForceLimit:

@@ -66,6 +66,7 @@ class FaultSwitch:
 
     def __init__(self, rig: FakeRig) -> None:
         self._rig = rig
+        self._undo: list[Callable[[], None]] = []
 
     def begin(self, instrument: str, fault: str) -> None:
         """Switch a fault on. Raises ValueError for a name that is not known."""
@@ -84,6 +85,8 @@ class FaultSwitch:
 
     def end(self) -> None:
         """All faults off, all cables in, all power on; ports may have new names."""
+        while self._undo:
+            self._undo.pop()()
         for line in self._rig.lines.values():
             line.faults = Faults()
             line.plug()
@@ -104,6 +107,7 @@ class FaultSwitch:
             line.reset()
         elif fault == "over_range" and isinstance(line, DynamixelFake):
             line.motor.place(line.motor.counts + FAR_AWAY)
+            self._undo.append(lambda: line.motor.place(line.motor.counts - FAR_AWAY))
         elif fault == "over_range" and isinstance(line, TmclFake):
             line.drum.set_encoder(line.drum.encoder + 10 * FAR_AWAY)
         elif fault == "stuck" and fault not in own:

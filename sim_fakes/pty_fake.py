@@ -63,6 +63,8 @@ class PtyFake(threading.Thread):
         self.faults = Faults()
         self.random = random.Random(seed)
         self.buffer = b""
+        self.heard = 0
+        """Bytes that have come since the start."""
         self.requests: deque[bytes] = deque(maxlen=10_000)
         """Complete requests in the order they came, for tests; each fake's `feed` appends its own."""
         self.lock = threading.RLock()
@@ -163,6 +165,7 @@ class PtyFake(threading.Thread):
                         data = os.read(self._master, 4096)
                     except OSError:
                         continue
+                    self.heard += len(data)
                     time.sleep(len(data) * self.byte_time)
                     self.buffer += data
                     while self.feed():

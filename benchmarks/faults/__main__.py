@@ -1,0 +1,102 @@
+"""`python -m benchmarks.faults`: run the matrix and print the table; 0 when every cell passed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from sim_fakes.faults import FAULTS
+
+from .cells import PHASES, SUBJECTS, Cell, Verdict, cells
+from .trial import Bench
+
+
+def run(todo: list[Cell], report: Path | None) -> list[Verdict]:
+    """All cells on this process's own fakes, one after another."""
+    verdicts: list[Verdict] = []
+    bench: Bench | None = None
+    try:
+        for cell in todo:
+            if bench is None or bench.second_rig != cell.second_rig:
+                if bench is not None:
+                    bench.close()
+                bench = Bench(cell.second_rig)
+            began = time.monotonic()
+            verdict = bench.run(cell)
+            verdicts.append(verdict)
+            if report is not None:
+                with report.open("a") as file:
+                    file.write(json.dumps(asdict(verdict)) + "\n")
+            words = f"{verdict.mark} {cell.subject} {cell.fault} {cell.phase} {time.monotonic() - began:.1f} s"
+            print(f"{words} {verdict.error[:150]} {('| ' + verdict.why[:250]) if verdict.why else ''}", flush=True)
+    finally:
+        if bench is not None:
+            bench.close()
+    return verdicts
+
+
+def shared(arguments: argparse.Namespace, report: Path) -> list[Verdict]:
+    """The cells dealt out to several processes."""
+    report.parent.mkdir(parents=True, exist_ok=True)
+    report.write_text("")
+    base = [sys.executable, "-m", "benchmarks.faults", "--report", str(report)]
+    for name in ("subject", "fault", "phase"):
+        for value in getattr(arguments, name):
+            base += [f"--{name}", value]
+    running = [subprocess.Popen([*base, "--share", f"{i}/{arguments.jobs}"]) for i in range(arguments.jobs)]
+    for process in running:
+        process.wait()
+    found = []
+    for line in report.read_text().splitlines():
+        entry = json.loads(line)
+        found.append(Verdict(**{**entry, "cell": Cell(**entry["cell"]), "unsafe": tuple(entry["unsafe"])}))
+    return found
+
+
+def table(verdicts: list[Verdict]) -> str:
+    """Marks by instrument and fault, five phases each."""
+    marks = {(v.cell.subject, v.cell.fault, v.cell.phase): v.mark for v in verdicts}
+    lines = [f"{'':17s}" + " ".join(f"{f[:8]:>8s}" for f in FAULTS)]
+    for subject in SUBJECTS:
+        row = ["".join(marks.get((subject, f, p), " ") for p in PHASES) for f in FAULTS]
+        if any(r.strip() for r in row):
+            lines.append(f"{subject:17s}" + " ".join(f"{r:>8s}" for r in row))
+    passed = sum(v.mark != "X" for v in verdicts)
+    lines.append(f"phases: {', '.join(PHASES)}")
+    lines.append(
+        ". completed, safe   e ended with its typed error, safe   l the faulty instrument not confirmed, rig locked   X failed"
+    )
+    lines.append(
+        f"{passed} of {len(verdicts)} passed; longest from fault to end {max((v.seconds for v in verdicts), default=0):.1f} s"
+    )
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """See the module's text."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.faults", description=__doc__)
+    parser.add_argument("--subject", action="append", default=[], choices=SUBJECTS)
+    parser.add_argument("--fault", action="append", default=[], choices=FAULTS)
+    parser.add_argument("--phase", action="append", default=[], choices=PHASES)
+    parser.add_argument("--jobs", type=int, default=2, help="processes, each with fakes of its own")
+    parser.add_argument("--report", type=Path, default=Path("out/faults.jsonl"))
+    parser.add_argument("--share", help="I/N: every N-th cell from the I-th on, in this process")
+    a = parser.parse_args()
+    if a.share:
+        index, count = map(int, a.share.split("/"))
+        todo = cells(tuple(a.subject) or SUBJECTS, tuple(a.fault) or FAULTS, tuple(a.phase) or PHASES)
+        todo = [c for i, c in enumerate(todo) if i % count == index]
+        return 0 if all(v.mark != "X" for v in run(todo, a.report)) else 1
+    verdicts = shared(a, a.report)
+    print(table(verdicts))
+    wanted = len(cells(tuple(a.subject) or SUBJECTS, tuple(a.fault) or FAULTS, tuple(a.phase) or PHASES))
+    return 0 if len(verdicts) == wanted and all(v.mark != "X" for v in verdicts) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

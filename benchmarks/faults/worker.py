@@ -1,0 +1,94 @@
+"""Runs the experiments of the matrix in a process that may die without taking the fakes along.
+
+`python -m benchmarks.faults.worker FD`.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from drivers.errors import InstrumentError
+from lab.console import Screen, out
+from lab.landing import SafeReport
+from lab.latch import Latch, RigLocked
+from lab.rig import Rig
+from lab.rig_file import load_rig
+from lab.run import execute, job
+from lab.safe import safe
+from protocols.errors import Suspended
+
+from .cells import Job, Result
+
+
+class Told(Rig):
+    """A rig that says when it begins to land, and waits for a word before it does."""
+
+    line: Connection
+    ended = 0.0
+    report = SafeReport()
+
+    def safe(self) -> SafeReport:
+        """See Rig.safe."""
+        if not self.ended:
+            self.ended = time.monotonic()
+            self.line.send("landing")
+            self.line.recv()
+        self.report = super().safe()
+        return self.report
+
+
+def work(todo: Job, line: Connection) -> Result:
+    """One experiment, or one unlocking."""
+    path = Path(todo.rig)
+    if not todo.protocol:
+        code = safe(path, as_json=True, clear=True)
+        return Result(error="" if code == 0 else "still locked", locked=Latch(path).read() is not None)
+    error: Exception | None = None
+    report, ended, rows = SafeReport(), 0.0, 0
+    try:
+        planned = job(todo.protocol, path, list(todo.settings))
+        with Told(load_rig(path)) as rig:
+            rig.line = line
+            failures = rig.open_all(lambda name, outcome: None)
+            if failures:
+                error, ended = failures[0], time.monotonic()
+            else:
+                outcome = execute(
+                    rig, planned, Path(todo.folder), Screen(todo.protocol, planned.rig.clock.speed, quiet=True)
+                )
+                error, report, ended, rows = outcome.error, rig.report, rig.ended, len(outcome.table)
+            landed = time.monotonic()
+    except RigLocked as e:
+        error, landed = e, time.monotonic()
+    cause = error.cause if isinstance(error, Suspended) else error
+    return Result(
+        ended=ended or landed,
+        landed=landed,
+        error=str(cause or ""),
+        kind=type(cause).__name__ if cause is not None else "",
+        names=cause.instrument if isinstance(cause, InstrumentError) else "",
+        steps=tuple((s.instrument, s.confirmed, s.text) for s in report.steps),
+        locked=Latch(path).read() is not None,
+        rows=rows,
+    )
+
+
+def main(line: Connection) -> None:
+    """Work until the other end closes."""
+    logging.disable(logging.CRITICAL)
+    out.quiet = True
+    while True:
+        try:
+            todo = line.recv()
+        except EOFError:
+            return
+        line.send(work(todo, line))
+
+
+if __name__ == "__main__":
+    sys.stdout = sys.stderr
+    main(Connection(int(sys.argv[1])))

@@ -1,0 +1,29 @@
+"""One rig of fakes for the tests of safety, made sound again after each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from house import House
+
+from lab.fakes import write_rig
+from sim_fakes.rig import FakeRig
+
+
+@pytest.fixture(scope="session")
+def one_house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
+    folder = tmp_path_factory.mktemp("safety")
+    with FakeRig(speed=20.0, seed=2) as fakes:
+        yield House(fakes, folder / "rig.yaml")
+
+
+@pytest.fixture
+def house(one_house: House) -> Iterator[House]:
+    fakes = one_house.fakes
+    write_rig(fakes, one_house.rig)
+    one_house.rig.with_suffix(".latch").unlink(missing_ok=True)
+    fakes.troubles.clear()
+    yield one_house
+    fakes.switch.end()
+    fakes.on_confirm = None

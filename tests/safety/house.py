@@ -1,0 +1,65 @@
+"""What the tests of safety share: the fakes, their rig.yaml, and what the plant shows."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sim_fakes.rig import FakeRig
+
+
+@dataclass(frozen=True)
+class House:
+    """The fakes, and the rig.yaml that reaches them."""
+
+    fakes: FakeRig
+    rig: Path
+
+    @property
+    def latch(self) -> Path:
+        """The file that locks the rig."""
+        return self.rig.with_suffix(".latch")
+
+    def change(self, without: tuple[str, ...] = (), **tables: dict[str, Any]) -> None:
+        """Rewrite rig.yaml: tables of it changed, instruments left out."""
+        data = yaml.safe_load(self.rig.read_text())
+        for name, values in tables.items():
+            data[name] = {**data.get(name, {}), **values}
+        for name in without:
+            data["instruments"].pop(name)
+        self.rig.write_text(yaml.safe_dump(data))
+
+    def highest(self) -> float:
+        """The highest chamber pressure in truth, Pa."""
+        return float(max(self.fakes.plant.chamber_pressure))
+
+    def vented(self, within: float) -> bool:
+        """Whether all chambers fall below 5 kPa and the valve drops within so many host seconds."""
+        return until(lambda: self.highest() < 5e3 and not self.fakes.plant.valve_on, within)
+
+    def start(self, folder: Path, *settings: str) -> subprocess.Popen[str]:
+        """A bending run in a process of its own, as soon as it has inflated the robot."""
+        command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(self.rig), "--out", str(folder)]
+        command += [word for setting in settings for word in ("--set", setting)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        if not until(lambda: self.highest() > 40e3 or process.poll() is not None, 60) or process.poll() is not None:
+            process.kill()
+            raise AssertionError(process.communicate()[0])
+        return process
+
+
+def until(condition: Callable[[], bool], within: float) -> bool:
+    """Look until the condition holds; False when it does not within so many host seconds."""
+    deadline = time.monotonic() + within
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.005)
+    return True

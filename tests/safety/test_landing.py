@@ -1,0 +1,103 @@
+"""Whichever instruments fail their stop, the others stop; nothing counts as safe that was not read back."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from house import House, until
+
+from lab import landing
+from lab.clock import RigClock
+from lab.instruments import ACTUATORS, make
+from lab.landing import Landing, SafeReport
+from lab.rig_file import Safe, load_rig
+
+SUBSETS = [s for n in range(5) for s in itertools.combinations(ACTUATORS, n)]
+
+
+@pytest.fixture(scope="module")
+def drivers(one_house: House) -> Iterator[dict[str, Any]]:
+    """The real drivers, opened on the fakes."""
+    from lab.fakes import write_rig
+
+    write_rig(one_house.fakes, one_house.rig)
+    instruments = load_rig(one_house.rig).instruments
+    clock = RigClock(20.0)
+    made = {}
+    for name in ACTUATORS:
+        config = getattr(instruments, name)
+        known = config if name != "arm" else type(config).model_construct(**{**config.model_dump(), "timeout": 3.0})
+        made[name] = make(name, config.driver, known, clock)
+        made[name].open()
+    yield made
+    for driver in made.values():
+        driver.close()
+
+
+@pytest.mark.parametrize("failing", SUBSETS, ids=lambda s: "+".join(s) or "none")
+def test_the_others_stop(
+    house: House, drivers: dict[str, Any], failing: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(landing, "LEAST_TIME", 0.5)
+    drivers["pressure"].set((30e3, 30e3, 30e3))
+    drivers["valve"].set(True)
+    for name in failing:
+        house.fakes.switch.begin(name, "silence")
+    if "arm" in failing:
+        assert until(lambda: stale(drivers["arm"]), 2.0)
+    began = time.monotonic()
+    report = Landing(Safe(within=1.0), drivers, 20.0).land(ACTUATORS, keep_vacuum=False)
+    assert time.monotonic() - began < 6.0
+    house.fakes.switch.end()
+    assert {s.instrument: s.confirmed for s in report.steps} == {n: n not in failing for n in ACTUATORS}, report
+    assert report.confirmed is (not failing)
+    assert until(lambda: not stale(drivers["arm"]), 3.0)
+
+
+def stale(arm: Any) -> bool:
+    try:
+        arm.standing()
+    except Exception:
+        return True
+    return False
+
+
+def test_nothing_open_is_safe_and_says_so() -> None:
+    assert SafeReport().confirmed and "nothing" in str(SafeReport())
+
+
+def test_the_vacuum_is_kept_when_the_policy_says_so(house: House, drivers: dict[str, Any]) -> None:
+    drivers["valve"].set(True)
+    report = Landing(Safe(), drivers, 20.0).land(ACTUATORS, keep_vacuum=True)
+    assert report.confirmed and "valve" not in {s.instrument for s in report.steps}
+    assert house.fakes.plant.valve_on
+    drivers["valve"].set(False)
+
+
+def test_stops_are_sent_in_the_order_of_the_policy() -> None:
+    told: list[str] = []
+
+    class Driver:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def stop(self) -> None:
+            told.append(self.name)
+            raise RuntimeError("no")
+
+        vent = stop
+
+        def set(self, on: bool) -> None:
+            self.stop()
+
+        def standing(self) -> bool:
+            raise RuntimeError("no")
+
+    names = ("valve", "spine", "pressure", "arm")
+    report = Landing(Safe(order=names, within=0.1), {n: Driver(n) for n in names}, 200.0).land(names, False)
+    assert tuple(told[:4]) == names
+    assert not report.confirmed and all("did not take the stop" in s.text for s in report.steps)

@@ -1,0 +1,56 @@
+"""The latch keeps a rig locked until a person clears it, and one program at a time owns a rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lab.latch import JOURNAL_LIMIT, Latch, RigLocked
+
+
+def test_a_new_rig_is_free(tmp_path: Path) -> None:
+    latch = Latch(tmp_path / "rig.yaml")
+    latch.demand_free()
+    assert latch.read() is None
+
+
+def test_a_written_latch_locks_and_says_why_and_what_to_do(tmp_path: Path) -> None:
+    latch = Latch(tmp_path / "rig.yaml")
+    latch.write("the arm does not answer")
+    with pytest.raises(RigLocked, match=r"arm does not answer.*lab safe --clear"):
+        Latch(tmp_path / "rig.yaml").demand_free()
+
+
+def test_a_cleared_latch_is_free_and_may_be_cleared_twice(tmp_path: Path) -> None:
+    latch = Latch(tmp_path / "rig.yaml")
+    latch.write("x")
+    latch.clear()
+    latch.clear()
+    latch.demand_free()
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"why": 1}', b"\xff\xfe\x00", b"null"])
+def test_a_damaged_latch_locks(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "rig.latch").write_bytes(content)
+    with pytest.raises(RigLocked):
+        Latch(tmp_path / "rig.yaml").demand_free()
+
+
+def test_a_rig_has_one_owner_at_a_time(tmp_path: Path) -> None:
+    first, second = Latch(tmp_path / "rig.yaml"), Latch(tmp_path / "rig.yaml")
+    first.own()
+    with pytest.raises(RigLocked, match="in use"):
+        second.own(within=0.1)
+    first.disown()
+    second.own(within=0.1)
+    second.disown()
+
+
+def test_the_journal_keeps_what_was_noted_and_does_not_grow_for_ever(tmp_path: Path) -> None:
+    latch = Latch(tmp_path / "rig.yaml")
+    latch.note("first")
+    assert "first" in latch.journal.read_text()
+    latch.journal.write_text("x" * (JOURNAL_LIMIT + 1))
+    latch.note("second")
+    assert "second" in latch.journal.read_text() and latch.journal.stat().st_size < 1000
