@@ -88,8 +88,8 @@ class AreaFindings:
             f"Robust (both readings of the pressure load): adding stiffnesses instead of mixing moduli takes "
             f"{min(shares):.0%} to {max(shares):.0%} of the growth of A_eff away, and the curves ask for {min(credits):.2f} to "
             f"{max(credits):.2f} of the spine's credited stiffness; area moments predict "
-            f"{self.predicted_credit:.2f}. The spine is credited with about {1 / max(credits):.1f} to {1 / min(credits):.1f} times "
-            "its bending contribution.",
+            f"{self.predicted_credit:.2f}. The spine is credited with about {1 / max(credits):.1f} to {1 / min(credits):.1f} "
+            "times its bending contribution.",
             "Not shown: that area moments are the cause. A weak, leaking or thin spine of the same share does it as well or "
             f"better ({weak} mm rms against {area} mm); the share is identified, not its cause.",
         ]
