@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 MM = 1e3
 LISTED = 12
-"""Hypotheses shown in the ranking."""
+"""Hypotheses shown in the ranking, besides none and unknown, which always are."""
 PREDICTED = 4
 """Leading hypotheses whose held-out error is computed."""
 
@@ -70,7 +70,8 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
     p = f.prepared
     fold = folds(p)[0]
     ranked = []
-    for rank, (named, probability) in enumerate(f.posterior.ranking[:LISTED]):
+    always = [x for x in f.posterior.ranking[LISTED:] if x[0] in (NONE, UNKNOWN)]
+    for rank, (named, probability) in enumerate((*f.posterior.ranking[:LISTED], *always)):
         c = f.posterior.candidates[named]
         heldout = None
         if unseen is not None and rank < PREDICTED and named != UNKNOWN:

@@ -22,8 +22,10 @@ Ints = NDArray[np.int64]
 
 FARTHEST = 1.5
 """Robot lengths: no tip of a rod that stretches by less than half is further from its base."""
-SPINE_GAP, PRESSURE_GAP, VACUUM_GAP, HOLD_GAP, RATE_GAP = 3e-3, 3e3, 2e3, 0.5, 1e3
-"""m, Pa, Pa, s, Pa/s: readings that differ by less were meant to be the same setting."""
+SPINE_GAP, PRESSURE_GAP, VACUUM_GAP, RATE_GAP = 3e-3, 3e3, 10e3, 1e3
+"""m, Pa, Pa, Pa/s: readings that differ by less were meant to be the same setting."""
+HOLD_GAP = 0.4
+"""Of log(1 + hold / s): settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ."""
 FEWEST_REPEATS = 3
 
 
@@ -130,7 +132,8 @@ def _arrays(rows: list[TrialRow]) -> States:
     branch = np.array([-1.0 if r.branch == "unload" else 1.0 for r in rows])
     kind = _kinds(rows, pressure)
     level = levels(pressure.max(axis=1), PRESSURE_GAP)
-    keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind])
+    held = levels(np.log1p([r.hold or 0.0 for r in rows]), HOLD_GAP)
+    keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind, held])
     condition = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
     time = np.array([np.nan if r.t is None else r.t for r in rows])
     tip = np.array([r.tip for r in rows])
@@ -140,21 +143,21 @@ def _arrays(rows: list[TrialRow]) -> States:
 def _kinds(rows: list[TrialRow], pressure: Array) -> Ints:
     """Number of each row's kind of experiment: protocol, chambers inflated, tip mass, roll, vacuum, rate and hold."""
     inflated = (pressure > 0.5 * pressure.max(axis=1, keepdims=True)) & (pressure > PRESSURE_GAP)
+    on_the_fly = np.array([r.hold is not None and r.hold <= 0 for r in rows])
+    rate = np.array([abs(r.rate or 0.0) for r in rows])
+    speed = np.zeros(len(rows))
     trials = np.array([r.trial for r in rows])
     for t in np.unique(trials):
-        # The chambers of a trial are those of its highest state: near zero pressure none stands out.
+        # A trial is of one kind: near zero pressure no chamber stands out, and at its ends a sweep stands still.
         own = trials == t
         inflated[own] = inflated[own][np.argmax(pressure[own].max(axis=1))]
-    ramping = np.array([r.hold is not None and r.hold <= 0 for r in rows])
-    speed = np.array([abs(r.rate or 0.0) if wild else 0.0 for r, wild in zip(rows, ramping, strict=True)])
-    # Settled states wait as long as it takes; only holds of a minute's fraction apart were meant to differ.
+        speed[own] = rate[own].max() if on_the_fly[own].any() else 0.0
     columns = [
         np.unique([r.protocol for r in rows], return_inverse=True)[1],
         np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
         levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
         levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
-        levels(np.array([r.vacuum or 0.0 for r in rows]), 5 * VACUUM_GAP),
-        ramping.astype(np.int64),
+        levels(np.array([r.vacuum or 0.0 for r in rows]), VACUUM_GAP),
         levels(speed, RATE_GAP),
     ]
     _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)

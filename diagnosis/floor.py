@@ -43,6 +43,8 @@ class Repeated:
     """(n, c) d(prediction)/d(pressure reading), per Pa."""
     trial_response: Mapping[str, Array]
     """Component -> (n, c) d(prediction)/d(what a trial has of its own)."""
+    resting: NDArray[np.bool_]
+    """(n,) states read at rest: they are averaged for longer than those read while ramping."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,8 @@ class Components:
     """Pa."""
     trial: Mapping[str, float]
     """Component -> its unit."""
+    rest: float
+    """White noise of states read at rest, as a factor on that of states read while ramping."""
     contrasts: int
     """Independent differences between repeats behind the estimate; 0: usual values, nothing was repeated."""
 
@@ -67,8 +71,8 @@ def components(data: Repeated, usual: Components) -> Components:
     groups = list(usual.channel)
     member = np.array([groups.index(g) for g in data.group])
     names = list(data.trial_response)
-    centre = np.log([*usual.channel.values(), usual.pressure, *(usual.trial[k] for k in names)])
-    loss = _Loss(data, contrast, member, names, centre)
+    centre = np.log([*usual.channel.values(), usual.pressure, usual.rest, *(usual.trial[k] for k in names)])
+    loss = _Loss(data, contrast, member, len(groups), names, centre)
     # What no contrast depends on stays where its prior has it.
     found = minimize(loss, np.zeros(len(centre)), method="L-BFGS-B", bounds=[(np.log(SMALLEST), 3.0)] * len(centre))
     value = np.exp(centre + found.x)
@@ -76,7 +80,8 @@ def components(data: Repeated, usual: Components) -> Components:
     return Components(
         channel=dict(zip(groups, value[:g].tolist(), strict=True)),
         pressure=float(value[g]),
-        trial=dict(zip(names, value[g + 1 :].tolist(), strict=True)),
+        trial=dict(zip(names, value[g + 2 :].tolist(), strict=True)),
+        rest=float(value[g + 1]),
         contrasts=len(contrast),
     )
 
@@ -108,13 +113,16 @@ def _contrasts(condition: Ints) -> Array:
 class _Loss:
     """Minus the log posterior of the components' logarithms, off the centre of their priors."""
 
-    def __init__(self, data: Repeated, contrast: Array, member: Ints, names: list[str], centre: Array) -> None:
+    def __init__(
+        self, data: Repeated, contrast: Array, member: Ints, groups: int, names: list[str], centre: Array
+    ) -> None:
         k, c = len(contrast), data.residual.shape[1]
-        self._centre, self._groups = centre, int(member.max()) + 1
+        self._centre, self._groups = centre, groups
         self._value = (contrast @ data.residual).ravel()
         self._state = np.repeat(np.arange(k), c)
         self._member = np.tile(member, k)
         # A contrast's weights squared sum to one: the response of its states, averaged.
+        self._resting = np.repeat(contrast**2 @ data.resting, c)
         self._pressure = (contrast**2 @ data.pressure_response).ravel()
         own = data.trial[:, None] == np.unique(data.trial)[None, :]
         self._trial = [
@@ -125,13 +133,14 @@ class _Loss:
     def __call__(self, shift: Array) -> float:
         value = np.exp(self._centre + shift)
         g = self._groups
-        noise = Noise(self._state, value[:g][self._member], value[g] * self._pressure)
+        quiet = np.sqrt(1 + (value[g + 1] ** 2 - 1) * self._resting)
+        noise = Noise(self._state, value[:g][self._member] * quiet, value[g] * self._pressure)
         white = noise.whiten(self._value)
         prior = 0.5 * float(((shift / VAGUE) ** 2).sum())
         total = noise.log_sd + 0.5 * float(white @ white) + prior
         if self._trial:
             columns = noise.whiten(
-                np.hstack([sd * block for sd, block in zip(value[g + 1 :], self._trial, strict=True)])
+                np.hstack([sd * block for sd, block in zip(value[g + 2 :], self._trial, strict=True)])
             )
             factor = cho_factor(np.eye(columns.shape[1]) + columns.T @ columns, lower=True)
             pulled = columns.T @ white

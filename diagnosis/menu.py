@@ -87,7 +87,7 @@ def menu(robot: Robot, s: States) -> list[Experiment]:
         Experiment("unload", "read the unload branch too", {**base, "unload": True}, 0.0),
         Experiment("orientation", "track the tip's orientation (rigid body in motion capture)", base, 5.0, quaternion),
         Experiment("elongation", "inflate all chambers together", stretch, 0.0),
-        Experiment("chambers", f"inflate chambers {others} instead", {**base, "chambers": others}, 0.0),
+        Experiment("other_chambers", f"inflate chambers {others} instead", {**base, "chambers": others}, 0.0),
         Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
         Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", heavy, 3.0),
         Experiment("hold", "hold each pressure and read again and again", hold, 0.0),

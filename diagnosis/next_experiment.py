@@ -68,7 +68,11 @@ def propose(p: Prepared, weighed: Posterior, separation: Apart) -> tuple[Proposa
             continue
         bits, pairs = _information(predictions, weight)
         names = tuple(tuple(" + ".join(remaining[k].named) or "none" for k in pair) for pair in pairs)
-        found.append(Proposal(experiment.do, names, round(bits, 3), experiment.minutes, dict(experiment.parameters)))
+        found.append(
+            Proposal(
+                experiment.id, experiment.do, names, round(bits, 3), experiment.minutes, dict(experiment.parameters)
+            )
+        )
     return tuple(sorted(found, key=lambda x: -x.expected_bits / (x.cost_min + 5.0))[:SHOWN])
 
 

@@ -14,7 +14,7 @@ from model.effects.parameters import ParameterInfo
 from model.robot import Robot
 from recordings.trials import Table
 
-from .case import States
+from .case import PRESSURE_GAP, States
 from .discrepancy import by_channel, columns, settings
 from .errors import BadCase
 from .floor import Components, Repeated, components, reading_rms
@@ -27,9 +27,11 @@ Ints = NDArray[np.int64]
 TIP = ("x", "y", "z")
 KINDS = ("tip", "turn", "marker")
 USUAL = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
-"""Usual white noise of a settled reading: m, rad, m."""
+"""Usual white noise of a reading: m, rad, m."""
 USUAL_PRESSURE = 500.0
 """Pa."""
+IDLE = 5e3
+"""Pa; a chamber that never reads more within a trial is vented."""
 LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
 """m, between which the unit of the discrepancy is kept."""
 
@@ -104,9 +106,11 @@ def prepare(robot: Robot, states: States, area: Literal["one", "per_length"] = "
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
     floor, reading = _floor(states, labels, made, forward.parameters, (observed - predicted)[kept], slope[kept])
-    pressure = slope[kept][:, made.names.index("pressure_offset.offset")]
-    white = np.array([floor.channel[k] for k in KINDS])[labels.kind]
-    noise = Noise(labels.state, white, floor.pressure * pressure)
+    white = (
+        np.array([floor.channel[k] for k in KINDS])[labels.kind]
+        * np.where(resting(states), floor.rest, 1.0)[labels.state]
+    )
+    noise = Noise(labels.state, white, floor.pressure * _by_pressure(states, labels, made, slope[kept]))
     known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
     unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
     smooth = _smooth(robot, states, labels, unit)
@@ -115,9 +119,24 @@ def prepare(robot: Robot, states: States, area: Literal["one", "per_length"] = "
 
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
-    """The table's columns of the states, spine lengths not below zero."""
+    """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
     table = Table(states.rows)
-    return {name: table[name] for name in table.columns} | {"spine_length": states.spine_length}
+    pressures = {f"p{i}": column for i, column in enumerate(vented(states).T, 1)}
+    return {name: table[name] for name in table.columns} | {"spine_length": states.spine_length} | pressures
+
+
+def vented(states: States) -> Array:
+    """(n, chambers) Pa, readings with those of vented chambers set to zero.
+
+    A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which
+    would otherwise bend the model.
+    """
+    out = states.pressure.copy()
+    for t in np.unique(states.trial):
+        own = np.flatnonzero(states.trial == t)
+        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < IDLE))] = 0.0
+    out[out.max(axis=1) < PRESSURE_GAP] = 0.0
+    return out
 
 
 def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
@@ -131,6 +150,7 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
         upper=np.array([p.high for p in infos]),
         units=tuple(p.unit for p in infos),
         shapes=tuple(p.role == "shape" for p in infos),
+        calibration=tuple(p.group == "calibration" for p in infos),
         starts=tuple(p.starts for p in infos),
     )
 
@@ -168,12 +188,24 @@ def _floor(
         states.condition[whole],
         states.trial[whole],
         kinds,
-        grid(slope[:, made.names.index("pressure_offset.offset")])[whole],
+        grid(_by_pressure(states, labels, made, slope))[whole],
         {source: grid(values)[whole] for source, values in by_trial.items()},
+        resting(states)[whole],
     )
     trial = {source: next(p.sd for p in infos if p.source == source) for source in by_trial}
-    found = components(data, Components({k: USUAL[k] for k in KINDS}, USUAL_PRESSURE, trial, 0))
+    found = components(data, Components({k: USUAL[k] for k in KINDS}, USUAL_PRESSURE, trial, 1.0, 0))
     return found, reading_rms(data, np.array([name in TIP for name in names]))
+
+
+def resting(states: States) -> NDArray[np.bool_]:
+    """(n,) states that were read at rest, not while ramping."""
+    return np.array([r.hold is None or r.hold > 0 for r in states.rows])
+
+
+def _by_pressure(states: States, labels: Labels, made: Parameters, slope: Array) -> Array:
+    """d(value)/d(pressure reading), per Pa: none where all chambers are vented."""
+    open_ = states.highest[labels.state] < PRESSURE_GAP
+    return np.where(open_, 0.0, slope[:, made.names.index("pressure_offset.offset")])
 
 
 def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components) -> Parameters:

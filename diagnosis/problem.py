@@ -44,6 +44,8 @@ class Parameters:
     units: tuple[str, ...]
     shapes: tuple[bool, ...] = ()
     """Parameters that say how an effect looks and do nothing where its size is zero; empty: none is."""
+    calibration: tuple[bool, ...] = ()
+    """Parameters that are fitted in every model, with wide priors; empty: none is."""
     starts: tuple[tuple[float, ...], ...] = ()
     """Values from which a search begins when the parameter's effect is named; empty: at the mean alone."""
 

@@ -124,6 +124,7 @@ class Shrink:
 class Proposal:
     """An experiment that would tell candidates apart."""
 
+    id: str
     do: str
     separates: tuple[tuple[str, ...], ...]
     expected_bits: float

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, Weighed, weigh_at
-from .fit import Fit, fit
+from .fit import Fit, Tangent, fit
 from .problem import Problem
 
 Array = NDArray[np.float64]
@@ -30,13 +30,13 @@ START_SPIKE, START_SIZE = 0.1, 0.5
 class Extent:
     """How far the search goes."""
 
-    polish: int = 8
-    """Leading singles that are followed to their most probable point."""
-    within: float = 12.0
+    polish: int = 4
+    """Leading singles that are followed to their most probable point with all derivatives computed anew."""
+    within: float = 8.0
     """Singles whose log evidence is further than this behind the best are not followed."""
     parents: int = 4
     """Leading singles from which pairs grow, and leading pairs from which triples grow."""
-    pairs: int = 6
+    pairs: int = 5
     """Leading pairs that are followed."""
     triples: int = 2
 
@@ -86,9 +86,9 @@ class Search:
         return Candidate(leading[i].named, total, leading[i].fit, *_peak(beside[i], LARGE), unknown=True)
 
     def _none(self) -> Candidate:
-        fitted = self._fit(NONE, START_SPIKE, START_SIZE, self.problem.parameters.mean)
+        fitted = self._fit(NONE, START_SPIKE, START_SIZE, self.problem.parameters.mean, 3)
         first = self._weigh(NONE, fitted)
-        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted.theta, 2))
+        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted.theta, 1))
 
     def _singles(self) -> list[Candidate]:
         ids = self.problem.parameters.ids
@@ -102,13 +102,23 @@ class Search:
         return sorted((self.found[(e,)] for e in ids), key=lambda c: -c.log_evidence)
 
     def _screened(self, named: Hypothesis) -> Candidate:
-        """One step from each starting point; the best by evidence at the point reached."""
+        """A few steps from each starting point; the best by evidence at the point reached."""
         p = self.problem.parameters
         near = self._weigh(named, self.none.fit)
-        own = np.array([e in named for e in p.effects])
-        begin = [p.starts[i] if own[i] and p.starts else () for i in range(len(own))]
-        tried = [self._weigh(named, self._fit(named, near.spike, near.size, s, 1)) for s in self._starts(begin)]
+        begin = [p.starts[i] if e in named and p.starts else () for i, e in enumerate(p.effects)]
+        tangent = self._tangent(named, self.none.fit)
+        tried = [
+            self._weigh(named, self._fit(named, near.spike, near.size, s, 2, tangent)) for s in self._starts(begin)
+        ]
         return max(tried, key=lambda c: c.log_evidence)
+
+    def _tangent(self, named: Hypothesis, near: Fit) -> Tangent:
+        """Derivatives of a nearby fit, those by the named effects and the calibration to be computed anew."""
+        p = self.problem.parameters
+        calibrated = p.calibration or (False,) * len(p.names)
+        return Tangent(
+            near.slope, np.flatnonzero([e in named or c for e, c in zip(p.effects, calibrated, strict=True)])
+        )
 
     def _starts(self, begin: Sequence[tuple[float, ...]]) -> list[Array]:
         """Points (k,) from which a search begins: the fit of none, with every combination of the values to begin at."""
@@ -117,7 +127,7 @@ class Search:
         return [np.array(point) for point in itertools.product(*choices)]
 
     def _polished(self, c: Candidate) -> Candidate:
-        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit.theta))
+        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit.theta, 1))
 
     def _grow(self, parents: Sequence[Candidate], follow: int) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
@@ -130,7 +140,10 @@ class Search:
                     grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid))
         leading = sorted(grown.values(), key=lambda c: -c.log_evidence)
         for c in leading[:follow]:
-            grown[c.named] = self._polished(c)
+            tangent = self._tangent(c.named, c.fit)
+            grown[c.named] = self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit.theta, 3, tangent))
+        best = max(leading[:follow], key=lambda c: grown[c.named].log_evidence)
+        grown[best.named] = self._polished(grown[best.named])
         self.found |= grown
         return sorted(grown.values(), key=lambda c: -c.log_evidence)
 
@@ -139,9 +152,11 @@ class Search:
         more: Iterable[str] = (e for e in ids if e not in parent.named)
         return [tuple(sorted((*parent.named, e), key=ids.index)) for e in more]
 
-    def _fit(self, named: Hypothesis, spike: float, size: float, start: Array, rounds: int = 4) -> Fit:
+    def _fit(
+        self, named: Hypothesis, spike: float, size: float, start: Array, rounds: int, tangent: Tangent | None = None
+    ) -> Fit:
         variance = self.problem.parameters.variance(named, spike)
-        return fit(self.problem, variance, size, start, rounds)
+        return fit(self.problem, variance, size, start, rounds, tangent)
 
     def _weigh(self, named: Hypothesis, fitted: Fit) -> Candidate:
         found = weigh_at(fitted.linear, self.grid, self.problem.parameters, [named])[0]

@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.floor import Components, Repeated, components, reading_rms
 
-USUAL = Components({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 0)
+USUAL = Components({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 
 
 def repeated(
@@ -26,7 +26,9 @@ def repeated(
     residual = sd * rng.normal(size=(n, 3)) + per_pascal * pressure_sd * rng.normal(size=(n, 1))
     residual += per_trial * own[trial][:, None]
     residual += error * np.sin(condition)[:, None]
-    return Repeated(residual, condition, trial, ("tip",) * 3, per_pascal, {"spine_length": per_trial})
+    return Repeated(
+        residual, condition, trial, ("tip",) * 3, per_pascal, {"spine_length": per_trial}, np.zeros(n, bool)
+    )
 
 
 @pytest.mark.parametrize("error", [0.0, 0.05])

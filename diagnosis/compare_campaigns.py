@@ -1,0 +1,145 @@
+"""Yesterday it matched, today it does not: what changed between a reference campaign and a later one?
+
+The reference is diagnosed for what the robot is; whatever it already had, named or not, is common to both. The later
+campaign gets parameters of its own for every effect, and those are weighed: one effect changed, two, none, or something
+outside the catalogue. What both campaigns have in common, the smooth discrepancy included, can change nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .case import CaseLike, states
+from .errors import TooLittle
+from .posterior import UNKNOWN, posterior, prior
+from .prepare import Prepared, prepare
+from .problem import Parameters, Problem
+from .search import Search
+from .tempering import tempering
+
+Array = NDArray[np.float64]
+
+CHANGED = "area"
+"""Calibration that may itself have changed."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What changed, most probable first."""
+
+    statement: str
+    ranking: tuple[tuple[tuple[str, ...], float], ...]
+    sizes: dict[str, float]
+    """Fitted change of the parameters of the leading hypothesis, in their units."""
+
+
+def compare_campaigns(later: CaseLike, reference: CaseLike) -> Change:
+    """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
+    if later.robot != reference.robot:
+        raise TooLittle(
+            f"reference was measured on robot {reference.robot.name!r}, this campaign on {later.robot.name!r} or with another "
+            "robot.yaml: give both the same one"
+        )
+    before, after = (prepare(c.robot, states(c)[0]) for c in (reference, later))
+    search = Search(_joined(before, after))
+    candidates = search.run()
+    effects = len(after.problem.parameters.ids)
+    unknown = search.unknown(candidates[:6], [prior(c.named, effects) for c in candidates[:6]])
+    own = tempering(bool((after.labels.kind == 1).any()), bool((after.states.branch < 0).any()))
+    found = posterior(candidates, unknown, effects, own.temperature)
+    named, p = found.ranking[0]
+    best = found.candidates[named]
+    parameters = search.problem.parameters
+    sizes = {
+        name: float(best.fit.theta[i])
+        for i, name in enumerate(parameters.names)
+        if parameters.effects[i] in named and named != UNKNOWN
+    }
+    return Change(_sentence(named, p, sizes, own.bench), found.ranking[:10], sizes)
+
+
+def _sentence(named: Sequence[str], p: float, sizes: dict[str, float], bench: str) -> str:
+    if not named:
+        return f"Against the reference nothing has changed that the noise would show (p = {p:.2f}, {bench})."
+    if tuple(named) == UNKNOWN:
+        return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {bench})."
+    by = ", ".join(f"{name} by {value:.3g}" for name, value in sizes.items())
+    return f"Since the reference {' and '.join(named)} changed ({by}; p = {p:.2f}, {bench})."
+
+
+class _Both:
+    """Two campaigns as one forward model: parameters common to both, then the later campaign's own changes of effects."""
+
+    def __init__(self, before: Prepared, after: Prepared) -> None:
+        self._parts = before.problem, after.problem
+        a, b = self._parts[0].parameters, self._parts[1].parameters
+        shared = [i for i, name in enumerate(b.names) if name in a.names]
+        self._own = [i for i in range(len(b.names)) if i not in set(shared)]
+        self._to_before = {i: a.names.index(b.names[i]) for i in shared}
+        self._change = np.flatnonzero(b.of_effect)
+        self.parameters = self._table(a, b)
+        self._k, self._changes = len(a.names), len(self._change)
+
+    def _table(self, a: Parameters, b: Parameters) -> Parameters:
+        own, change = np.array(self._own, int), self._change
+        # What the robot had in the reference is nobody's cause: every effect is free there, within its whole scale.
+        order = [(a, np.arange(len(a.names)), False), (b, own, False), (b, change, True)]
+
+        def column(name: str) -> Array:
+            return np.concatenate([getattr(p, name)[rows] for p, rows, _ in order])
+
+        return Parameters(
+            names=tuple(p.names[i] + (" (change)" if c else "") for p, rows, c in order for i in rows),
+            effects=tuple(p.effects[i] if c else "" for p, rows, c in order for i in rows),
+            mean=column("mean"), sd=column("sd"), lower=column("lower"), upper=column("upper"),
+            units=tuple(p.units[i] for p, rows, _ in order for i in rows),
+            shapes=tuple(p.shapes[i] for p, rows, _ in order for i in rows),
+            starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
+        )  # fmt: skip
+
+    def _split(self, theta: Array) -> tuple[Array, Array]:
+        a, b = self._parts[0].parameters, self._parts[1].parameters
+        first = theta[: self._k]
+        second = np.zeros(len(b.names))
+        for i, j in self._to_before.items():
+            second[i] = first[j]
+        second[self._own] = theta[self._k : self._k + len(self._own)]
+        second[self._change] += theta[self._k + len(self._own) :]
+        return np.clip(first, a.lower, a.upper), np.clip(second, b.lower, b.upper)
+
+    def predict(self, theta: Array) -> Array:
+        """Both campaigns' values, reference first."""
+        return np.concatenate([p.forward.predict(t) for p, t in zip(self._parts, self._split(theta), strict=True)])
+
+    def linearise(self, theta: Array) -> tuple[Array, Array]:
+        """The same with derivatives by common parameters, the later campaign's own, and its changes."""
+        first, second = self._split(theta)
+        y0, s0 = self._parts[0].forward.linearise(first)
+        y1, s1 = self._parts[1].forward.linearise(second)
+        slope = np.zeros((len(y0) + len(y1), len(theta)))
+        slope[: len(y0), : self._k] = s0
+        for i, j in self._to_before.items():
+            slope[len(y0) :, j] = s1[:, i]
+        slope[len(y0) :, self._k : self._k + len(self._own)] = s1[:, self._own]
+        slope[len(y0) :, self._k + len(self._own) :] = s1[:, self._change]
+        return np.concatenate([y0, y1]), slope
+
+
+def _joined(before: Prepared, after: Prepared) -> Problem:
+    forward = _Both(before, after)
+    first, second = before.problem, after.problem
+    noise = replace(
+        first.noise,
+        state=np.concatenate([first.noise.state, second.noise.state + first.noise.state.max() + 1]),
+        sd=np.concatenate([first.noise.sd, second.noise.sd]),
+        shared=np.concatenate([first.noise.shared, second.noise.shared]),
+    )
+    n, m = first.discrepancy.shape[1], second.discrepancy.shape[1]
+    smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
+    smooth[: len(first.observed), :n] = first.discrepancy
+    smooth[len(first.observed) :, n:] = second.discrepancy
+    return Problem(forward, forward.parameters, np.concatenate([first.observed, second.observed]), noise, smooth)
