@@ -75,6 +75,7 @@ class Guard:
         self.energised = False
         self.landed = ""
         """Why the guard landed the rig by itself; empty while it takes commands."""
+        self._cause: InstrumentError | None = None
         self._landing_lock = threading.RLock()
         self._deciding = threading.Lock()
         self._sending = threading.Lock()
@@ -141,7 +142,7 @@ class Guard:
 
     def _energise(self) -> None:
         if self.landed:
-            raise RigLanded(f"the guard has landed the rig: {self.landed}")
+            raise self._cause or RigLanded(f"the guard has landed the rig: {self.landed}")
         if not self.energised:
             if self.latch is not None and not self.despite_latch:
                 self.latch.write("a run was cut off before its safe state was confirmed")
@@ -185,7 +186,7 @@ class Guard:
         with self._deciding:
             if self.landed:
                 return
-            self.landed = why
+            self.landed, self._cause = why, error
             threading.Thread(target=go, name="land", daemon=True).start()
 
     def resume(self) -> None:

@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from drivers.errors import InstrumentError
+
 from .rig_file import Safe
 
 HEAD_START = 0.005
@@ -21,6 +23,8 @@ AGAIN = 0.3
 LEAST_TIME = 2.0
 """Host seconds allowed at least, however fast the rig's clock runs: wires do not get faster."""
 RETRY = 0.02
+RELEASED_ABOVE = 80e3
+"""Pa absolute; a spine above this is no longer evacuated."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,7 @@ class Landing:
         if name == "spine":
             return driver.stop, lambda: _held(driver)
         if name == "valve":
-            return lambda: driver.set(False), lambda: _released(driver)
+            return lambda: driver.set(False), lambda: _released(driver, self._drivers.get("gauge"))
         return lambda: _stop_arm(driver), lambda: _standing(driver)
 
     def _vented(self, driver: Any) -> tuple[bool, str]:
@@ -118,9 +122,17 @@ def _held(driver: Any) -> tuple[bool, str]:
     return not sample.moving, f"length {sample.length * 1e3:.1f} mm, {'moving' if sample.moving else 'at rest'}"
 
 
-def _released(driver: Any) -> tuple[bool, str]:
-    on = driver.read().on
-    return not on, f"vacuum {'on' if on else 'off'}"
+def _released(valve: Any, gauge: Any) -> tuple[bool, str]:
+    """By the relay's coil, and by the gauge where it answers: a welded contact shows there alone."""
+    if valve.read().on:
+        return False, "vacuum on"
+    try:
+        absolute = gauge.read().absolute if gauge is not None else None
+    except InstrumentError:
+        absolute = None
+    if absolute is None:
+        return True, "vacuum off by its relay; no gauge to confirm it"
+    return absolute > RELEASED_ABOVE, f"vacuum off, {absolute / 1e3:.0f} kPa absolute in the spine"
 
 
 def _stop_arm(driver: Any) -> None:

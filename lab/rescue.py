@@ -6,6 +6,7 @@ or because it is without power, is at rest by what its controller says.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
 
@@ -25,6 +26,8 @@ PAUSE = 0.3
 def land_anew(actuators: Actuators, names: Sequence[str], within: float = 0.0) -> SafeReport:
     """Open these actuators, trying for `within` host seconds, and land them; what cannot be reached is told so."""
     unreached: list[SafeStep] = []
+    with contextlib.suppress(InstrumentError, ValueError, RuntimeError):
+        actuators.open("gauge")  # confirms that the spine is released; without it the relay's word must do
     for name in names:
         try:
             _reach(actuators, name, within)
