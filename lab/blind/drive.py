@@ -75,7 +75,7 @@ def _row(sweep: Sweep, s: State, r: Reading, rng: np.random.Generator, noise: No
     ramping = s.hold == 0
     frames, polls = noise.frames[ramping], noise.polls[ramping]
     lost = 2 if ramping else 1  # a line through the samples takes one more degree of freedom than their mean
-    sd: dict[str, float] = {}
+    sd = {"spine_length": 0.0}
 
     def averaged(name: str, value: float, sigma: float, n: int) -> float:
         sd[name] = sigma * math.sqrt(float(rng.chisquare(n - lost)) / (n - lost))
