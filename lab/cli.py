@@ -105,6 +105,14 @@ def _blind(a: argparse.Namespace) -> int:
     return main(a)
 
 
+def _effects(a: argparse.Namespace) -> int:
+    from model.robot import load_robot
+
+    from .effects import run
+
+    return run(a.out, load_robot(a.robot) if a.robot else None, a.file, a.json)
+
+
 def _demo(a: argparse.Namespace) -> int:
     from .demo import demo
 
@@ -203,6 +211,11 @@ def parser() -> argparse.ArgumentParser:
     from .blind.options import add_arguments
 
     add_arguments(verb("blind", _blind, "sealed cases: make them, diagnose them without the seal, score"))
+
+    p = verb("effects", _effects, "the catalogue of effects and the signature of each, drawn", reads=True)
+    p.add_argument("--out", type=Path, default=Path("out/effects"), help="folder for the picture")
+    p.add_argument("--robot", type=Path, help="robot.yaml (default: the paper's robot)")
+    p.add_argument("--file", type=Path, help="Python file with effects of your own (a tuple named EFFECTS)")
 
     p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/paper"), help="folder for the figures")

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from model.effects.design import USED
 from model.effects.quantities import Quantities
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
@@ -18,7 +19,7 @@ BALLOON_POWER = 1.25
 
 def _time_offset(q: Quantities, v: Values) -> None:
     """Pressure and tip are read apart, which matters while the pressure moves."""
-    moving = (q.design.hold <= 0) & ~q.design.stiffness
+    moving = (q.design.hold <= 0) & ~q.design.stiffness & (q.design.pressure.max(axis=1) > USED)
     sign = np.where(q.design.unload, -1.0, 1.0)
     slope = np.where(moving, sign * q.design.rate, 0.0)
     q.pressure = q.pressure + (v["delay"] * slope)[..., None] * q.design.used

@@ -10,8 +10,11 @@ import pytest
 
 from model.condition import conditions
 from model.effects import ForwardModel, design_from_columns
-from model.robot import Robot
+from model.errors import BadCondition
+from model.robot import Robot, robot_from_dict
 from model.rod import solve
+from model.rotation import from_vector, multiply
+from model.section import body_second_moment
 
 
 def at_some_values(forward: ForwardModel, seed: int, share: float = 0.4) -> Any:
@@ -50,3 +53,110 @@ def test_derivatives_agree_with_differences_of_predictions(
             continue
         expected = (forward.predict(theta + step) - forward.predict(theta - step)) / (2 * step[k])
         assert jacobian[:, k] * info.sd == pytest.approx(expected * info.sd, abs=2e-6, rel=2e-3), info.name
+
+
+def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(
+    paper_robot: Robot, make_campaign: Callable[..., Any]
+) -> None:
+    robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.1, 0.25)})
+    columns = make_campaign(lengths=(0.0, 0.2), levels=(80e3, 160e3))
+    columns |= {f"m{k}{axis}": np.zeros(10) for k in (1, 2) for axis in "xyz"}
+    design = design_from_columns(robot, columns)
+    forward = ForwardModel(robot, design)
+    theta = at_some_values(forward, seed=5, share=0.2)
+    y = forward.predict(theta)
+    rows, channels = forward.observations.row, forward.observations.channel
+    turn = np.zeros((10, 3))
+    for name in dict.fromkeys(channels.tolist()):
+        own = channels == name
+        if name.startswith("r"):
+            turn[rows[own], "xyz".index(name[-1])] = y[own]
+        else:
+            columns[name] = np.full(10, np.nan)
+            columns[name][rows[own]] = y[own]
+    q = multiply(from_vector(turn), forward.observations.reference[:10])
+    columns |= {name: q[:, k] for k, name in enumerate(("qw", "qx", "qy", "qz"))}
+    columns["m1y"][3] = np.nan
+    measured, sd = forward.observe(columns)
+    lost = np.array([label == (3, "m1y") for label in forward.labels])
+    assert np.isinf(sd[lost]).all() and np.isfinite(sd[~lost]).all()
+    assert measured[~lost] == pytest.approx(y[~lost], abs=1e-9)
+
+
+def test_markers_and_orientation_are_those_of_the_converged_rod(
+    paper_robot: Robot, make_campaign: Callable[..., Any]
+) -> None:
+    robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.12, 0.2, 0.4)})
+    columns = make_campaign(lengths=(0.2,), levels=(150e3,), unload=False)
+    columns |= {f"m{k}{axis}": np.zeros(2) for k in (1, 2, 3) for axis in "xyz"}
+    design = design_from_columns(robot, columns)
+    forward = ForwardModel(robot, design, area="per_length")
+    y = forward.predict(np.zeros(len(forward.parameters)))
+    true = solve(robot, conditions(robot, design.spine_length, design.pressure), robot.markers).trusted()
+    by_label = dict(zip(forward.labels, y, strict=True))
+    for k in range(3):
+        expected = true.shape[1, k]
+        found = [by_label[1, f"m{k + 1}{axis}"] for axis in "xyz"]
+        assert found == pytest.approx(expected, abs=5e-6)
+    assert forward.observations.reference[1] == pytest.approx(true.orientation[1], abs=1e-5)
+    assert [by_label[1, name] for name in ("rx", "ry", "rz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_parameters_of_a_trial_reach_its_own_rows_only(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
+    forward = ForwardModel(
+        paper_robot,
+        design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.1, 0.2), levels=(100e3,))),
+        "per_length",
+    )
+    _, jacobian = forward.linearise(np.zeros(len(forward.parameters)))
+    names = [p.name for p in forward.parameters]
+    trial = forward.design.trial_id[forward.design.trial][forward.observations.row]
+    own = jacobian[:, names.index("spine_length.excess[trial=3]")] != 0
+    assert set(trial[own]) == {3}
+    assert "spine_length.excess[trial=1]" not in names
+    length = forward.design.spine_length[forward.observations.row]
+    own = jacobian[:, names.index("area.excess[spine_length=0.1]")] != 0
+    assert set(length[own]) == {0.1}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"p1": np.full(5, 2.5e8)}, "pressure"),
+        ({"spine_length": np.full(5, 30.0)}, "spine_length"),
+        ({"spine_length": np.array([0.1, np.nan, 0.1, 0.1, 0.1])}, "spine_length"),
+        ({"p10": np.zeros(5)}, "chambers"),
+        ({"t": np.zeros(4)}, "t: shape"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused_by_column(
+    paper_robot: Robot, make_campaign: Callable[..., Any], change: dict[str, Any], message: str
+) -> None:
+    columns = make_campaign(lengths=(0.1,), levels=(60e3, 120e3))
+    with pytest.raises(BadCondition, match=message):
+        design_from_columns(paper_robot, columns | change)
+
+
+def test_parameters_beyond_their_bounds_are_refused_by_name(
+    paper_robot: Robot, make_campaign: Callable[..., Any]
+) -> None:
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, make_campaign(lengths=(0.1,), levels=(60e3,))))
+    theta = np.zeros(len(forward.parameters))
+    theta[forward.index("vacuum_leak")[0]] = -0.1
+    with pytest.raises(BadCondition, match=r"vacuum_leak\.lost"):
+        forward.predict(theta)
+    with pytest.raises(BadCondition, match="no_such"):
+        forward.index("no_such")
+
+
+def test_a_table_of_stiffness_trials_alone_needs_no_pressures(paper_robot: Robot) -> None:
+    columns = {
+        "trial": np.repeat([1, 2], 3), "protocol": np.full(6, "stiffness"), "spine_length": np.repeat([0.0, 0.2], 3),
+        "specimen": np.full(6, "body"), "deflection": np.tile([0.0, 2e-3, 4e-3], 2), "force": np.zeros(6),
+    }  # fmt: skip
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    y, jacobian = forward.linearise(np.zeros(len(forward.parameters)))
+    bare = 3 * paper_robot.youngs_modulus * body_second_moment(paper_robot) / paper_robot.length**3
+    assert y[:3] == pytest.approx(bare * columns["deflection"][:3])
+    assert y[5] > 1.5 * y[2]
+    assert jacobian[2, forward.index("body_modulus")[0]] == pytest.approx(y[2], rel=1e-6)

@@ -1,0 +1,230 @@
+"""`lab effects`: the catalogue of effects with the signature of each, so that a person knows what to look for.
+
+A signature is how far an effect of plausible size moves the tip of a robot over pressure and spine length, up and down,
+against the model without it; effects of stiffness trials are shown as force over deflection. What calibration would
+hide is told beside it: the share of the signature that one common factor on the chamber area could take over.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from model.effects import (
+    CATALOGUE,
+    EffectSpec,
+    ForwardModel,
+    Parameter,
+    design_from_columns,
+    effects_from_file,
+    installed_effects,
+    with_effects,
+)
+from model.effects.spec import STAGES
+from model.robot import Robot, load_robot
+
+from .console import out as screen
+from .example import paper_robot
+
+Array = NDArray[np.float64]
+Columns = dict[str, NDArray[np.generic]]
+
+LEVELS = np.linspace(0.0, 250e3, 11)
+"""Pa, up and down again."""
+RATE, HOLD = 25e3, 2.0
+"""Pa/s and s of the ramps in between."""
+DEFLECTIONS = np.linspace(0.0, 0.02, 9)
+"""Of the specimen's length."""
+SEEN = 1e-5
+"""m or N: less is no signature."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What one effect at its plausible size does to what is read."""
+
+    effect: EffectSpec
+    how: str
+    """How the states were read: settled, on the fly, or stiffness."""
+    spine_length: Array
+    """(l,) m."""
+    x: Array
+    """(l, k) Pa of the group, or m of deflection, in the order of time."""
+    change: Array
+    """(l, k, 3) m, base frame; for stiffness rows (l, k, 1) N."""
+    axis: int
+    """The component that moves most."""
+    hidden: float
+    """Share (0..1) of the squared change that one factor on the chamber area could take over."""
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the change, m or N."""
+        return float(np.sqrt((self.change**2).sum(axis=-1).mean()))
+
+    @property
+    def unit(self) -> str:
+        """mm or N."""
+        return "N" if self.how == "stiffness" else "mm"
+
+    @property
+    def shown(self) -> Array:
+        """(l, k) the component that moves most, in `unit`."""
+        return self.change[..., self.axis] * (1.0 if self.how == "stiffness" else 1e3)
+
+
+def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json: bool = False) -> int:
+    """Print the catalogue and draw signatures.png into `out`; `more` is a file with effects of one's own.
+
+    Raises `BadEffect` when that file declares effects wrongly.
+    """
+    shown = robot if robot is not None else load_robot(paper_robot())
+    catalogue = with_effects(installed_effects())
+    if more is not None:
+        catalogue = with_effects(effects_from_file(more), catalogue)
+    found = signatures(shown, catalogue)
+    out.mkdir(parents=True, exist_ok=True)
+    from .effects_figure import draw
+
+    figure = draw(found, out / "signatures.png")
+    if as_json:
+        print(json.dumps({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in found]}))
+        return 0
+    screen.print(_table(found, shown.name))
+    screen.print(f"signatures drawn in {figure}")
+    return 0
+
+
+def signatures(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> list[Signature]:
+    """The signature of every effect, on the first kind of experiment that shows it."""
+    spines = robot.length * np.array([0.0, 0.375, 0.75]) if robot.spine is not None else np.zeros(1)
+    tried = [(how, _columns(robot, spines, how)) for how in ("settled", "on the fly", "stiffness")]
+    models = [
+        (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", catalogue))
+        for how, columns in tried
+        if how != "stiffness" or robot.spine is not None
+    ]
+    return [_signature(spec, models) for spec in catalogue.values()]
+
+
+def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]) -> Signature:
+    sizes = [min(p.scale, p.high) if p.role == "size" else p.starts[0] for p in spec.parameters]
+    for how, columns, forward in models:  # noqa: B007 (used after the loop)
+        theta = np.zeros(len(forward.parameters))
+        still = forward.predict(theta)
+        theta[forward.index(spec.id)] = sizes
+        change = forward.predict(theta) - still
+        if how == models[-1][0] or np.nanmax(np.abs(change)) > SEEN:
+            break
+    wide = 1 if how == "stiffness" else 3
+    rows = change.reshape(-1, wide)
+    x = columns["deflection"] if how == "stiffness" else columns["p1"]
+    spine = np.asarray(columns["spine_length"], float)
+    lengths = len(np.unique(spine))
+    axis = int(np.nanargmax(np.nansum(rows**2, axis=0)))
+    return Signature(
+        spec,
+        how,
+        np.unique(spine),
+        np.asarray(x, float).reshape(lengths, -1),
+        rows.reshape(lengths, -1, wide),
+        axis,
+        _hidden(forward, change) if wide == 3 else 0.0,
+    )
+
+
+def _hidden(forward: ForwardModel, change: Array) -> float:
+    _, slope = forward.linearise(np.zeros(len(forward.parameters)))
+    # A common factor on all areas moves the tips by the sum of what those of the single lengths do.
+    area = slope[:, forward.index("area")].sum(axis=1)
+    ok = np.isfinite(change) & np.isfinite(area)
+    total = float(change[ok] @ change[ok]) * float(area[ok] @ area[ok])
+    return float(change[ok] @ area[ok]) ** 2 / total if total > 0 else 0.0
+
+
+def _columns(robot: Robot, spines: Array, how: str) -> Columns:
+    """A campaign with chamber 1 and its neighbours; for stiffness trials, the bare spine at three lengths."""
+    if how == "stiffness":
+        spines = robot.length * np.array([0.25, 0.5, 0.75])
+        n = DEFLECTIONS.size
+        spine = np.repeat(spines, n)
+        return {
+            "trial": np.repeat(np.arange(3), n),
+            "protocol": np.full(3 * n, "stiffness"),
+            "specimen": np.full(3 * n, "spine"),
+            "spine_length": spine,
+            "deflection": np.tile(DEFLECTIONS, 3) * spine,
+            "force": np.zeros(3 * n),
+        }
+    pressure = np.concatenate([LEVELS, LEVELS[-2::-1]])
+    branch = np.repeat(["load", "unload"], [LEVELS.size, LEVELS.size - 1])
+    hold = HOLD if how == "settled" else 0.0
+    time = np.cumsum(np.abs(np.diff(pressure, prepend=0.0)) / RATE + hold)
+    n, count = pressure.size, len(spines)
+    chambers = len(robot.chambers.azimuths_deg)
+    group = {0, 1, chambers - 1} if chambers >= 6 else {0}
+    pressures = {f"p{c + 1}": np.tile(pressure if c in group else 0 * pressure, count) for c in range(chambers)}
+    return {
+        "trial": np.repeat(np.arange(count), n),
+        "branch": np.tile(branch, count),
+        "t": np.tile(time, count),
+        "rate": np.full(n * count, RATE),
+        "hold": np.full(n * count, hold),
+        "spine_length": np.repeat(spines, n),
+        **pressures,
+        "x": np.zeros(n * count),
+        "y": np.zeros(n * count),
+        "z": np.zeros(n * count),
+    }
+
+
+def _table(found: list[Signature], robot: str) -> Table:
+    table = Table(title=f"Effects at their plausible size, and what they do to the {robot}", title_justify="left")
+    table.add_column("effect", no_wrap=True)
+    table.add_column("plausible size")
+    table.add_column("moves", justify="right", no_wrap=True)
+    table.add_column("hidden*", justify="right", no_wrap=True)
+    table.add_column("seen best in")
+    for stage in STAGES:
+        for i, s in enumerate([s for s in found if s.effect.stage == stage]):
+            if i == 0:
+                table.add_section()
+                table.add_row(f"[bold]{stage}[/bold]")
+            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}"
+            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" else ""
+            sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")
+            table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
+    table.caption = "* share of the squared tip change that one common factor on the chamber area would take over"
+    return table
+
+
+def _size(p: Parameter) -> str:
+    """Name and plausible size as a person reads it."""
+    factor, unit = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "1": (1.0, "")}.get(
+        p.unit, (1.0, p.unit)
+    )
+    return f"{p.name} {factor * p.scale:.3g} {unit}".strip()
+
+
+def _as_dict(s: Signature) -> dict[str, object]:
+    return {
+        "id": s.effect.id,
+        "stage": s.effect.stage,
+        "family": s.effect.family_id,
+        "equation": s.effect.equation,
+        "citation": s.effect.citation,
+        "seen_best_in": s.effect.seen_best_in,
+        "parameters": [
+            {"name": p.name, "unit": p.unit, "scale": p.scale, "low": p.low, "high": p.high, "role": p.role}
+            for p in s.effect.parameters
+        ],
+        "read": s.how,
+        "rms": s.rms,
+        "hidden_by_area": s.hidden,
+    }
