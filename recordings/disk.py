@@ -48,9 +48,6 @@ class Disk:
         """Bytes written."""
         return self._position
 
-    def flush(self) -> None:
-        """Nothing is held back."""
-
     # -- safety
     def commit(self) -> None:
         """Everything written so far is whole records; sync it soon."""

@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType, Writer
 
 from . import events
 from .buffer import KEEP, Buffers
@@ -33,6 +32,7 @@ from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
 from .disk import Disk
 from .errors import BadMessage, RecordingError, WriteFailed
+from .mcap_file import McapFile
 from .messages import SCHEMA_VERSION, MessageType, streams
 from .states import Crossing, State
 from .trials import TrialRow
@@ -87,7 +87,6 @@ class Recorder:
         self._paces = {topic: Pace() for topic in VIEWS}
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
-        self._mcap = Writer(self._disk, compression=CompressionType.ZSTD, enable_data_crcs=True)  # type: ignore[arg-type]
         about = {
             "schema_version": SCHEMA_VERSION,
             "start_wall_ns": str(start_wall_ns),
@@ -104,20 +103,20 @@ class Recorder:
 
     def _begin(self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes], ns: int) -> None:
         """Everything that must be on disk before the first sample; `ns`: rig time now."""
-        mcap, now = self._mcap, time.time_ns()
-        mcap.start(library=LIBRARY)
+        self._mcap = mcap = McapFile(self._disk, LIBRARY)
+        now = time.time_ns()
         for name, texts in metadata.items():
-            mcap.add_metadata(name, dict(texts))
+            mcap.metadata(name, dict(texts))
         for name, data in attachments.items():
-            mcap.add_attachment(now, now, name, "application/octet-stream", data)
+            mcap.attachment(name, "application/octet-stream", data, now, now)
         for message in self.messages.values():
-            schema = mcap.register_schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
+            schema = mcap.schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
             self._register(message.topic, schema, message.metadata)
             if has_stamp(message.topic):
                 fields: Any = message.wire_dtype.fields
                 self._topics[message.topic].stamp_at = fields[STAMP][1]
         for event in events.EVENTS.values():
-            schema = mcap.register_schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
+            schema = mcap.schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
             self._register(event.topic, schema, event.metadata)
         # Schemas and channels reach the file with the first message's chunk.
         first = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
@@ -127,7 +126,7 @@ class Recorder:
         self._disk.sync_name()
 
     def _register(self, topic: str, schema: int, metadata: dict[str, str]) -> None:
-        channel = self._mcap.register_channel(topic, MessageEncoding.Protobuf, schema, metadata)
+        channel = self._mcap.channel(topic, MessageEncoding.Protobuf, schema, metadata)
         self._topics[topic].channel = channel
 
     # -- from any thread
@@ -315,7 +314,7 @@ class Recorder:
             return
         topic.note(item.log_time - self.start_wall_ns, payload)
         sequence = item.sequence - topic.skipped
-        self._mcap.add_message(topic.channel, item.log_time, payload, item.log_time, sequence)
+        self._mcap.message(topic.channel, sequence, item.log_time, payload)
 
     def _flush(self) -> None:
         self._mcap.flush()
@@ -327,9 +326,9 @@ class Recorder:
     def _end(self) -> None:
         outcome = self._outcome or {}
         counts = {topic: json.dumps(asdict(count)) for topic, count in self.counts().items()}
-        self._mcap.add_metadata("counts", counts)
-        self._mcap.add_metadata("clocks", self._clocks())
-        self._mcap.add_metadata("outcome", outcome)
+        self._mcap.metadata("counts", counts)
+        self._mcap.metadata("clocks", self._clocks())
+        self._mcap.metadata("outcome", outcome)
         self._mcap.finish()
         self._disk.commit()
         self._disk.close()
