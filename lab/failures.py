@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import ValidationError
 
 from drivers.errors import InstrumentError, LimitExceeded
+from model.errors import BadEffect, BadRobot, ModelError
 from protocols.errors import MissingInstrument, ProtocolError
 from recordings.errors import RecordingError
 
@@ -16,11 +17,13 @@ from .latch import RigLocked
 
 def explained(error: Exception) -> tuple[str, int] | None:
     """Message and exit code of a failure that is not a mistake in this program; None for anything else."""
-    if isinstance(error, (ConfigError, MissingInstrument, LimitExceeded)):
+    if isinstance(error, (ConfigError, MissingInstrument, LimitExceeded, BadRobot, BadEffect)):
         return str(error), 2
     if isinstance(error, ValidationError):
         return "\n".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in error.errors()), 2
     if isinstance(error, (InstrumentError, ProtocolError, RecordingError, ActuatorsLost, RigLanded, RigLocked)):
+        return str(error), 1
+    if isinstance(error, ModelError):
         return str(error), 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}", 1
