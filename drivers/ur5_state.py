@@ -6,6 +6,7 @@ of the controller, and finds out from the stamps what it has missed.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import Any
@@ -14,7 +15,7 @@ import rtde_receive
 from pydantic import BaseModel, ConfigDict, Field
 
 from . import ur5_wire
-from .errors import InstrumentError, NotReady, StaleReading, Unreachable
+from .errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from .interfaces import ArmSample, Clock, Identity, Sink, Vector6
 
 VARIABLES = ["timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_speed", "safety_status_bits", "robot_status_bits"]
@@ -22,6 +23,8 @@ PROGRAM_RUNNING = 1 << 1
 """Bit of robot_status_bits."""
 RETRY_INTERVAL = 0.5
 """s of host time between attempts to get a lost stream back."""
+FARTHEST, LARGEST_ANGLE = 3.0, 7.0
+"""m and rad; no arm of this family reaches beyond."""
 CLOSE_TIMEOUT = 4.0
 """s of host time; the library alone takes 0.5 s, and up to 2.5 s more when the controller is silent."""
 
@@ -139,6 +142,7 @@ class UR5State:
                 f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
                 f"check the cable to {self.config.host} and the controller",
             )
+        check_plausible(self.name, self.config.host, newest[1])
         return newest[1]
 
     # -- the stream's own thread
@@ -191,6 +195,18 @@ class UR5State:
                 return
             except (InstrumentError, RuntimeError):
                 continue
+
+
+def check_plausible(name: str, host: str, sample: ArmSample) -> None:
+    """Raises BadReply for numbers that no arm can have: the protocol has no checksum."""
+    numbers = (*sample.joints, *sample.tcp_pose, *sample.tcp_speed)
+    far = any(abs(x) > FARTHEST for x in sample.tcp_pose[:3]) or any(abs(q) > LARGEST_ANGLE for q in sample.joints)
+    if not all(map(math.isfinite, numbers)) or far or not any(numbers):
+        raise BadReply(
+            name,
+            f"the state says joints {sample.joints} rad, TCP {sample.tcp_pose[:3]} m, which cannot be; check the network "
+            f"to {host}, then restart the controller",
+        )
 
 
 def _six(values: list[float]) -> Vector6:

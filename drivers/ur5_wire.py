@@ -60,7 +60,12 @@ def snapshot(name: str, host: str, timeout: float) -> Snapshot:
             raise WrongDevice(name, f"{host}:{RTDE_PORT} does not offer {', '.join(names)} (it says {types!r})")
         if rtde.ask(_START, b"", 1) != b"\x01":
             raise WrongDevice(name, f"{host}:{RTDE_PORT} does not start its stream; restart the controller")
-        values = struct.unpack(">B" + "".join(_FORMATS[kind] for kind in kinds), rtde.receive(_DATA))
+        layout, data = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in kinds)), rtde.receive(_DATA)
+        if len(data) != layout.size:
+            raise WrongDevice(
+                name, f"{host}:{RTDE_PORT} sends {len(data)} bytes of data instead of {layout.size}; check the line"
+            )
+        values = layout.unpack(data)
     return Snapshot((version[0], version[1], version[2], version[3]), int(values[1]), int(values[2]))
 
 

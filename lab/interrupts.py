@@ -35,7 +35,8 @@ class Interrupts:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for number, handler in self._before.items():
-            signal.signal(number, handler)
+            # a program that was told to stop is ending: nothing is to cut its way out short
+            signal.signal(number, signal.SIG_IGN if self._pressed else handler)
 
     def stopping(self) -> bool:
         """True once a person asked to finish the present step and end."""
@@ -57,7 +58,7 @@ class Shielded:
 
     def __enter__(self) -> Shielded:
         try:
-            self._before = {n: signal.signal(n, lambda *_: None) for n in SIGNALS}
+            self._before = {n: signal.signal(n, signal.SIG_IGN) for n in SIGNALS}
         except ValueError:  # not the main thread, which alone receives signals
             self._before = {}
         return self

@@ -21,6 +21,7 @@ from . import actuators as act
 from . import operator as op
 from .clock import RigClock
 from .guard_messages import Event
+from .hosted_stream import HostedArmState
 from .instruments import ACTUATORS
 from .interrupts import Shielded
 from .landing import SafeReport
@@ -61,7 +62,7 @@ class Rig:
             self.streams["mocap"] = natnet_mocap.NatNetMocap("mocap", instruments.mocap, self.clock, self._sink)
         if instruments.arm:
             state = ur5_state.Config(host=instruments.arm.host, max_age=instruments.arm.max_age)
-            self.streams["arm_state"] = ur5_state.UR5State("arm_state", state, self.clock, self._sink)
+            self.streams["arm_state"] = HostedArmState("arm_state", state, self.clock, self._sink)
 
     @property
     def names(self) -> list[str]:
@@ -149,6 +150,7 @@ class Rig:
             operator=operator,
             narrator=narrator,
             stopping=stopping,
+            mendable=self.watch.mendable,
             mend=Mending(self.actuators, self.watch, operator, self.file.limits, say),
             chambers=self.chambers,
             stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)

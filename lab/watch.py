@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.errors import DeviceFault, InstrumentError, StaleReading
+from drivers.errors import BadReply, DeviceFault, InstrumentError, StaleReading
 from drivers.interfaces import ArmSample, BodySample, WrenchSample
 from protocols.errors import Suspended
 
@@ -28,11 +28,15 @@ GRACE = 0.5
 """Host seconds for which a stream may be late: a loaded computer must not end a run."""
 SAFEGUARD = 1 << 4
 """Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
+OWN_SLEEP, CATCH_UP = 0.5, 0.2
+"""Host seconds between two looks after which the looking itself was late; time to make up for it."""
 STUCK = 1.0
 """Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
 NO_ZERO = (0.0,) * 6
 AGREE = 2
 """Samples in a row that must be beyond the limit: one may be a knock."""
+HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
+"""Safety bits of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
 SLICE = 0.02
 """Longest host seconds between two looks while the experiment sleeps."""
 
@@ -66,7 +70,7 @@ class Watch:
         self._since: dict[str, float] = {}
         self._values: dict[str, tuple[tuple[float, ...] | None, float]] = {}
         """What a stream showed last, and since when (host time)."""
-        self._began = time.monotonic()
+        self._began = self._looked = time.monotonic()
 
     def over(self, needed: Sequence[str]) -> None:
         """Watch these instruments from now on."""
@@ -87,6 +91,11 @@ class Watch:
         """
         if self._stop_now():
             raise KeyboardInterrupt
+        if time.monotonic() - self._looked > OWN_SLEEP:
+            time.sleep(CATCH_UP)  # this program itself stood still: let its threads read what has come meanwhile
+            self._since.clear()
+            self._began = time.monotonic()
+        self._looked = time.monotonic()
         self._actuators.look()
         vital = self._vital
         if vital.landed is not None:
@@ -99,6 +108,20 @@ class Watch:
                 self._polled(name, now)
             elif name in self._streams:
                 self._stream(name, now, strict)
+
+    def mendable(self, error: InstrumentError) -> bool:
+        """Whether a person can put right what an instrument complains of: an arm that its own safety system holds, a
+        pressure that is not held."""
+        if error.instrument == "pressure":
+            return self._vital.pause is not None
+        state = self._streams.get("arm_state")
+        if error.instrument != "arm" or state is None:
+            return False
+        time.sleep(CATCH_UP)  # the state comes over a connection of its own
+        try:
+            return bool(state.latest().safety_bits & HELD)
+        except InstrumentError:
+            return False
 
     def _polled(self, name: str, now: float) -> None:
         error = self._vital.errors.get(name)
@@ -113,7 +136,7 @@ class Watch:
     def _stream(self, name: str, now: float, strict: bool) -> None:
         try:
             sample = self._streams[name].latest()
-        except (StaleReading, DeviceFault) as e:
+        except (StaleReading, DeviceFault, BadReply) as e:
             late = now - self._since.setdefault(name, now)
             if name == "mocap" and (strict or late > self._limits.max_hidden):
                 raise Suspended(e) from e
@@ -126,7 +149,6 @@ class Watch:
                 raise Suspended(
                     DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
                 )
-
 
     def _moves_on(self, name: str, sample: Any, now: float) -> None:
         """Raises StaleReading when a noisy sensor repeats itself: samples come, but nothing is measured any more."""

@@ -136,14 +136,14 @@ class ProbeMotion:
         self.force = bench.need(bench.force, "force")
         self.stand = stand
         self.along = 0.0
-        self.zeroed = False
+        self.zero: tuple[float, ...] | None = None
 
     def go(self, along: float, depth: float, speed: float) -> None:
         """Move there and wait until the arm has come to rest.
 
         On the way in, once the sensor has its zero, the arm stops where the force passes the limit: TooMuchForce.
         """
-        inwards = self.zeroed and depth > -self.stand.standoff
+        inwards = self.zero is not None and depth > -self.stand.standoff
         s = self.stand
         point = [o + along * a + depth * d for o, a, d in zip(s.origin, s.axis, s.push, strict=True)]
         goal = [*point, *s.tool_rotation]
@@ -153,9 +153,13 @@ class ProbeMotion:
         self.along = along
 
     def _arrived(self, inwards: bool) -> bool | None:
-        if inwards and (force := math.hypot(*self.force.latest().wrench[:3])) > self.p.max_force:
+        sample = self.force.latest()
+        force = (
+            math.hypot(*sample.wrench[:3]) if sample.zero == self.zero else 0.0
+        )  # else taken before the zero was set
+        if inwards and force > self.p.max_force:
             self.arm.stop()
-            raise TooMuchForce(f"force {force:.1f} N passed max_force {self.p.max_force:g} N; the arm was stopped")
+            raise TooMuchForce(f"force: {force:.1f} N passed max_force {self.p.max_force:g} N; the arm was stopped")
         return None if self.arm.moving() else True
 
     def come_back(self, along: float, depth: float) -> None:
@@ -185,8 +189,7 @@ class ProbeMotion:
         """From the standoff in small steps until contact; returns the depth (m) of first contact."""
         p = self.p
         self.go(along, -self.stand.standoff, p.speed)
-        self.force.zero(p.zero_samples)
-        self.zeroed = True
+        self.zero = self.force.zero(p.zero_samples)
         depth = -p.radius - p.clearance
         self.go(along, depth, p.speed)
         while self.pushing() < p.contact_force:

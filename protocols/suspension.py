@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
+from drivers.errors import InstrumentError
+
 from .bench import Bench
 from .errors import Suspended
 
@@ -24,8 +26,9 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
             if paused and back is not None:
                 back()
             return work()
-        except Suspended as e:
+        except (Suspended, InstrumentError) as e:
+            cause = e.cause if isinstance(e, Suspended) else e
             paused += 1
-            if paused > TRIES:
-                raise e.cause from e
-            bench.mend(e.cause)
+            if paused > TRIES or not (isinstance(e, Suspended) or bench.mendable(cause)):
+                raise cause from e
+            bench.mend(cause)

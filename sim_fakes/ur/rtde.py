@@ -6,7 +6,6 @@ the frequency are all checked, and every breach is noted.
 
 from __future__ import annotations
 
-import asyncio
 import struct
 from dataclasses import dataclass
 
@@ -78,10 +77,7 @@ class RtdeConnection(Connection):
         packet = struct.pack(">HB", len(body) + 3, kind) + body
         pieces = self._mangled(packet) if self.hub.mangle and kind == DATA else [packet]
         for i, piece in enumerate(pieces):
-            if wait := self.hub.lag + SPLIT_PAUSE * i:
-                asyncio.get_running_loop().call_later(wait, self.transport.write, piece)
-            else:
-                self.transport.write(piece)
+            self.write_late(piece, self.hub.lag + SPLIT_PAUSE * i)
 
     def _mangled(self, packet: bytes) -> list[bytes]:
         """The pieces in which a data package goes out while a fault is on."""

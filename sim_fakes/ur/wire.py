@@ -59,6 +59,8 @@ class Connection(asyncio.Protocol):
     def __init__(self, hub: Hub) -> None:
         self.hub = hub
         self.buffer = b""
+        self._waiting: list[bytes] = []
+        self._due = 0.0
         self.last = b""
         """The package that is replayed."""
 
@@ -83,6 +85,22 @@ class Connection(asyncio.Protocol):
         """Work off everything that has arrived complete."""
         while self.take():
             pass
+
+    def write_late(self, data: bytes, wait: float) -> None:
+        """Send after `wait` seconds, never before what was to be sent earlier."""
+        loop = asyncio.get_running_loop()
+        if wait <= 0 and not self._waiting:
+            self.transport.write(data)
+            return
+        self._waiting.append(data)
+        due = max(self._due, loop.time() + wait)
+        self._due = due
+        loop.call_at(due, self._write_next)
+
+    def _write_next(self) -> None:
+        data = self._waiting.pop(0)
+        if not self.transport.is_closing():
+            self.transport.write(data)
 
     def greet(self) -> None:
         """Say something at connect."""

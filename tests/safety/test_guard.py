@@ -1,0 +1,240 @@
+"""The program dies, freezes, hangs or loses its guard: the rig lands, says why, and stays locked when it cannot be confirmed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from house import House, until
+
+from drivers.errors import DeviceFault, InstrumentError
+from lab.actuators import ActuatorsLost
+from lab.cli import main
+from lab.guard_messages import RigLanded
+from lab.inputs import read_case
+from lab.latch import RigLocked
+from lab.rig import Rig
+from lab.rig_file import load_rig
+from recordings.reader import Recording
+
+
+@pytest.fixture
+def small(house: House) -> House:
+    """The rig without arm, force sensor and cameras: quick to connect."""
+    house.change(without=("arm", "force", "mocap"))
+    return house
+
+
+@pytest.fixture
+def rig(small: House) -> Iterator[Rig]:
+    with Rig(load_rig(small.rig)) as opened:
+        assert opened.open_all(lambda name, outcome: None) == []
+        yield opened
+
+
+def guard_of(program: subprocess.Popen[str]) -> int:
+    """Process id of the program's guard."""
+    for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split():
+        if b"lab.guard" in Path(f"/proc/{child}/cmdline").read_bytes():
+            return int(child)
+    raise AssertionError("no guard")
+
+
+def journal(house: House) -> str:
+    return house.rig.with_suffix(".guard.log").read_text()
+
+
+def inflate(rig: Rig, house: House) -> None:
+    """Something to land."""
+    rig.actuators.call("valve", "set", True)
+    for _ in range(20):
+        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
+        time.sleep(0.02)
+    assert until(lambda: house.highest() > 40e3, 5.0)
+
+
+def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path: Path) -> None:
+    house.change(without=("arm", "force"))
+    program = house.start(tmp_path)
+    os.kill(program.pid, signal.SIGKILL)
+    program.wait()
+    assert house.vented(3.0)
+    assert until(lambda: not house.latch.exists(), 5.0)
+    assert "the program ended" in journal(house)
+    (file,) = tmp_path.glob("*.mcap")
+    with pytest.raises(Exception, match="recover"):
+        Recording.open(file)
+    assert len(Recording.open(file, truncated=True).states) > 0
+
+
+def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tmp_path: Path) -> None:
+    house.change(without=("arm", "force"))
+    program = house.start(tmp_path)
+    os.kill(program.pid, signal.SIGSTOP)
+    try:
+        assert house.vented(6.0)
+        time.sleep(0.3)
+    finally:
+        os.kill(program.pid, signal.SIGCONT)
+    output, _ = program.communicate(timeout=40)
+    assert program.returncode == 1
+    assert "no sign of life" in output and "no sign of life" in journal(house)
+
+
+def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house: House, tmp_path: Path) -> None:
+    house.change(without=("arm", "force"))
+    program = house.start(tmp_path)
+    os.kill(guard_of(program), signal.SIGKILL)
+    output, _ = program.communicate(timeout=40)
+    assert program.returncode == 1 and "guard" in output and "is lost" in output
+    assert house.vented(1.0)
+    assert not house.latch.exists()
+
+
+def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
+    house.change(without=("arm", "force"))
+    program = house.start(tmp_path)
+    os.kill(guard_of(program), signal.SIGSTOP)
+    output, _ = program.communicate(timeout=40)
+    assert program.returncode == 1 and "no sign of life" in output
+    assert house.vented(1.0)
+
+
+def test_when_both_are_killed_the_rig_is_locked_until_a_person_clears_it(
+    small: House, rig: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inflate(rig, small)
+    os.kill(rig.actuators.pid, signal.SIGKILL)
+    with pytest.raises(ActuatorsLost):
+        rig.actuators.call("pressure", "read")
+    assert small.latch.exists()
+    with pytest.raises(RigLocked, match="cut off.*lab safe --clear"), Rig(load_rig(small.rig)):
+        pass
+    assert main(["safe", "--rig", str(small.rig)]) == 1
+    assert "stays locked" in capsys.readouterr().out
+    assert small.vented(1.0)
+    assert main(["safe", "--clear", "--rig", str(small.rig)]) == 0
+    assert not small.latch.exists()
+
+
+def test_an_unconfirmed_landing_locks_the_rig_and_clearing_needs_a_confirmed_one(
+    small: House, rig: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inflate(rig, small)
+    small.fakes.switch.begin("pressure", "silence")
+    report = rig.safe()
+    assert {s.instrument for s in report.steps if not s.confirmed} == {"pressure"}
+    rig.close()
+    assert "pressure NOT CONFIRMED" in small.latch.read_text()
+    assert main(["safe", "--clear", "--rig", str(small.rig)]) == 1
+    assert small.latch.exists()
+    small.fakes.switch.end()
+    assert main(["safe", "--clear", "--rig", str(small.rig)]) == 0
+    assert not small.latch.exists()
+    capsys.readouterr()
+
+
+def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
+    small.change(safe={"hang": 1.0})
+    with Rig(load_rig(small.rig)) as rig:
+        rig.open_all(lambda name, outcome: None)
+        inflate(rig, small)
+        time.sleep(2.0)
+        assert small.vented(3.0)
+        with pytest.raises(RigLanded, match="has not moved on"):
+            rig.actuators.call("pressure", "set", (0.0, 0.0, 0.0))
+        rig.actuators.resume()
+        rig.actuators.call("pressure", "set", (0.0, 0.0, 0.0))
+
+
+def test_waiting_for_a_person_is_no_hang(small: House) -> None:
+    small.change(safe={"hang": 1.0})
+    with Rig(load_rig(small.rig)) as rig:
+        rig.open_all(lambda name, outcome: None)
+        inflate(rig, small)
+        with rig.actuators.pulse.held():
+            time.sleep(2.0)
+        rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
+
+
+def test_a_clipped_setpoint_is_returned_and_told(small: House, rig: Rig) -> None:
+    told: list[str] = []
+    rig.actuators._on_event = lambda event: told.append(event.text)
+    got = rig.actuators.call("pressure", "set", (300e3, 0.0, 0.0))
+    assert got[0] < 299e3
+    assert until(lambda: any("clipped" in text for text in told), 2.0)
+
+
+def test_a_second_program_cannot_take_the_rig(small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RigLocked, match="in use"), Rig(load_rig(small.rig)):
+        pass
+
+
+def test_a_burst_chamber_is_told_with_its_channel(small: House, rig: Rig) -> None:
+    small.fakes.accidents.begin("burst")
+    for _ in range(20):
+        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
+        time.sleep(0.02)
+    assert until(lambda: rig.vital.pause is not None, 5.0)
+    assert rig.vital.pause is not None and "channel 1" in rig.vital.pause.text and "burst" in rig.vital.pause.text
+
+
+def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
+    house.change(without=("mocap",))
+    fakes = house.fakes
+    with Rig(load_rig(house.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        rig.streams["force"].zero(5)
+        pose = list(rig.streams["arm_state"].latest().tcp_pose)
+        away = 0.1 if pose[1] < 0 else -0.1
+        rig.actuators.call("arm", "move_to", (pose[0], pose[1] + away, *pose[2:]), 0.05, 0.3)
+        assert fakes.ur is not None
+        device = fakes.lines["force"].device  # type: ignore[attr-defined]
+        bias = device.bias.copy()
+        device.bias = bias + np.array([80.0, 0, 0, 0, 0, 0])
+        try:
+            assert until(lambda: rig.vital.landed is not None, 5.0)
+        finally:
+            device.bias = bias
+        assert max(abs(v) for v in fakes.ur.backdoor()["tcp_speed"][:3]) < 2e-3
+        with pytest.raises(DeviceFault, match="limits.max_force"):
+            rig.actuators.call("arm", "move_to", tuple(pose), 0.05, 0.3)
+
+
+def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
+    house.change(without=("force", "mocap"))
+    with Rig(load_rig(house.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        children = Path(f"/proc/{rig.actuators.pid}/task").glob("*/children")
+        (host,) = [int(pid) for file in children for pid in file.read_text().split()]
+        os.kill(host, signal.SIGSEGV)
+        with pytest.raises(InstrumentError, match="SIGSEGV"):
+            rig.actuators.call("arm", "moving")
+        rig.actuators.call("valve", "set", True)
+        report = rig.safe()
+        assert {s.instrument: s.confirmed for s in report.steps} == {
+            "arm": False,
+            "pressure": True,
+            "spine": True,
+            "valve": True,
+        }
+
+
+def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_path: Path) -> None:
+    house.change(without=("arm", "force"))
+    program = house.start(tmp_path)
+    for i in range(20):
+        program.send_signal(signal.SIGTERM if i % 2 else signal.SIGINT)
+        time.sleep(0.05)
+    output, _ = program.communicate(timeout=40)
+    assert program.returncode == 1, output
+    assert house.vented(0.5) and not house.latch.exists()
+    assert "stopped" in output and "Traceback" not in output
+    (file,) = tmp_path.glob("*.mcap")
+    assert read_case([file]).robot is not None

@@ -1,0 +1,82 @@
+"""What a person can put right suspends the experiment: vented meanwhile, and every point there once afterwards."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from house import House, until
+
+from lab.cli import main
+from lab.inputs import read_case
+
+BENDING = ["--set", "spine_lengths=[0.05]", "--set", "pressures=[60 kPa, 120 kPa]"]
+STIFFNESS = ["--set", "lengths=[0.1]", "--set", "steps=3", "--set", "min_samples=20"]
+
+
+def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:
+    """Do something as soon as a condition holds."""
+
+    def watch() -> None:
+        if until(condition, 60.0):
+            act()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    return thread
+
+
+def lab(house: House, folder: Path, protocol: str, *settings: str) -> int:
+    return main(["run", protocol, "--rig", str(house.rig), *settings, "--out", str(folder)])
+
+
+@pytest.mark.parametrize(("accident", "word"), [("marker_lost", "mocap"), ("supply_low", "pressure")])
+def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
+    house: House, tmp_path: Path, accident: str, word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), limits={"max_hidden": 0.5})
+    vented: list[float] = []
+
+    def mend(trouble: str) -> None:
+        vented.append(house.highest())
+        house.fakes.switch.end()
+
+    house.fakes.on_confirm = mend
+    plant = house.fakes.plant
+    during(
+        lambda: plant.valve_on and float(plant.regulator.max()) > 100e3, lambda: house.fakes.accidents.begin(accident)
+    )
+    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), capsys.readouterr()
+    assert vented and max(vented) < 5e3
+    assert len(house.fakes.troubles) == 1 and word in house.fakes.troubles[0]
+    (file,) = tmp_path.glob("*.mcap")
+    rows = read_case([file]).table
+    asked = [(r.step, r.branch, round(max(r.pressures) / 60e3)) for r in rows]
+    assert asked == [(1, "load", 0), (2, "load", 1), (3, "load", 2), (4, "unload", 1), (5, "unload", 0)]
+
+
+def test_a_stiffness_trial_goes_on_after_somebody_opened_the_cell(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("mocap",))
+    ur, plant = house.fakes.ur, house.fakes.plant
+    assert ur is not None
+    house.fakes.on_confirm = lambda trouble: ur.backdoor("clear")
+    during(lambda: abs(plant.probe_force).max() > 1.0, lambda: ur.backdoor("safeguard_stop"))
+    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), capsys.readouterr()
+    assert any("cell" in trouble for trouble in house.fakes.troubles)
+    (file,) = tmp_path.glob("*.mcap")
+    assert [r.step for r in read_case([file]).table] == [1, 2, 3]
+
+
+def test_what_is_not_put_right_ends_the_run_with_its_cause(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), limits={"max_hidden": 0.5, "resume_within": 1.0})
+    plant = house.fakes.plant
+    during(lambda: float(plant.regulator.max()) > 50e3, lambda: house.fakes.accidents.begin("marker_lost"))
+    assert lab(house, tmp_path, "bending", *BENDING) == 1
+    assert "mocap" in capsys.readouterr().err
+    assert house.vented(1.0) and not house.latch.exists()
