@@ -27,7 +27,7 @@ from model.robot import Robot
 
 Array = NDArray[np.float64]
 
-NUDGE = 1e-3
+NUDGE = 1e-5
 """Prior widths by which assembly, history and readings are differenced."""
 
 
@@ -37,8 +37,14 @@ class _At:
 
     theta: Array
     quantities: Quantities
+    built: Array
+    """(1, full, WIDTH) rods without memory."""
     bare: Solved
-    """Without memory, with the rest states."""
+    """The same solved, rest states included."""
+    driven: Array
+    """(1, full, DRIVES) what drives memory."""
+    rest: Array
+    """(1, full, DRIVES) what memory adds."""
     final: Solved
     """With memory, without the rest states."""
     remembers: bool
@@ -116,7 +122,7 @@ class ForwardModel:
 
     def predict(self, theta: Array) -> Array:
         """(observations,) at parameters (p,); NaN where a state has no equilibrium."""
-        return self._readings_at(self._solved(self._checked(theta)))
+        return self._prediction(self._solved(self._checked(theta)))[0]
 
     def observe(self, columns: Columns, noise: Noise = Noise()) -> tuple[Array, Array]:  # noqa: B008 (frozen)
         """Measured values and standard deviations of a table with the design's rows, in the order of `labels`.
@@ -132,14 +138,15 @@ class ForwardModel:
         """
         theta = self._checked(theta)
         here = self._solved(theta)
-        by_slot = self._slopes(here)
+        predicted = self._prediction(here)
+        by_slot = self._slopes(here, predicted)
         jacobian = np.zeros((len(self), len(self.parameters)))
         each = np.arange(len(self))
         for slot, of_row in enumerate(self._table.of_row):
             own = of_row[self.observations.row]
             kept = own >= 0
             jacobian[each[kept], own[kept]] = by_slot[slot, kept]
-        return self._readings_at(here), jacobian
+        return predicted[0], jacobian
 
     def _checked(self, theta: Array) -> Array:
         values = np.asarray(theta, float)
@@ -166,14 +173,22 @@ class ForwardModel:
         q = self._quantities(spread)
         built = rows(q, self._shear, 1)
         bare = solve(built[0, self._in_bare], self._arcs, self._steps, self._start)
-        keep = slice(0, self._moved.size)
-        if not any(theta[k] for k in self._memory_sizes):
-            final = bare.take(keep)
-            return _At(theta, q, bare, final, False)
-        rest = self._memory(q, built, drive(bare.rows[None], bare.result[None], self._in_bare, len(self._full)), spread)
-        changed = bare.rows[keep].copy()
-        add_rest(changed[None], rest[:, self._moved])
-        return _At(theta, q, bare, solve(changed, self._arcs, bare.steps[keep], bare.unknowns[keep]), True)
+        driven = self._drive(built, bare.result[None])
+        rest = self._memory(q, built, driven, spread)
+        remembers = any(theta[k] for k in self._memory_sizes)
+        final = bare.take(slice(0, self._moved.size))
+        if remembers:
+            changed = final.rows.copy()
+            add_rest(changed[None], rest[:, self._moved])
+            final = solve(changed, self._arcs, final.steps, final.unknowns)
+        return _At(theta, q, built, bare, driven, rest, final, remembers)
+
+    def _prediction(self, here: _At) -> Array:
+        """(1, observations)."""
+        return self._read(here.quantities, here.final.result[None], self._table.at(here.theta))
+
+    def _drive(self, built: Array, results: Array) -> Array:
+        return drive(built[:, self._in_bare], results, self._in_bare, len(self._full))
 
     def _memory(self, q: Quantities, built: Array, driven: Array, spread: Spread) -> Array:
         """(v, full, DRIVES) rest curvature and strain of all laws with memory."""
@@ -188,32 +203,25 @@ class ForwardModel:
                 source.spec.law.path(history, self._table.values(i, spread))
         return history.rest
 
-    def _slopes(self, here: _At) -> Array:
+    def _slopes(self, here: _At, predicted: Array) -> Array:
         """(slots, observations) derivatives in the parameters' units, by differences of all but the equilibria."""
-        slots = self._table.slots
-        low = np.maximum(here.theta - NUDGE * self._sd, self._low)
-        high = np.minimum(here.theta + NUDGE * self._sd, self._high)
-        spread = self._table.around(here.theta, low, high)
+        step = NUDGE * self._sd * np.where(here.theta + NUDGE * self._sd <= self._high, 1.0, -1.0)
+        spread = self._table.beside(here.theta, here.theta + step)
         q = self._quantities(spread)
-        built = rows(q, self._shear, 2 * slots)
-        width, below, above = (self._by_slot(x) for x in (high - low, here.theta - low, high - here.theta))
-        sd = self._by_slot(self._sd)
+        built = rows(q, self._shear, self._table.slots)
         # Directions are one prior width long, in every row that the slot reaches.
-        along = (sd / width)[:, :, None]
-        directions = (built[slots:] - built[:slots]) * along
-        driven = drive(here.bare.rows[None], here.bare.result[None], self._in_bare, len(self._full))
+        by_row = self._by_slot(step / self._sd)[:, :, None]
+        directions = (built - here.built) / by_row
         if here.remembers:
             moved = differentiate(here.bare, directions[:, self._in_bare])
-            shift = np.concatenate([-below / sd, above / sd])[:, self._in_bare, None]
-            results = here.bare.result + shift * np.concatenate([moved, moved])
-            driven = drive(built[:, self._in_bare], results, self._in_bare, len(self._full))
-        rest = np.broadcast_to(self._memory(q, built, driven, spread), (2 * slots, len(self._full), DRIVES))
-        add_rest(directions, (rest[slots:] - rest[:slots]) * along)
+            driven = self._drive(built, here.bare.result + by_row[:, self._in_bare] * moved)
+        else:
+            driven = here.driven
+        rest = self._memory(q, built, driven, spread)
+        add_rest(directions, (rest - here.rest) / by_row)
         moved = differentiate(here.final, directions[:, self._moved])
-        shift = np.concatenate([-below / sd, above / sd])[:, self._moved, None]
-        results = here.final.result + shift * np.concatenate([moved, moved])
-        read = self._read(q, results, spread)
-        return (read[slots:] - read[:slots]) / width[:, self.observations.row]
+        read = self._read(q, here.final.result + by_row[:, self._moved] * moved, spread)
+        return (read - predicted) / self._by_slot(step)[:, self.observations.row]
 
     def _by_slot(self, per_parameter: Array) -> Array:
         """(slots, full) the value of the parameter that each row takes for a slot; 1 where it takes none."""
@@ -226,9 +234,6 @@ class ForwardModel:
             if source.spec.law.after is not None:
                 source.spec.law.after(r, self._table.values(i, spread))
         return self.observations.of(r)
-
-    def _readings_at(self, here: _At) -> Array:
-        return self._read(here.quantities, here.final.result[None], self._table.at(here.theta))[0]
 
     def _every_row(self, results: Array) -> Array:
         """(v, full, columns): results of the moved rows in their places, an unbent rod elsewhere."""

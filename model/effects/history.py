@@ -120,7 +120,8 @@ class History:
 def drive(rows: Array, results: Array, places: Order, states: int) -> Array:
     """(v, states, DRIVES) mean curvature and strain of both parts from results (v, m, columns) of rods (v, m, WIDTH).
 
-    `places` (m,) says which states the rods are; the others stay 0.
+    `places` (m,) says which states the rods are; the others stay 0, and so do rods without equilibrium, lest they
+    spoil the states that come after them.
     """
     base, joint, tip = (results[..., k : k + 4] for k in (at.BASE, at.JOINT, at.ORIENTATION))
     out = np.zeros((len(results), states, DRIVES))
@@ -129,7 +130,7 @@ def drive(rows: Array, results: Array, places: Order, states: int) -> Array:
         bent = rotation_vector(multiply(start * CONJUGATE, end)) / np.maximum(long, SHORTEST)[..., None]
         out[:, places, 4 * part : 4 * part + 3] = np.where(long[..., None] > SHORTEST, bent, 0.0)
         out[:, places, 4 * part + 3] = np.where(long > SHORTEST, results[..., at.STRAIN + part], 0.0)
-    return out
+    return np.nan_to_num(out, copy=False)
 
 
 def add_rest(rows: Array, rest: Array) -> None:

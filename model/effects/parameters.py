@@ -46,16 +46,16 @@ class Spread:
 
     base: Array
     """(slots, n)."""
-    low: Array | None
-    high: Array | None
+    there: Array | None
+    """(slots, n): the value of a slot in its own variant."""
 
     def slot(self, k: int) -> Array:
         """(v, n)."""
-        if self.low is None or self.high is None:
+        if self.there is None:
             return self.base[k][None]
-        slots = len(self.base)
-        out = np.tile(self.base[k], (2 * slots, 1))
-        out[k], out[slots + k] = self.low[k], self.high[k]
+        out = np.empty((len(self.base), self.base.shape[1]))
+        out[:] = self.base[k]
+        out[k] = self.there[k]
         return out
 
 
@@ -71,11 +71,11 @@ class ParameterTable:
 
     def at(self, theta: Array) -> Spread:
         """One variant: these parameters."""
-        return Spread(self._rows(theta), None, None)
+        return Spread(self._rows(theta), None)
 
-    def around(self, theta: Array, low: Array, high: Array) -> Spread:
-        """Two variants a slot: all at theta but the slot itself, first all low ones, then all high ones."""
-        return Spread(self._rows(theta), self._rows(low), self._rows(high))
+    def beside(self, theta: Array, there: Array) -> Spread:
+        """One variant a slot: all at theta but the slot itself, which is at `there`."""
+        return Spread(self._rows(theta), self._rows(there))
 
     def _rows(self, theta: Array) -> Array:
         return np.append(theta, 0.0)[self.of_row]

@@ -1,7 +1,7 @@
 """Equilibria of rods by shooting from the tip, with base compliance, springs at the tip and hyperelastic sections.
 
 Unknowns of a rod: the rotation of its tip and, where springs hold it, the tip's position. A pass integrates from the
-tip to the base (classical Runge-Kutta) in the section frame:
+tip to the base (Runge-Kutta of order six) in the section frame:
     q' = q (0, u) / 2,  m' = -u x m - v x n,  r' = -u x r - v  (r: from here to the tip),  n = R(q)^T N
 with N in the base frame known without integration. u = m / (D K_bt) + u*, v = n / K_se + v* + e3; a hyperelastic
 section has D = 1 + a k^2 + b e and n3 = EA (e + c e^2) + b EI k^2 / 2, k and e elastic. Sensitivities follow from the
@@ -21,6 +21,21 @@ from model.effects import layout as at
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
+STAGES = 7
+NODES = np.array([0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0])
+TABLEAU = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1 / 3, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 2 / 3, 0.0, 0.0, 0.0, 0.0],
+        [1 / 12, 1 / 3, -1 / 12, 0.0, 0.0, 0.0],
+        [-1 / 16, 9 / 8, -3 / 16, -3 / 8, 0.0, 0.0],
+        [0.0, 9 / 8, -3 / 8, -3 / 4, 1 / 2, 0.0],
+        [9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11],
+    ]
+)
+WEIGHTS = np.array([11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
+"""Butcher's explicit method of order six, J. Austral. Math. Soc. 4 (1964)."""
 NUDGE = 1e-6
 """rad and m, central differences of the unknowns."""
 CLOSE = 1e-10
@@ -107,29 +122,28 @@ def _slope(y: Array, force: Array, row: Array, e: int, x: float, out: Array) -> 
 def _step(y: Array, force: Array, row: Array, e: int, left: float, h: float, work: Array) -> float:
     """Advance y by h towards the base from the distance `left` above the element's base end; returns axial strain."""
     whole = row[e]
-    f, z, k = work[0], work[1], work[2:6]
-    load = row[e + 13 : e + 16]
+    f, z, k = work[0], work[1], work[2:9]
     strain = _slope(y, force, row, e, left / whole, k[0])
-    for i in range(3):
-        f[i] = force[i] + 0.5 * h * load[i]
+    for stage in range(1, STAGES):
+        share = NODES[stage] * h
+        for i in range(3):
+            f[i] = force[i] + share * row[e + 13 + i]
+        for i in range(10):
+            total = 0.0
+            for j in range(stage):
+                total += TABLEAU[stage, j] * k[j, i]
+            z[i] = y[i] + h * total
+        _slope(z, f, row, e, (left - share) / whole, k[stage])
     for i in range(10):
-        z[i] = y[i] + 0.5 * h * k[0, i]
-    _slope(z, f, row, e, (left - 0.5 * h) / whole, k[1])
-    for i in range(10):
-        z[i] = y[i] + 0.5 * h * k[1, i]
-    _slope(z, f, row, e, (left - 0.5 * h) / whole, k[2])
-    for i in range(3):
-        f[i] = force[i] + h * load[i]
-    for i in range(10):
-        z[i] = y[i] + h * k[2, i]
-    _slope(z, f, row, e, (left - h) / whole, k[3])
-    for i in range(10):
-        y[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
+        total = 0.0
+        for j in range(STAGES):
+            total += WEIGHTS[j] * k[j, i]
+        y[i] += h * total
     size = 1.0 / math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
     for i in range(4):
         y[i] *= size
     for i in range(3):
-        force[i] = f[i]
+        force[i] += h * row[e + 13 + i]
     return strain
 
 
@@ -138,8 +152,8 @@ def _pass(
     row: Array, share: float, q: Array, held: Array, arcs: Array, counts: Counts, work: Array, out: Array
 ) -> None:
     """One pass under a share of the loads: result columns into `out`, the six misses behind them."""
-    y, force, side, spare = work[6], work[7], work[8], work[9]
-    inner_work = work[0:6]
+    y, force, side, spare = work[9], work[10], work[11], work[12]
+    inner_work = work[0:9]
     f0, f1, f2 = _turned(q, share * row[0], share * row[1], share * row[2], 1.0)
     force[0], force[1], force[2] = f0 + share * row[6], f1 + share * row[7], f2 + share * row[8]
     for j in range(at.SPRING_COUNT):
@@ -260,7 +274,7 @@ def _by_unknowns(
                 x[k] = sign * NUDGE
             else:
                 moved[k - 3] += sign * NUDGE
-            _turn(q, x, work[9], near)
+            _turn(q, x, work[12], near)
             _pass(row, share, near, moved, arcs, counts, work, out)
             if not central:
                 for c in range(wide):
@@ -308,7 +322,7 @@ def _newton(
         longest = max(np.abs(change[:3]).max(), 5.0 * np.abs(change[3:]).max())
         if longest > LONGEST:
             change *= LONGEST / longest
-        _turn(q, change[:3], work[9], turned)
+        _turn(q, change[:3], work[12], turned)
         q[:] = turned
         held += change[3:]
     return False
@@ -321,7 +335,7 @@ def solve_rows(
     """Solve every row; returns which were solved. `start` (n, 7) holds tip quaternion and position, used when `warm`."""
     n = rows.shape[0]
     solved = np.zeros(n, np.bool_)
-    work, short, slopes = np.zeros((10, 10)), np.empty(at.MARKERS + 6), np.empty((6, at.MARKERS + 6))
+    work, short, slopes = np.zeros((13, 10)), np.empty(at.MARKERS + 6), np.empty((6, at.MARKERS + 6))
     q, held = np.zeros(4), np.zeros(3)
     for r in range(n):
         row, counts = rows[r], steps[r]
@@ -362,7 +376,7 @@ def sensitivities(
     """d(out) / d(direction) of solved rows: `directions` (p, n, WIDTH) -> `result` (p, n, columns without the miss)."""
     p, n, _ = directions.shape
     wide = out.shape[1]
-    work, row, near = np.zeros((10, 10)), np.empty(rows.shape[1]), np.empty(wide)
+    work, row, near = np.zeros((13, 10)), np.empty(rows.shape[1]), np.empty(wide)
     slopes, change = np.empty((6, wide)), np.empty(6)
     for r in range(n):
         if not np.isfinite(out[r, 0]):

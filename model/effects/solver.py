@@ -15,8 +15,8 @@ from model.effects.shooting import sensitivities, solve_rows
 
 Array = NDArray[np.float64]
 
-STEP = 0.03
-"""m, longest Runge-Kutta step: keeps a 0.4 m rod within 0.01 mm up to a bend of two radians."""
+DIVISIONS = 5.0
+"""Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of two radians."""
 PROBE = 1e-6
 """Share of a direction by which a pass is probed; directions are a prior width long, so this is small in all units."""
 
@@ -45,12 +45,13 @@ class Solved:
 
 
 def integration_steps(rows: Array) -> NDArray[np.int64]:
-    """(n, 2) Runge-Kutta steps of the elements of nominal rows.
+    """(n, 2) integration steps of the elements of nominal rows.
 
     They stay the same while parameters change, so that results are smooth in the parameters.
     """
     length = rows[:, [at.ELEMENTS + at.LENGTH, at.ELEMENTS + at.ELEMENT_WIDTH + at.LENGTH]]
-    return np.maximum(1, np.ceil(length / STEP - 1e-6)).astype(np.int64)
+    share = length / length.sum(axis=1, keepdims=True)
+    return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
 
 def solve(rows: Array, arcs: Array, steps: NDArray[np.int64], start: Array | None = None) -> Solved:
