@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import ItemsView
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +21,10 @@ _FIRST_CAPACITY = 256
 
 class Streams(Protocol):
     """Where a reading takes its samples from: the run in progress or a file."""
+
+    def items(self) -> ItemsView[str, Buffer]:
+        """Every topic with its buffer."""
+        return self._buffers.items()
 
     def newest(self, topic: str) -> float:
         """Stamp (s) of the topic's newest sample; -inf while there is none."""

@@ -165,9 +165,12 @@ class MessageType:
         if len(values) != len(self.fields) - 1:
             raise BadMessage(f"{self.topic}: {len(values)} values given for the fields {', '.join(self.value_names)}")
         arguments: list[object] = [self._heads[0], t]
-        for head, field, value in zip(self._heads[1:], self.fields[1:], values, strict=True):
-            if not field.shape:
+        for (head, shape, field), value in zip(self._layout, values, strict=True):
+            if not shape:
                 arguments += (head, value)
+            elif type(value) is tuple and value and shape == (len(value),):
+                arguments.append(head)
+                arguments += value
             else:
                 numbers = self._flat(field, value)
                 if field.count:
@@ -177,6 +180,11 @@ class MessageType:
             return self._struct.pack(*arguments)
         except (struct.error, TypeError) as error:
             raise BadMessage(f"{self.topic}: {error} in {dict(zip(self.value_names, values, strict=True))}") from error
+
+    @cached_property
+    def _layout(self) -> tuple[tuple[bytes, tuple[int, ...], Field], ...]:
+        """(constant bytes, shape, field) of the fields after `t`; looked up for every message."""
+        return tuple((head, f.shape, f) for head, f in zip(self._heads[1:], self.fields[1:], strict=True))
 
     @cached_property
     def _heads(self) -> tuple[bytes, ...]:

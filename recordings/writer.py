@@ -21,7 +21,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -47,12 +47,13 @@ QUEUE_LIMIT = 200_000
 LIBRARY = "softlab recordings"
 
 
-class _Item(NamedTuple):
-    topic: Tally
-    log_time: int
-    sequence: int
-    payload: bytes | Callable[[], bytes | None]
-    """A view is encoded in the writer's thread; None: there is nothing to see."""
+BURST = 1000
+"""Messages that are written between two looks at the clock."""
+
+_Payload = bytes | Callable[[], bytes | None]
+"""A view is encoded in the writer's thread; None: there is nothing to see."""
+_Item = tuple[Tally, int, int, _Payload]
+"""Topic, log time (ns), number, payload. A plain tuple, because one is made for every message."""
 
 
 class Recorder:
@@ -84,7 +85,12 @@ class Recorder:
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
-        self._paces = {topic: Pace() for topic in VIEWS}
+        paces = {topic: Pace() for topic in VIEWS}
+        self._lanes = {
+            topic: (self.messages[topic], self._topics[topic], buffer, paces.get(topic))
+            for topic, buffer in self.buffers.items()
+        }
+        """All that `push` needs of a stream, in one look-up."""
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
         about = {
@@ -137,10 +143,9 @@ class Recorder:
         `BadMessage` when it does not fit its definition, `WriteFailed` when the file can no longer be written.
         """
         try:
-            message = self.messages[topic]
+            message, entry, buffer, pace = self._lanes[topic]
         except KeyError:
             raise BadMessage(f"no stream {topic}; there are {', '.join(self.messages)}") from None
-        entry = self._topics[topic]
         try:
             if values is None:
                 values = self._in_order(message, fields)
@@ -152,13 +157,14 @@ class Recorder:
                 entry.generated += 1
             raise
         with entry.lock:
-            if not self._accepts(entry, ns):
-                entry.generated += 1
-            else:
-                self.buffers[topic].append(stamp, payload)
-                self._queue.put(self._item(topic, ns, payload))
-        self._check()
-        if topic in self._paces and self._paces[topic].due(stamp):
+            entry.generated += 1
+            if self._accepts(entry, ns):
+                entry.last = ns
+                buffer.append(stamp, payload)
+                self._queue.put((entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload))
+        if self._failure is not None or self._outcome is not None:
+            self._check()
+        if pace is not None and pace.due(stamp):
             self._push_views(message, ns, values)
 
     def _in_order(self, message: MessageType, fields: Mapping[str, object]) -> tuple[object, ...]:
@@ -169,20 +175,23 @@ class Recorder:
         return tuple(fields[name] for name in message.value_names)
 
     def _nanoseconds(self, topic: str, t: float) -> int:
-        if not (isinstance(t, int | float) and math.isfinite(t) and 0 <= t < 1e9):
-            raise BadMessage(f"{topic}: t = {t!r} is not a rig time in seconds")
-        return round(t * 1e9)
+        try:
+            if 0 <= t < 1e9:  # neither NaN nor infinite
+                return round(t * 1e9)
+        except TypeError:
+            pass
+        raise BadMessage(f"{topic}: t = {t!r} is not a rig time in seconds")
 
     def _accepts(self, entry: Tally, ns: int) -> bool:
         open_ = self._failure is None and self._outcome is None
         return open_ and ns >= entry.last and self._queue.qsize() < QUEUE_LIMIT
 
-    def _item(self, topic: str, ns: int, payload: bytes | Callable[[], bytes | None]) -> _Item:
+    def _item(self, topic: str, ns: int, payload: _Payload) -> _Item:
         """Count a message and number it; the topic's lock is held."""
         entry = self._topics[topic]
         entry.generated += 1
         entry.last = max(entry.last, ns)
-        return _Item(entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload)
+        return entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload
 
     def sink(self, topic: str) -> Callable[[Any], None]:
         """A function that records samples: objects with `t` and attributes named like the stream's fields.
@@ -246,7 +255,7 @@ class Recorder:
     def _newest(self) -> int:
         return max(entry.last for entry in self._topics.values())
 
-    def _event(self, topic: str, ns: int, payload: bytes | Callable[[], bytes | None]) -> None:
+    def _event(self, topic: str, ns: int, payload: _Payload) -> None:
         """Events are few and never dropped for their order."""
         with self._topics[topic].lock:
             if self._failure is None and self._outcome is None:
@@ -286,6 +295,11 @@ class Recorder:
             while True:
                 try:
                     item = self._queue.get(timeout=max(0.0, due - time.monotonic()))
+                    for _ in range(min(self._queue.qsize(), BURST)):
+                        if not isinstance(item, tuple):
+                            break
+                        self._write(item)
+                        item = self._queue.get()
                 except queue.Empty:
                     pass
                 else:
@@ -307,14 +321,15 @@ class Recorder:
             self._disk.give_up()
 
     def _write(self, item: _Item) -> None:
-        topic = item.topic
-        payload = item.payload if isinstance(item.payload, bytes) else item.payload()
-        if payload is None:
-            topic.skipped += 1
-            return
-        topic.note(item.log_time - self.start_wall_ns, payload)
-        sequence = item.sequence - topic.skipped
-        self._mcap.message(topic.channel, sequence, item.log_time, payload)
+        topic, log_time, number, payload = item
+        if not isinstance(payload, bytes):
+            view = payload()
+            if view is None:
+                topic.skipped += 1
+                return
+            payload = view
+        topic.note(log_time - self.start_wall_ns, payload)
+        self._mcap.message(topic.channel, number - topic.skipped, log_time, payload)
 
     def _flush(self) -> None:
         self._mcap.flush()

@@ -1,0 +1,41 @@
+"""A figure that was promised, what was measured, and the table of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of the table."""
+
+    name: str
+    target: str
+    measured: str
+    met: bool
+    values: dict[str, float]
+    """The numbers behind it."""
+
+
+def show(title: str, figures: list[Figure], path: Path | None) -> int:
+    """Print the table, write it as JSON when a path is given; 0 when every target is met, else 1."""
+    table = Table(title=title, title_justify="left")
+    for column in ("figure", "target", "measured", "met"):
+        table.add_column(column, overflow="fold")
+    for figure in figures:
+        table.add_row(figure.name, figure.target, figure.measured, "yes" if figure.met else "NO")
+    console = Console(width=None if os.isatty(1) else 150)
+    console.print(table)
+    if path is not None:
+        host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"title": title, "host": host, "figures": [asdict(f) for f in figures]}, indent=1))
+        console.print(str(path))
+    return 0 if all(figure.met for figure in figures) else 1

@@ -1,0 +1,169 @@
+"""How fast recordings are written and read."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+
+from recordings.messages import streams
+from recordings.reader import Recording
+from recordings.replay import replay
+from recordings.writer import Recorder
+
+from .figures import Figure
+from .rig_stream import RATES, START_NS, TOTAL, Values, schedule
+
+TEN_MINUTES = 600.0
+PRODUCERS = (("/force",), ("/arm",), ("/tip",), ("/pressure", "/spine", "/valve", "/vacuum"))
+"""Streams by the thread that brings them, as in a run."""
+
+
+def paced(folder: Path, wall: float) -> Figure:
+    """Twice the rig's rates: `wall` host seconds at their true pace for the delays, and, where that is less than ten
+    minutes, all messages of ten minutes within the same time again for the drops (a harder task)."""
+    true = _paced(folder / "true.mcap", wall, wall)
+    dense = true if wall >= TEN_MINUTES else _paced(folder / "dense.mcap", wall, TEN_MINUTES)
+    p50, p99, p999 = np.quantile(true.delays, (0.5, 0.99, 0.999)).tolist()
+    crowded = float(np.quantile(dense.delays, 0.999))
+    dropped = true.dropped + dense.dropped
+    return Figure(
+        f"10 min at twice the rig's rates ({len(true.delays)} messages at {len(true.delays) / wall:.0f}/s, then "
+        f"{len(dense.delays)} in {wall:g} s)",
+        "0 dropped, enqueue p99.9 <= 50 us",
+        f"{dropped} dropped; p50 {p50:.1f}, p99 {p99:.1f}, p99.9 {p999:.1f} us (crowded: p99.9 {crowded:.0f} us); "
+        f"{dense.size / 1e6:.1f} MB",
+        dropped == 0 and p999 <= 50.0,
+        {"dropped": dropped, "p50_us": p50, "p99_us": p99, "p999_us": p999, "crowded_p999_us": crowded,
+         "bytes": dense.size},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Paced:
+    """How long each push took (us), what was dropped, and the file's size (bytes)."""
+
+    delays: NDArray[np.float64]
+    dropped: int
+    size: int
+
+
+def _paced(path: Path, wall: float, seconds: float) -> _Paced:
+    """`seconds` of the rig at twice its rates within `wall` host seconds, by one thread a source."""
+    recorder = Recorder(path, start_wall_ns=START_NS, keep=60.0)
+    delays: list[list[int]] = [[] for _ in PRODUCERS]
+    begin = time.monotonic() + 0.5
+
+    def produce(topics: tuple[str, ...], out: list[int]) -> None:
+        values = Values()
+        for t, topic, k in schedule(seconds, 2.0):
+            if topic not in topics:
+                continue
+            ready = values.of(topic, k, t)
+            while (wait := begin + t * wall / seconds - time.monotonic()) > 0:
+                time.sleep(wait)
+            before = time.perf_counter_ns()
+            recorder.push(topic, t, ready)
+            out.append(time.perf_counter_ns() - before)
+
+    threads = [threading.Thread(target=produce, args=pair) for pair in zip(PRODUCERS, delays, strict=True)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    dropped = sum(count.dropped for count in recorder.close("completed").values())
+    return _Paced(np.concatenate([np.array(part) for part in delays]) / 1e3, dropped, path.stat().st_size)
+
+
+def best(times: int, do: Callable[[], object]) -> float:
+    """Seconds of the fastest of several goes."""
+    out = []
+    for _ in range(times):
+        begin = time.perf_counter()
+        do()
+        out.append(time.perf_counter() - begin)
+    return min(out)
+
+
+def reading(hour: Path, short: Path, topic: str = "/arm") -> Figure:
+    """One stream of seven, into an array; the library's decoder reads the same stream of a shorter file in this run."""
+    counts: list[int] = []
+    ours = best(5, lambda: counts.append(len(Recording.open(hour).stream(topic))))
+    theirs_count = 0
+
+    def by_library() -> None:
+        nonlocal theirs_count
+        with open(short, "rb") as file:
+            reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            theirs_count = sum(1 for _ in reader.iter_decoded_messages(topics=[topic]))
+
+    theirs = best(2, by_library)
+    rate, slow = counts[-1] / ours, theirs_count / theirs
+    return Figure(
+        f"reading one stream of seven ({topic}, {counts[-1]} of {TOTAL * 3600} messages)",
+        ">= 1 M messages/s, >= 10x the mcap-protobuf decoder in the same run",
+        f"{rate / 1e6:.2f} M/s, {rate / slow:.0f}x ({slow / 1e3:.0f} k/s)",
+        rate >= 1e6 and rate >= 10 * slow,
+        {"per_s": rate, "library_per_s": slow, "times": rate / slow},
+    )
+
+
+def writing(folder: Path, seconds: float) -> Figure:
+    """The same messages by the recorder, and by the library's writer as JSON with a schema: rate and size."""
+    values = Values()
+    sent = [(topic, t, values.of(topic, k, t)) for t, topic, k in schedule(seconds)]
+    names = {topic: message.value_names for topic, message in streams().items()}
+
+    written = 0
+
+    def ours(path: Path) -> None:
+        nonlocal written
+        path.unlink(missing_ok=True)
+        with Recorder(path, start_wall_ns=START_NS, keep=60.0) as recorder:
+            for topic, t, fields in sent:
+                recorder.push(topic, t, fields)
+        written = sum(count.written for count in recorder.counts().values())
+
+    def theirs(path: Path) -> None:
+        with open(path, "wb") as file:
+            writer = Writer(file)
+            writer.start()
+            schema = writer.register_schema("any", "jsonschema", b'{"type": "object"}')
+            channels = {topic: writer.register_channel(topic, "json", schema) for topic in RATES}
+            for topic, t, fields in sent:
+                data = json.dumps({"t": t, **dict(zip(names[topic], fields, strict=True))}).encode()
+                ns = START_NS + round(t * 1e9)
+                writer.add_message(channels[topic], ns, data, ns)
+            writer.finish()
+
+    a, b = folder / "ours.mcap", folder / "json.mcap"
+    fast, slow = best(3, lambda: ours(a)), best(3, lambda: theirs(b))
+    size, other = a.stat().st_size, b.stat().st_size
+    rate, their_rate = written / fast, len(sent) / slow
+    return Figure(
+        f"writing {len(sent)} samples ({written} messages with those for viewers), against the library's plain JSON way",
+        ">= 2x messages/s, smaller file",
+        f"{rate / 1e3:.0f} k/s, {rate / their_rate:.1f}x ({their_rate / 1e3:.0f} k/s); "
+        f"{size / 1e6:.2f} MB against {other / 1e6:.2f} MB",
+        rate >= 2 * their_rate and size < other,
+        {"per_s": rate, "times": rate / their_rate, "bytes": size, "json_bytes": other},
+    )
+
+
+def table(hour: Path) -> Figure:
+    """One hour of the rig: every state read again from the samples."""
+    rows: list[int] = []
+    took = best(2, lambda: rows.append(len(replay(hour))))
+    return Figure(
+        f"one hour of the rig ({TOTAL * 3600 / 1e6:.2f} M messages) to a trials table",
+        "<= 10 s", f"{took:.2f} s, {rows[-1]} rows", took <= 10 and rows[-1] == 180, {"s": took, "rows": rows[-1]},
+    )  # fmt: skip
