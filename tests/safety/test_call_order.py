@@ -1,0 +1,232 @@
+"""Whatever the order of the calls: one that the state does not allow raises its typed error and sends no byte.
+
+For each driver a machine calls its methods in random order on a fake, keeping book of what must be allowed: nothing but
+`open` and `close` before `open`, no motion before the zero is known, no value that is none.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
+
+from drivers import alicat, dynamixel, ft300s, natnet_mocap, numato, pfeiffer, smc_itv, tmcl, ur5, ur5_state
+from drivers.errors import InstrumentError, LimitExceeded, NotReady
+from lab.clock import RigClock
+from sim_fakes.alicat import AlicatFake
+from sim_fakes.clock import SimClock
+from sim_fakes.dynamixel import DynamixelFake
+from sim_fakes.ft300s import Ft300sFake
+from sim_fakes.motive import MOCAP_TO_BASE, MotiveFake
+from sim_fakes.numato import NumatoFake
+from sim_fakes.pfeiffer import PfeifferFake
+from sim_fakes.plant import Plant
+from sim_fakes.pty_fake import PtyFake
+from sim_fakes.smc_itv import SmcItvFake
+from sim_fakes.tmcl import TmclFake
+from sim_fakes.ur.process import UrProcess, free_host
+
+SPEED = 50.0
+QUIET = 0.03
+"""Host seconds in which a byte that was sent would have been heard."""
+Call = Callable[[Any], Any]
+ANY_CALL: dict[str, tuple[Call, ...]] = {
+    "pressure": (lambda d: d.set((1e3,) * d.channels), lambda d: d.read(), lambda d: d.vent()),
+    "spine": (lambda d: d.home(), lambda d: d.stop(), lambda d: d.read()),
+    "valve": (lambda d: d.set(True), lambda d: d.set(False), lambda d: d.read()),
+    "gauge": (lambda d: d.read(),),
+    "force": (lambda d: d.latest(), lambda d: d.zero(2)),
+    "mocap": (lambda d: d.latest(),),
+}
+"""Calls that are allowed on an open driver and only there."""
+NEVER: dict[str, tuple[Call, ...]] = {
+    "pressure": (
+        lambda d: d.set((math.nan,) * d.channels), lambda d: d.set(()), lambda d: d.set((math.inf,) + (0.0,) * (d.channels - 1)),
+    ),
+    "spine": (
+        lambda d: d.move_to(math.nan, 0.01), lambda d: d.move_to(0.1, 0.0), lambda d: d.move_to(0.1, -1.0),
+        lambda d: d.move_to(0.1, math.inf),
+    ),
+    "valve": (), "gauge": (), "force": (lambda d: d.zero(0),), "mocap": (),
+}  # fmt: skip
+"""Calls that are allowed in no state."""
+
+
+def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable[[Plant, SimClock], PtyFake]) -> type:
+    """The machine of a driver on a serial fake."""
+
+    class Machine(RuleBasedStateMachine):
+        def __init__(self) -> None:
+            super().__init__()
+            self.fake = fake(Plant(), SimClock(SPEED))
+            self.fake.start()
+            self.driver = driver(self.fake, RigClock(SPEED))
+            self.opened = self.homed = False
+
+        def teardown(self) -> None:
+            self.driver.close()
+            self.fake.stop()
+
+        @rule()
+        def open(self) -> None:
+            self.driver.open()
+            self.opened, self.homed = True, self.homed and self.opened
+
+        @rule()
+        def close(self) -> None:
+            self.driver.close()
+            self.opened = self.homed = False
+
+        @precondition(lambda self: self.opened)
+        @rule(call=st.sampled_from(ANY_CALL[kind]))
+        def allowed(self, call: Call) -> None:
+            call(self.driver)
+            if kind == "spine":
+                self.homed = False  # home and stop end what was known, and need time to find it again
+
+        @precondition(lambda self: not self.opened)
+        @rule(call=st.sampled_from(ANY_CALL[kind]))
+        def closed(self, call: Call) -> None:
+            self._refused(call, NotReady)
+
+        @rule(call=st.sampled_from(NEVER[kind] or ANY_CALL[kind]))
+        def never(self, call: Call) -> None:
+            if NEVER[kind]:
+                self._refused(call, (LimitExceeded, NotReady))
+
+        @precondition(lambda self: kind == "spine" and not self.homed)
+        @rule()
+        def move_without_zero(self) -> None:
+            if not (self.opened and self.driver.read().homed):
+                self._refused(lambda d: d.move_to(0.1, 0.01), NotReady)
+
+        def _refused(self, call: Call, kinds: type[InstrumentError] | tuple[type[InstrumentError], ...]) -> None:
+            time.sleep(QUIET)
+            before = self.fake.heard
+            with pytest.raises(kinds) as caught:
+                call(self.driver)
+            assert isinstance(caught.value, InstrumentError) and caught.value.instrument == "it"
+            time.sleep(QUIET)
+            assert self.fake.heard == before
+
+        @invariant()
+        def alive(self) -> None:
+            assert self.fake.is_alive()
+
+    return Machine
+
+
+MACHINES = {
+    "alicat": serial("pressure", lambda f, c: alicat.Alicat("it", alicat.Config(port=f.port), c), AlicatFake),
+    "smc_itv": serial(
+        "pressure",
+        lambda f, c: smc_itv.SmcItv("it", smc_itv.Config(ports=(f.port,), chambers=((1, 2, 3),)), c),
+        lambda p, c: SmcItvFake(p, c, (1, 2, 3)),
+    ),
+    "dynamixel": serial(
+        "spine",
+        lambda f, c: dynamixel.DynamixelSpine("it", dynamixel.Config(port=f.port, metres_per_turn=0.1), c),
+        DynamixelFake,
+    ),
+    "tmcl": serial(
+        "spine", lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, metres_per_turn=0.1), c), TmclFake
+    ),
+    "numato": serial("valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port), c), NumatoFake),
+    "pfeiffer": serial(
+        "gauge", lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port), c), PfeifferFake
+    ),
+    "ft300s": serial(
+        "force",
+        lambda f, c: ft300s.FT300S("it", ft300s.Config(port=f.port, max_age=1.0), c, lambda s: None),
+        Ft300sFake,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_calls_in_any_order(name: str) -> None:
+    run_state_machine_as_test(
+        MACHINES[name],
+        settings=settings(
+            max_examples=10, stateful_step_count=12, deadline=None, derandomize=True, database=None,
+            suppress_health_check=list(HealthCheck),
+        ),
+    )  # fmt: skip
+
+
+def test_motion_capture_in_any_order() -> None:
+    fake = MotiveFake(Plant(), SimClock(1.0), free_host())
+    fake.start()
+    pose = natnet_mocap.Pose(position=MOCAP_TO_BASE[0], quaternion=MOCAP_TO_BASE[1])
+    driver = natnet_mocap.NatNetMocap(
+        "it",
+        natnet_mocap.Config(server=fake.host, body="Tip", mocap_to_base=pose, max_age=1.0),
+        RigClock(),
+        lambda s: None,
+    )
+    try:
+        for opened in (False, True, False, False, True, True, False):
+            driver.open() if opened else driver.close()
+            before = len(fake.messages)
+            if opened:
+                assert driver.latest().valid
+            else:
+                with pytest.raises(NotReady):
+                    driver.latest()
+                assert len(fake.messages) == before or fake.messages[before:] == [9]  # the goodbye of `close` itself
+    finally:
+        driver.close()
+        fake.stop()
+
+
+ARM_CALLS: tuple[Call, ...] = (
+    lambda d: d.move_to((0.4, 0.1, 0.5, 0.0, 1.57, 0.0), 0.05, 0.2), lambda d: d.moving(), lambda d: d.stop(),
+    lambda d: d.standing(),
+)  # fmt: skip
+ARM_NEVER: tuple[Call, ...] = (
+    lambda d: d.move_to((math.nan,) * 6, 0.05, 0.2), lambda d: d.move_to((0.4, 0.1, 0.5), 0.05, 0.2),
+    lambda d: d.move_to((0.4, 0.1, 5.0, 0.0, 0.0, 0.0), 0.05, 0.2),
+    lambda d: d.move_to((0.4, 0.1, 0.5, 0.0, 1.57, 0.0), 9.0, 0.2),
+    lambda d: d.move_to((0.4, 0.1, 0.5, 0.0, 1.57, 0.0), 0.05, -1.0),
+)  # fmt: skip
+
+
+def test_the_arm_in_any_order() -> None:
+    ur = UrProcess(speed=SPEED)
+    driver = ur5.UR5("it", ur5.Config(host=ur.host), RigClock(SPEED))
+    try:
+        for opened in (False, True, False):
+            if opened:
+                driver.open()
+            else:
+                driver.close()
+            ur.backdoor("forget")
+            for call in (*ARM_NEVER, *(() if opened else ARM_CALLS)):
+                with pytest.raises((NotReady, LimitExceeded)):
+                    call(driver)
+            assert ur.backdoor()["commands"] == []
+    finally:
+        driver.close()
+        ur.stop()
+
+
+def test_the_arms_state_in_any_order() -> None:
+    ur = UrProcess(speed=SPEED)
+    driver = ur5_state.UR5State("it", ur5_state.Config(host=ur.host, max_age=1.0), RigClock(SPEED), lambda s: None)
+    try:
+        for opened in (False, True, False):
+            driver.open() if opened else driver.close()
+            if opened:
+                assert driver.latest().program_running is False
+            else:
+                with pytest.raises(NotReady):
+                    driver.latest()
+    finally:
+        driver.close()
+        ur.stop()
