@@ -22,10 +22,6 @@ _FIRST_CAPACITY = 256
 class Streams(Protocol):
     """Where a reading takes its samples from: the run in progress or a file."""
 
-    def items(self) -> ItemsView[str, Buffer]:
-        """Every topic with its buffer."""
-        return self._buffers.items()
-
     def newest(self, topic: str) -> float:
         """Stamp (s) of the topic's newest sample; -inf while there is none."""
 
@@ -103,6 +99,10 @@ class Buffers:
             return self._buffers[topic]
         except KeyError:
             raise MissingStream(f"no stream {topic}; there are {', '.join(self._buffers)}") from None
+
+    def items(self) -> ItemsView[str, Buffer]:
+        """Every topic with its buffer."""
+        return self._buffers.items()
 
     def newest(self, topic: str) -> float:
         """Stamp (s) of the topic's newest sample; -inf while there is none."""
