@@ -47,7 +47,7 @@ def kills(folder: Path, times: int, seed: int = 1) -> Figure:
     choose, losses, whole = random.Random(seed), [], 0
     for number in range(times):
         path, note = folder / f"killed-{number}.mcap", folder / "pushed"
-        fd = os.open(note, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+        fd = os.open(note, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
         child = subprocess.Popen([sys.executable, "-c", CHILD, str(path), str(fd), str(LOAD / TOTAL)], pass_fds=(fd,))
         try:
             while os.fstat(fd).st_size < 8:

@@ -22,4 +22,13 @@ Reading:
     replay.compare(recording) -> Comparison             equal to the last bit, or where not
     table_file.read_csv(path), write_csv(table, path)   trials.csv
     info.info(path), export.export_streams, export.export_case
+    player.play(recording, sink, speed)                 its messages in the order of time, at any pace
+    clocks.clocks(recording), clocks.aligned(recording, "/tip")     the instruments' own clocks
+
+Keeping:
+
+    verify.verify(path) -> Verification                 is every byte what was written
+    recover.recover(path, target) -> Recovery           all that can be read of a torn or damaged file
+    journal.Journal, campaign.tables(recordings)        a run that was broken off, and those that resumed it
+    shelf.runs(folder, since=..., protocol=..., spine=...)          the recordings of a folder tree
 """

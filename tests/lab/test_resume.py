@@ -1,0 +1,124 @@
+"""A run that was killed goes on from its first unfinished trial; a disk that fills up ends a run safely and at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from virtual_lab import VirtualLab
+
+from lab.cli import main
+from lab.inputs import read_case
+from recordings.journal import read
+from recordings.reader import Recording
+from recordings.trials import Table
+
+SHORT = ("--set", "spine_lengths=[0.0, 3 cm, 6 cm]", "--set", "pressures=[80 kPa]", "--set", "unload=false")
+
+
+def lab(*arguments: object) -> int:
+    return main([str(a) for a in arguments])
+
+
+def started(rig: Path, folder: Path, limit: int | None = None) -> subprocess.Popen[str]:
+    """A run in a process of its own; `limit` (bytes) is where its disk is full."""
+    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(rig), *SHORT, "--out", str(folder)]
+
+    def fill() -> None:
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=fill)
+
+
+def wait_for(text: str, folder: Path, process: subprocess.Popen[str]) -> None:
+    """Until the journal says so."""
+    deadline = time.monotonic() + 60
+    while not any(text in path.read_text() for path in folder.glob("*.journal")):
+        assert process.poll() is None and time.monotonic() < deadline, process.communicate()[0]
+        time.sleep(0.02)
+
+
+def freed(virtual_lab: VirtualLab) -> None:
+    """What a person does after a crash: look at the rig, bring it into the safe state, say that it is."""
+    deadline = time.monotonic() + 20
+    while lab("safe", "--clear", "--rig", virtual_lab.rig) != 0:
+        assert time.monotonic() < deadline
+        time.sleep(0.5)
+
+
+def shape(table: Table) -> list[tuple[object, ...]]:
+    return [(r.trial, r.step, r.repeat, r.branch, r.spine_length, round(r.pressures[8], -4)) for r in table]
+
+
+def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", whole) in (0, 3)
+    process = started(virtual_lab.rig, broken)
+    wait_for('{"trial": 2, "step": 1}', broken, process)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    (first,) = broken.glob("*.mcap")
+    freed(virtual_lab)
+    assert lab("run", "--resume", first, "--rig", virtual_lab.rig) in (0, 3)
+
+    (journal,) = broken.glob("*.journal")
+    progress = read(journal)
+    assert progress.done == {1: 2, 2: 2, 3: 2} and [n for _, n in progress.recordings] == [1, 2]
+    second = broken / progress.recordings[1][0]
+    assert {row.row.trial for row in Recording.open(second).trials} == {2, 3}
+    # The unfinished sweep was begun again: its first state is there twice, in two files, and once in the table.
+    assert 2 in {event.row.trial for event in Recording.open(first, truncated=True).trials}
+    assert lab("recover", first, "--out", broken / "first.mcap") == 3
+    resumed, plain = read_case([second, broken / "first.mcap"]).table, read_case(list(whole.glob("*.mcap"))).table
+    assert len(resumed) == 6 and [row[:4] for row in shape(resumed)] == [row[:4] for row in shape(plain)]
+    assert [row[4] for row in shape(resumed)] == pytest.approx([row[4] for row in shape(plain)], abs=1e-3)
+    assert [row[5] for row in shape(resumed)] == [row[5] for row in shape(plain)]
+    assert (resumed["t"][1:] > resumed["t"][:-1]).all() and resumed.columns == plain.columns
+
+    assert lab("run", "--resume", journal, "--rig", virtual_lab.rig) in (0, 3)
+    assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
+
+
+def test_what_cannot_be_resumed_is_told(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.journal").write_text(
+        '{"journal": 1, "campaign": "c", "protocol": "bending"}\n{"recording": "gone.mcap", "first_trial": 1}\n'
+    )
+    assert lab("run", "--resume", tmp_path / "a.journal", "--rig", virtual_lab.rig) == 2
+    assert "gone.mcap" in capsys.readouterr().err
+    assert lab("run", "--resume", tmp_path / "a.journal", "--rig", virtual_lab.rig, "--set", "repeats=2") == 2
+    assert lab("run", "--rig", virtual_lab.rig) == 2
+
+
+def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    freed(virtual_lab)
+    process = started(virtual_lab.rig, tmp_path, limit=60_000)
+    wait_for('"recording"', tmp_path, process)
+    while not (files := list(tmp_path.glob("*.mcap"))):
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.01)
+    (file,), size = files, 0
+    while process.poll() is None and (now := file.stat().st_size) >= size:
+        size = now
+        time.sleep(0.01)
+    full = time.monotonic()
+    plant = virtual_lab.fakes.plant
+    while (max(plant.chamber_pressure) > 5e3 or plant.valve_on) and time.monotonic() < full + 10:
+        time.sleep(0.01)
+    safe = time.monotonic() - full
+    output, _ = process.communicate(timeout=40)
+    assert process.returncode == 1 and "recording stopped" in output and "lab recover" in output
+    assert safe < 5.0, f"{safe:.1f} s"  # a second on an idle machine; measured by benchmarks/recording.py
+    assert file.stat().st_size <= 60_000
+    assert lab("recover", file, "--out", tmp_path / "saved.mcap", "--json") == 3
+    assert len(Recording.open(tmp_path / "saved.mcap").stream("/force")) > 10
+    assert json.loads(os.fsdecode((tmp_path / f"{file.stem}.journal").read_bytes().splitlines()[0]))["journal"] == 1
