@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from sim_fakes.faults import FAULTS
 
 PHASES = ("connect", "approach", "hold", "sweep", "shutdown")
+ORDER = ("hold", "connect", "sweep", "shutdown", "approach")
+"""In which they are tried: a run that is cut short has seen the worst first."""
 SUBJECTS = (
     "pressure/alicat", "pressure/smc_itv", "spine/dynamixel", "spine/tmcl", "valve/numato", "gauge/pfeiffer", "mocap/natnet",
     "force/ft300s", "arm/ur5",
@@ -16,9 +18,13 @@ SECOND_RIG = ("pressure/smc_itv", "spine/tmcl")
 STIFFNESS = ("force", "arm")
 """These are tried in a stiffness trial, the others in a bending sweep."""
 SPEED = 20.0
-HANG = 10.5
+HANG = 12.0
 """Host seconds from the fault to the end of the experiment: the protocols' longest time-out is 131 s of rig time, 6.6 s
-here; a pause may ask for 2 s more, a driver's own time-outs come to 1.5 s."""
+here; a pause may ask for 2 s more, a driver's own time-outs come to 3 s."""
+CONNECT_HANG = 25.0
+"""The same while connecting, where all instruments are tried: the arm's library alone waits 2.5, 5 and 6 s."""
+TIME_OUTS = {"pressure": 0.5, "spine": 0.3, "valve": 0.5, "gauge": 0.5, "force": 0.5}
+"""s; longer than the drivers' own, since fakes and lab share the processors of one host."""
 LANDING = 5.0
 """Host seconds from there to the report: 2 s a try, two tries, and half a second."""
 
@@ -91,6 +97,6 @@ class Verdict:
 def cells(
     subjects: tuple[str, ...] = SUBJECTS, faults: tuple[str, ...] = FAULTS, phases: tuple[str, ...] = PHASES
 ) -> list[Cell]:
-    """All cells; those of one rig together."""
+    """All cells, phase by phase; those of one rig together."""
     every = [Cell(s, f, p) for s in subjects for f in faults for p in phases]
-    return sorted(every, key=lambda c: c.second_rig)
+    return sorted(every, key=lambda c: (ORDER.index(c.phase), c.second_rig))

@@ -20,7 +20,7 @@ import yaml
 from lab.example import paper_robot
 from sim_fakes.rig import FakeRig
 
-from .cells import HANG, LANDING, SPEED, Cell, Job, Result, Verdict
+from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, Cell, Job, Result, Verdict
 
 LIMIT = 45.0
 """Host seconds after which a cell counts as hung and its worker is killed."""
@@ -83,7 +83,10 @@ class Bench:
             file["instruments"].pop(name)
         if "arm" in file["instruments"]:
             file["instruments"]["arm"]["serial"] = "20183500000"
-        file["limits"] = {"resume_within": 2.0, "max_hidden": 1.0}
+        for name, seconds in TIME_OUTS.items():
+            if name in file["instruments"]:
+                file["instruments"][name]["timeout"] = seconds
+        file["limits"] = {"resume_within": 2.0, "max_hidden": 1.0, "max_age": 2.0}
         self.rig.write_text(yaml.safe_dump(file))
 
     # -- the worker
@@ -149,7 +152,7 @@ class Bench:
         seconds = max(0.0, result.ended - trigger.at)
         unconfirmed = [name for name, confirmed, _ in result.steps if not confirmed]
         bad: list[str] = []
-        if seconds > HANG and result.error:
+        if seconds > (CONNECT_HANG if cell.phase == "connect" else HANG) and result.error:
             bad.append(f"took {seconds:.1f} s to end")
         if result.landed - result.ended > LANDING:
             bad.append(f"took {result.landed - result.ended:.1f} s to land")

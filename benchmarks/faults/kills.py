@@ -1,0 +1,191 @@
+"""`python -m benchmarks.faults.kills`: the program is killed at random moments; how fast is the rig safe, is the file whole?
+
+Also with --signal TERM or INT (twice): how long from the signal to the first stop on the wire. Prints the figures, exits 0
+when every run ended safe.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lab.fakes import write_rig
+from recordings.recover import recover
+from sim_fakes.rig import FakeRig
+
+SPEED = 20.0
+BENDING = ("bending", "spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "rate=20 kPa/s")
+STIFFNESS = ("stiffness", "lengths=[0.1]", "steps=3", "min_samples=30")
+LIMIT = 30.0
+
+
+@dataclass(frozen=True)
+class Kill:
+    """One run that was cut off."""
+
+    protocol: str
+    after: float
+    """Host seconds from the first motion to the signal."""
+    stop_ms: float
+    """From the signal to the first stop at a fake: regulators told zero, or the arm told to stop."""
+    vented_s: float
+    """From the signal until all chambers were below 5 kPa, host time."""
+    arm_ms: float
+    """From the signal until the arm stood; nan when it did not move."""
+    safe: bool
+    recovered: bool
+
+
+class Witness(threading.Thread):
+    """Looks at the fakes each millisecond."""
+
+    def __init__(self, fakes: FakeRig) -> None:
+        super().__init__(daemon=True)
+        self._fakes = fakes
+        self._ended = threading.Event()
+        self.stop_at = self.vented_at = self.still_at = float("nan")
+        self.moving = self._moves()
+        self._asked = float(fakes.plant.regulator.max()) > 1.0
+
+    def _moves(self) -> bool:
+        before = self._fakes.plant.probe_position.copy()
+        time.sleep(0.012)
+        return bool(np.abs(self._fakes.plant.probe_position - before).max() > 1e-5)
+
+    def run(self) -> None:
+        """Until everything was seen, or `end`."""
+        plant, last, last_at = self._fakes.plant, self._fakes.plant.probe_position.copy(), time.monotonic()
+        while not self._ended.is_set():
+            now = time.monotonic()
+            if np.isnan(self.stop_at) and self._asked and float(plant.regulator.max()) <= 1.0:
+                self.stop_at = now
+            if np.isnan(self.vented_at) and float(plant.chamber_pressure.max()) < 5e3:
+                self.vented_at = now
+            here = plant.probe_position.copy()
+            if float(np.abs(here - last).max()) > 1e-6:
+                last, last_at = here, now
+            self.still_at = last_at
+            time.sleep(0.001)
+
+    def end(self) -> None:
+        """No longer."""
+        self._ended.set()
+        self.join()
+
+
+def one(fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, what: Sequence[str]) -> Kill:
+    """Start a run, cut it off at a random moment, see what becomes of the rig."""
+    protocol, *settings = what
+    command = [sys.executable, "-m", "lab.cli", "run", protocol, "--rig", str(rig), "--out", str(folder)]
+    command += [word for s in settings for word in ("--set", s)]
+    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+    start = fakes.plant.probe_position.copy()
+    deadline = time.monotonic() + LIMIT
+    while not _begun(fakes, protocol, start) and program.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.005)
+    after = rng.uniform(0.0, 1.5)
+    time.sleep(after)
+    witness = Witness(fakes)
+    witness.start()
+    at = time.monotonic()
+    if program.poll() is None:
+        os.kill(program.pid, how)
+        if how == signal.SIGINT:
+            os.kill(program.pid, how)
+    give_up = at + 10.0
+    while np.isnan(witness.vented_at) and time.monotonic() < give_up:
+        time.sleep(0.005)
+    program.wait()
+    latch = rig.with_suffix(".latch")
+    while latch.exists() and time.monotonic() < give_up:
+        time.sleep(0.02)
+    witness.end()
+    vented = float(fakes.plant.chamber_pressure.max()) < 5e3 and not fakes.plant.valve_on
+    return Kill(
+        protocol,
+        after,
+        1e3 * (witness.stop_at - at),
+        witness.vented_at - at,
+        1e3 * (witness.still_at - at) if witness.moving else float("nan"),
+        vented and not latch.exists(),
+        _recovered(folder),
+    )
+
+
+def _begun(fakes: FakeRig, protocol: str, start: np.ndarray) -> bool:
+    if protocol == "bending":
+        return float(fakes.plant.regulator.max()) > 5e3
+    return fakes.plant.valve_on and float(np.abs(fakes.plant.probe_position - start).max()) > 0.01
+
+
+def _recovered(folder: Path) -> bool:
+    """Whether the newest recording can be read, after `recover` where it was cut off; it is deleted then."""
+    files = sorted(folder.glob("*.mcap"), key=lambda f: f.stat().st_mtime)
+    if not files:
+        return False
+    try:
+        recover(files[-1], folder / "recovered.mcap")
+        return (folder / "recovered.mcap").stat().st_size > 1000
+    except Exception as e:
+        print(f"not recovered: {e}", file=sys.stderr)
+        return False
+    finally:
+        for file in folder.glob("*.mcap"):
+            file.unlink()
+
+
+def main() -> int:
+    """See the module's text."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.faults.kills", description=__doc__)
+    parser.add_argument("--count", type=int, default=50)
+    parser.add_argument("--signal", choices=("KILL", "TERM", "INT"), default="KILL")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--report", type=Path)
+    a = parser.parse_args()
+    how, rng = getattr(signal, f"SIG{a.signal}"), random.Random(a.seed)
+    folder = Path(tempfile.mkdtemp(prefix="kills-"))
+    kills: list[Kill] = []
+    with FakeRig(speed=SPEED, seed=a.seed) as fakes:
+        write_rig(fakes, folder / "rig.yaml")
+        for i in range(a.count):
+            kill = one(fakes, folder / "rig.yaml", folder, how, rng, STIFFNESS if i % 3 == 2 else BENDING)
+            kills.append(kill)
+            ends = f"{'safe' if kill.safe else 'NOT SAFE'}, {'file recovered' if kill.recovered else 'FILE LOST'}"
+            times = f"stop {kill.stop_ms:6.1f} ms, vented {kill.vented_s:5.2f} s, arm {kill.arm_ms:6.1f} ms"
+            print(f"{i + 1:3d} {kill.protocol:9s} {times}, {ends}", flush=True)
+    summary(kills)
+    if a.report is not None:
+        a.report.write_text(json.dumps([asdict(k) for k in kills]))
+    return 0 if all(k.safe and k.recovered for k in kills) else 1
+
+
+def summary(kills: list[Kill]) -> None:
+    """The figures."""
+    for name, unit in (
+        ("stop_ms", "ms to the first stop on the wire"),
+        ("vented_s", "s until vented"),
+        ("arm_ms", "ms until the arm stood"),
+    ):
+        values = np.array([getattr(k, name) for k in kills])
+        values = values[np.isfinite(values)]
+        if len(values):
+            figures = f"median {np.median(values):.2f}, p99 {np.percentile(values, 99):.2f}, worst {values.max():.2f}"
+            print(f"{unit}: {figures} (n = {len(values)})")
+    print(f"safe {sum(k.safe for k in kills)}/{len(kills)}, recordings {sum(k.recovered for k in kills)}/{len(kills)}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
