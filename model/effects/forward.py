@@ -18,7 +18,7 @@ from model.effects.observation import Noise, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import readings
-from model.effects.solver import Solved, differentiate, integration_steps, solve
+from model.effects.solver import Solved, differentiate, integration_steps, solve, straight
 from model.effects.spec import EffectSpec
 from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import sources
@@ -97,8 +97,7 @@ class ForwardModel:
         nominal = rows(self._baseline, self._shear, 1)[0, self._in_bare]
         self._steps = integration_steps(nominal)
         first = self._solved(np.zeros(len(self.parameters)))
-        straight = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, robot.length]
-        self._start = np.where(first.bare.ok[:, None], first.bare.unknowns, straight)
+        self._start = np.where(first.bare.ok[:, None], first.bare.unknowns, straight(robot.length))
         side = first.final.result[first.final.ok, :2].sum(axis=0)
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)

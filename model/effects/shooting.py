@@ -41,6 +41,8 @@ NUDGE = 1e-6
 CLOSE = 1e-10
 """rad and m, miss of a solved rod."""
 ROUNDS = 40
+SLOW = 0.5
+"""A miss that shrinks by less than this in a round asks for a new Jacobian."""
 SERIES_ROUNDS = 12
 LONGEST = 0.6
 """rad (and a fifth of it in m), a Newton step is shortened to this."""
@@ -286,33 +288,43 @@ def _by_unknowns(
 
 @numba.njit(cache=True, error_model="numpy")
 def _newton(
-    row: Array, share: float, q: Array, held: Array, counts: Counts, work: Array, out: Array, slopes: Array
+    row: Array,
+    share: float,
+    q: Array,
+    held: Array,
+    jacobian: Array,
+    known: bool,
+    counts: Counts,
+    work: Array,
+    out: Array,
 ) -> bool:
-    """Move the unknowns q and held to equilibrium, by Newton with Broyden's updates; True when they got there."""
+    """Move the unknowns q and held to equilibrium, by Newton with Broyden's updates; True when they got there.
+
+    `jacobian` (6, 6) of the misses is where it begins when `known`, and what was reached.
+    """
     none = np.empty(0)
-    last, age = np.inf, ROUNDS
-    jacobian, turned, before, change = np.empty((6, 6)), np.empty(4), np.empty(6), np.zeros(6)
+    last, fresh = np.inf, known
+    turned, before, change, slopes = np.empty(4), np.empty(6), np.zeros(6), np.empty((6, at.MARKERS + 6))
     miss = out[at.MARKERS :]
-    for _ in range(ROUNDS):
+    for i in range(ROUNDS):
         _pass(row, share, q, held, none, counts, work, out)
         size = np.sqrt(np.sum(miss**2))
         if not size < np.inf:
             return False
         if size < CLOSE or (size < 1e-8 and size >= 0.5 * last):
             return True
-        if age == ROUNDS or size > 0.3 * last:
+        if not fresh or size > SLOW * last:
             _by_unknowns(row, share, q, held, none, counts, work, out, slopes, False)
-            for i in range(6):
-                for j in range(6):
-                    jacobian[i, j] = slopes[j, at.MARKERS + i]
-            age = 0
-        else:
+            for j in range(6):
+                for k in range(6):
+                    jacobian[j, k] = slopes[k, at.MARKERS + j]
+            fresh = True
+        elif i > 0:
             # The rank-one change that makes the Jacobian agree with the step just made.
             gained = (miss - before - jacobian @ change) / np.sum(change**2)
-            for i in range(6):
-                for j in range(6):
-                    jacobian[i, j] += gained[i] * change[j]
-            age += 1
+            for j in range(6):
+                for k in range(6):
+                    jacobian[j, k] += gained[j] * change[k]
         last = size
         # One eigenvalue through zero is a point of snapping or buckling; what lies beyond is another branch.
         if not np.linalg.det(jacobian) > LEAST_DETERMINANT:
@@ -332,17 +344,22 @@ def _newton(
 def solve_rows(
     rows: Array, arcs: Array, steps: Counts, start: Array, warm: bool, out: Array, unknowns: Array
 ) -> NDArray[np.bool_]:
-    """Solve every row; returns which were solved. `start` (n, 7) holds tip quaternion and position, used when `warm`."""
+    """Solve every row; returns which were solved.
+
+    `start` (n, 43) holds quaternion and position of the tip and the Jacobian of the misses there; it is used when
+    `warm`. `unknowns` gets the same for the solution.
+    """
     n = rows.shape[0]
     solved = np.zeros(n, np.bool_)
-    work, short, slopes = np.zeros((13, 10)), np.empty(at.MARKERS + 6), np.empty((6, at.MARKERS + 6))
-    q, held = np.zeros(4), np.zeros(3)
+    work, short = np.zeros((13, 10)), np.empty(at.MARKERS + 6)
+    q, held, jacobian = np.zeros(4), np.zeros(3), np.zeros((6, 6))
     for r in range(n):
         row, counts = rows[r], steps[r]
         if warm:
             q[:] = start[r, :4]
-            held[:] = start[r, 4:]
-            solved[r] = _newton(row, 1.0, q, held, counts, work, short, slopes)
+            held[:] = start[r, 4:7]
+            jacobian[:] = start[r, 7:].reshape(6, 6)
+            solved[r] = _newton(row, 1.0, q, held, jacobian, True, counts, work, short)
             near = 0.0
             for i in range(4):
                 near += q[i] * start[r, i]
@@ -356,12 +373,13 @@ def solve_rows(
             held[2] = row[at.ELEMENTS] + row[at.ELEMENTS + at.ELEMENT_WIDTH]
             solved[r] = True
             for i in range(1, parts + 1):
-                if not _newton(row, i / parts, q, held, counts, work, short, slopes):
+                if not _newton(row, i / parts, q, held, jacobian, i > 1, counts, work, short):
                     solved[r] = False
                     break
             parts *= 4
         unknowns[r, :4] = q
-        unknowns[r, 4:] = held
+        unknowns[r, 4:7] = held
+        unknowns[r, 7:] = jacobian.ravel()
         if solved[r]:
             _pass(row, 1.0, q, held, arcs, counts, work, out[r])
         else:
@@ -382,7 +400,7 @@ def sensitivities(
         if not np.isfinite(out[r, 0]):
             result[:, r] = np.nan
             continue
-        counts, q, held = steps[r], unknowns[r, :4], unknowns[r, 4:]
+        counts, q, held = steps[r], unknowns[r, :4], unknowns[r, 4:7]
         _by_unknowns(rows[r], 1.0, q, held, arcs, counts, work, out[r], slopes, True)
         inverse = np.linalg.inv(np.ascontiguousarray(slopes[:, wide - 6 :].T))
         for k in range(p):

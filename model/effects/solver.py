@@ -32,7 +32,7 @@ class Solved:
     """(n, columns + 6) results and, behind them, what is left of the misses; NaN where no equilibrium was found."""
     ok: NDArray[np.bool_]
     unknowns: Array
-    """(n, 7) tip quaternion and position: where a solve nearby starts."""
+    """(n, 43) quaternion and position of the tip and the Jacobian of the misses: where a solve nearby starts."""
 
     @property
     def result(self) -> Array:
@@ -55,9 +55,9 @@ def integration_steps(rows: Array) -> NDArray[np.int64]:
 
 
 def solve(rows: Array, arcs: Array, steps: NDArray[np.int64], start: Array | None = None) -> Solved:
-    """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` (n, 7) is where to begin."""
+    """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is `unknowns` of a solution nearby."""
     n = len(rows)
-    shot, unknowns = np.zeros((n, at.MARKERS + 3 * len(arcs) + 6)), np.zeros((n, 7))
+    shot, unknowns = np.zeros((n, at.MARKERS + 3 * len(arcs) + 6)), np.zeros((n, 43))
     given: Array = unknowns if start is None else np.ascontiguousarray(start)
     kept = np.ascontiguousarray(rows)
     ok = solve_rows(kept, arcs, steps, given.copy(), start is not None, shot, unknowns)
@@ -70,3 +70,8 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     along = np.ascontiguousarray(directions)
     sensitivities(solved.rows, solved.arcs, solved.steps, solved.shot, solved.unknowns, along, PROBE, out)
     return out
+
+
+def straight(length: float) -> Array:
+    """(43,) where to begin with a rod of which nothing is known."""
+    return np.concatenate([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, length], np.eye(6).ravel()])
