@@ -1,0 +1,10 @@
+"""The fast static Cosserat rod: millions of solves, in batches of arrays, with their sensitivities."""
+
+from model.statics.jit import drop_stale_kernels
+
+drop_stale_kernels()
+
+from model.statics.problem import Form, Rods, blank, rods  # noqa: E402
+from model.statics.solver import DEFAULT, FINE, Accuracy, Solution, solve  # noqa: E402
+
+__all__ = ["DEFAULT", "FINE", "Accuracy", "Form", "Rods", "Solution", "blank", "rods", "solve"]

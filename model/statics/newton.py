@@ -1,0 +1,303 @@
+"""Which pose of the tip brings the base to its place, by Newton and Broyden.
+
+The tip is turned in the mount frame and the miss of the base is measured in the mount frame. Without dead loads the
+whole rod then turns as one, the Jacobian is the identity and the first step exact; dead loads bend it away from there.
+That makes three equations in three unknowns. Springs at the tip depend on where it is: its position joins as three
+more. A group of rods is solved together:
+    1. one coarse pass without dead loads gives the first guess,
+    2. a coarse finite-difference Jacobian and Broyden's updates bring the miss below NEAR,
+    3. fine passes with the same Jacobian, still updated, bring it below `close`,
+    4. what is left is removed to first order from orientation and position.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.statics.algebra import Vector, add, along, dot, product, scaled
+from model.statics.jit import inline, routine
+from model.statics.lanes import (
+    BASE,
+    BEFORE,
+    CARRY,
+    HELD,
+    JACOBIAN,
+    KEPT,
+    LANES,
+    MISS,
+    PLACE,
+    TIP,
+    TURN,
+    Counts,
+    put,
+    put_quaternion,
+    quaternion_of,
+    vector_of,
+)
+from model.statics.passes import evaluate, turn_tip, unit_quaternion
+
+Array = NDArray[np.float64]
+
+NUDGE = 1e-4
+"""Finite-difference change of an unknown (rad, lengths)."""
+LONGEST_TURN = 0.7
+"""A Newton step (rad, lengths) is shortened to this."""
+NEAR = 1e-3
+"""Miss at which coarse passes have done their part: below their own discretisation error."""
+
+
+@inline
+def first_guess(
+    work: Array, elements: Array, rises: Array | None, series: Array | None, parts: Counts, active: int
+) -> None:
+    """Set the unknowns to what they would be without dead loads."""
+    for l in range(active):
+        put_quaternion(work, TIP, l, quaternion_of(work, BASE, l))
+    evaluate(work, elements, rises, series, parts, 0, 0.0, active)
+    for l in range(active):
+        # A pass that starts at B and ends at R reaches B from B R^T B.
+        r = unit_quaternion(work, l)
+        b = quaternion_of(work, TIP, l)
+        put_quaternion(work, TIP, l, product(b, product((r[0], -r[1], -r[2], -r[3]), b)))
+        put(work, HELD, l, vector_of(work, PLACE, l))
+
+
+@routine
+def difference_jacobian(
+    work: Array,
+    elements: Array,
+    rises: Array | None,
+    series: Array | None,
+    parts: Counts,
+    springs: int,
+    active: int,
+) -> None:
+    """d MISS / d TURN and d PLACE / d TURN by finite differences; leaves the pass at the unchanged tip behind."""
+    unknowns = 6 if springs > 0 else 3
+    evaluate(work, elements, rises, series, parts, springs, 1.0, active)
+    copy(work, TIP, KEPT, 7)
+    copy(work, PLACE, KEPT + 7, 3)
+    copy(work, MISS, BEFORE, 6)
+    for c in range(unknowns):
+        for k in range(6):
+            for l in range(LANES):
+                work[(TURN + k) * LANES + l] = NUDGE if k == c else 0.0
+        turn_tip(work, springs, active)
+        evaluate(work, elements, rises, series, parts, springs, 1.0, active)
+        for r in range(unknowns):
+            for l in range(active):
+                rise = work[(MISS + r) * LANES + l] - work[(BEFORE + r) * LANES + l]
+                work[(JACOBIAN + 6 * r + c) * LANES + l] = rise * (1.0 / NUDGE)
+        for r in range(3):
+            for l in range(active):
+                rise = work[(PLACE + r) * LANES + l] - work[(KEPT + 7 + r) * LANES + l]
+                work[(CARRY + 6 * r + c) * LANES + l] = rise * (1.0 / NUDGE)
+        copy(work, KEPT, TIP, 7)
+    copy(work, BEFORE, MISS, 6)
+    copy(work, KEPT + 7, PLACE, 3)
+
+
+@inline
+def copy(work: Array, source: int, target: int, quantities: int) -> None:
+    """Quantities from `source` on into those from `target` on."""
+    for i in range(quantities * LANES):
+        work[target * LANES + i] = work[source * LANES + i]
+
+
+@inline
+def newton_turn(work: Array, springs: int, active: int) -> None:
+    """TURN = -J^-1 MISS, shortened to LONGEST_TURN."""
+    if springs > 0:
+        for l in range(active):
+            eliminate(work, l)
+    else:
+        for l in range(active):
+            put(work, TURN, l, by_cofactors(jacobian_of(work, l), vector_of(work, MISS, l)))
+    for l in range(active):
+        t = vector_of(work, TURN, l)
+        size = dot(t, t)
+        if springs > 0:
+            d = vector_of(work, TURN + 3, l)
+            size += dot(d, d)
+        shorten = min(1.0, LONGEST_TURN / (math.sqrt(size) + 1e-300))
+        put(work, TURN, l, scaled(shorten, t))
+        if springs > 0:
+            put(work, TURN + 3, l, scaled(shorten, vector_of(work, TURN + 3, l)))
+
+
+@inline
+def jacobian_of(work: Array, l: int) -> tuple[Vector, Vector, Vector]:
+    """The rows of the 3 by 3 Jacobian."""
+    return (vector_of(work, JACOBIAN, l), vector_of(work, JACOBIAN + 6, l), vector_of(work, JACOBIAN + 12, l))
+
+
+@inline
+def by_cofactors(jacobian: tuple[Vector, Vector, Vector], miss: Vector) -> Vector:
+    """-J^-1 miss for three unknowns."""
+    (a, b, c), (d, e, f), (g, h, i) = jacobian
+    x, y, z = miss
+    ca, cb, cc = e * i - f * h, f * g - d * i, d * h - e * g
+    scale = -1.0 / (a * ca + b * cb + c * cc)
+    return (
+        (ca * x + (c * h - b * i) * y + (b * f - c * e) * z) * scale,
+        (cb * x + (a * i - c * g) * y + (c * d - a * f) * z) * scale,
+        (cc * x + (b * g - a * h) * y + (a * e - b * d) * z) * scale,
+    )
+
+
+@routine
+def eliminate(work: Array, l: int) -> None:
+    """TURN = -J^-1 MISS for six unknowns of one lane, by elimination with pivots."""
+    a = np.empty((6, 7))
+    for r in range(6):
+        for c in range(6):
+            a[r, c] = work[(JACOBIAN + 6 * r + c) * LANES + l]
+        a[r, 6] = -work[(MISS + r) * LANES + l]
+    for k in range(6):
+        top = k
+        for r in range(k + 1, 6):
+            if abs(a[r, k]) > abs(a[top, k]):
+                top = r
+        for c in range(k, 7):
+            a[k, c], a[top, c] = a[top, c], a[k, c]
+        for r in range(k + 1, 6):
+            factor = a[r, k] / a[k, k]
+            for c in range(k, 7):
+                a[r, c] -= factor * a[k, c]
+    for r in range(5, -1, -1):
+        for c in range(r + 1, 6):
+            a[r, 6] -= a[r, c] * a[c, 6]
+        a[r, 6] /= a[r, r]
+        work[(TURN + r) * LANES + l] = a[r, 6]
+
+
+@inline
+def broyden(work: Array, springs: int, active: int) -> None:
+    """Make the Jacobian explain the last step: J += (MISS - BEFORE - J TURN) TURN^T / |TURN|^2."""
+    if springs > 0:
+        for l in range(active):
+            size = 1e-30
+            for k in range(6):
+                size += work[(TURN + k) * LANES + l] ** 2
+            for r in range(6):
+                gap = work[(MISS + r) * LANES + l] - work[(BEFORE + r) * LANES + l]
+                for k in range(6):
+                    gap -= work[(JACOBIAN + 6 * r + k) * LANES + l] * work[(TURN + k) * LANES + l]
+                for k in range(6):
+                    work[(JACOBIAN + 6 * r + k) * LANES + l] += gap / size * work[(TURN + k) * LANES + l]
+    else:
+        for l in range(active):
+            turn = vector_of(work, TURN, l)
+            scale = 1.0 / (dot(turn, turn) + 1e-30)
+            gained = along(vector_of(work, MISS, l), -1.0, vector_of(work, BEFORE, l))
+            a, b, c = jacobian_of(work, l)
+            put(work, JACOBIAN, l, along(a, (gained[0] - dot(a, turn)) * scale, turn))
+            put(work, JACOBIAN + 6, l, along(b, (gained[1] - dot(b, turn)) * scale, turn))
+            put(work, JACOBIAN + 12, l, along(c, (gained[2] - dot(c, turn)) * scale, turn))
+            # CARRY learns in the same way, so that the last correction moves the tip as the last step did.
+            moved = along(vector_of(work, PLACE, l), -1.0, vector_of(work, KEPT + 7, l))
+            a, b, c = (
+                vector_of(work, CARRY, l),
+                vector_of(work, CARRY + 6, l),
+                vector_of(work, CARRY + 12, l),
+            )
+            put(work, CARRY, l, along(a, (moved[0] - dot(a, turn)) * scale, turn))
+            put(work, CARRY + 6, l, along(b, (moved[1] - dot(b, turn)) * scale, turn))
+            put(work, CARRY + 12, l, along(c, (moved[2] - dot(c, turn)) * scale, turn))
+
+
+@inline
+def size_of(work: Array, k: int, springs: int, l: int) -> float:
+    """Root sum of squares of MISS, BEFORE or TURN; NaN counts as infinite."""
+    turned_by = vector_of(work, k, l)
+    size = dot(turned_by, turned_by)
+    if springs > 0:
+        moved_by = vector_of(work, k + 3, l)
+        size += dot(moved_by, moved_by)
+    return math.sqrt(size) if size == size else math.inf
+
+
+@inline
+def left_over(work: Array, springs: int, l: int) -> float:
+    """What one more Newton step without a pass is expected to leave of the miss.
+
+    The last step left the share MISS / BEFORE; the next one leaves about as much, four times that to be safe.
+    CARRY knows only the directions of the last steps well, so a hundredth is the least that is expected.
+    """
+    miss, before = size_of(work, MISS, springs, l), size_of(work, BEFORE, springs, l)
+    return miss * min(1.0, max(0.01, 4.0 * miss / (before + 1e-300))) if miss < math.inf else math.inf
+
+
+@inline
+def worst(work: Array, springs: int, active: int) -> float:
+    """The most that is left over in the group."""
+    most = 0.0
+    for l in range(active):
+        most = max(most, left_over(work, springs, l))
+    return most
+
+
+@routine
+def improve(
+    work: Array,
+    elements: Array,
+    rises: Array | None,
+    series: Array | None,
+    parts: Counts,
+    springs: int,
+    active: int,
+    close: float,
+    most_rounds: int,
+) -> int:
+    """Newton steps with Broyden's updates from an evaluated point until nothing above `close` is left over in any lane
+    (the step that `left_over` counts on is the caller's); returns the rounds used."""
+    copy(work, MISS, BEFORE, 6)
+    for i in range(most_rounds):
+        if worst(work, springs, active) < close:
+            return i
+        newton_turn(work, springs, active)
+        turn_tip(work, springs, active)
+        copy(work, MISS, BEFORE, 6)
+        copy(work, PLACE, KEPT + 7, 3)
+        evaluate(work, elements, rises, series, parts, springs, 1.0, active)
+        broyden(work, springs, active)
+    return most_rounds
+
+
+@routine
+def near_side(work: Array, springs: int, l: int) -> float:
+    """How far the solution in lane l is on the near side of buckling: 1 without dead loads, 0 or less beyond.
+
+    All eigenvalues of the 3 by 3 Jacobian are 1 without dead loads; on the way to a fold or a branching point one of
+    them goes through zero. Routh's conditions say whether all real parts are positive; the determinant alone would
+    miss a straight rod, which buckles in two planes at once. Returned is the smallest of the three conditions, scaled.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = reduced(work, springs, l)
+    trace = a + e + i
+    minors = a * e - b * d + a * i - c * g + e * i - f * h
+    determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+    return min(trace / 3.0, determinant, (trace * minors - determinant) / 8.0)
+
+
+@inline
+def reduced(work: Array, springs: int, l: int) -> tuple[Vector, Vector, Vector]:
+    """The 3 by 3 Jacobian of the base's rotation by the tip's, the tip being free to move: with springs the Schur
+    complement J_rr - J_rp J_pp^-1 J_pr."""
+    top = jacobian_of(work, l)
+    if springs == 0:
+        return top
+    j = JACOBIAN
+    pp = (vector_of(work, j + 21, l), vector_of(work, j + 27, l), vector_of(work, j + 33, l))
+    pr = (vector_of(work, j + 18, l), vector_of(work, j + 24, l), vector_of(work, j + 30, l))
+    x = by_cofactors(pp, (pr[0][0], pr[1][0], pr[2][0]))
+    y = by_cofactors(pp, (pr[0][1], pr[1][1], pr[2][1]))
+    z = by_cofactors(pp, (pr[0][2], pr[1][2], pr[2][2]))
+    r0, r1, r2 = vector_of(work, j + 3, l), vector_of(work, j + 9, l), vector_of(work, j + 15, l)
+    return (
+        add(top[0], (dot(r0, x), dot(r0, y), dot(r0, z))),
+        add(top[1], (dot(r1, x), dot(r1, y), dot(r1, z))),
+        add(top[2], (dot(r2, x), dot(r2, y), dot(r2, z))),
+    )

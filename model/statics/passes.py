@@ -1,0 +1,199 @@
+"""One pass of a group of rods from the tip to the base."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.statics.algebra import Quaternion, along, dot, product, scaled, times, turned, turned_back
+from model.statics.jit import inline, routine
+from model.statics.lanes import (
+    BASE,
+    COMPLIANCE,
+    ELEMENT,
+    HELD,
+    LANES,
+    MISS,
+    PEAK,
+    PLACE,
+    SHARE,
+    SPRINGS,
+    TIP,
+    TURN,
+    WHOLE,
+    WRENCH,
+    Counts,
+    M,
+    N,
+    Q,
+    R,
+    put,
+    put_quaternion,
+    quaternion_of,
+    vector_of,
+)
+from model.statics.layout import SPRING
+from model.statics.runge_kutta import step
+
+Array = NDArray[np.float64]
+
+
+@routine
+def evaluate(
+    work: Array,
+    elements: Array,
+    rises: Array | None,
+    series: Array | None,
+    parts: Counts,
+    springs: int,
+    dead: float,
+    active: int,
+) -> None:
+    """Shoot from the present unknowns and read what comes out at the base; dead loads count `dead` times."""
+    set_tip(work, dead, active)
+    pull(work, springs, active)
+    for e in range(parts.size):
+        for j in range(parts[e]):
+            dz = -1.0 / parts[e]
+            z = 1.0 + j * dz
+            if active == LANES:
+                for l in range(LANES):
+                    advance(work, elements, rises, series, e, z, dz, l, dead)
+            else:
+                for l in range(active):
+                    advance_alone(work, elements, rises, series, e, z, dz, l, dead)
+    read_base(work, active)
+    if springs > 0:
+        read_gap(work, active)
+
+
+@routine
+def advance_alone(
+    work: Array,
+    elements: Array,
+    rises: Array | None,
+    series: Array | None,
+    e: int,
+    z: float,
+    dz: float,
+    l: int,
+    dead: float,
+) -> None:
+    """As `advance`, compiled once without vectors."""
+    advance(work, elements, rises, series, e, z, dz, l, dead)
+
+
+@inline
+def set_tip(work: Array, dead: float, active: int) -> None:
+    """The state at the tip under the wrench there."""
+    for l in range(active):
+        q = quaternion_of(work, TIP, l)
+        share = work[SHARE * LANES + l]
+        force = scaled(share, turned(q, vector_of(work, WRENCH, l)))
+        force = along(force, share * dead, vector_of(work, WRENCH + 6, l))
+        moment = scaled(share, vector_of(work, WRENCH + 3, l))
+        moment = along(moment, share * dead, turned_back(q, vector_of(work, WRENCH + 9, l)))
+        put_quaternion(work, Q, l, q)
+        put(work, M, l, moment)
+        put(work, R, l, (0.0, 0.0, 0.0))
+        put(work, N, l, force)
+        work[PEAK * LANES + l] = dot(moment, moment)
+
+
+@inline
+def spring_force(stretch: float, stiffness: float, softness: float) -> float:
+    """Pull (N) of a spring stretched by `stretch` (m); one that only pushes one way starts over a width `softness`."""
+    if softness > 0.0:
+        return 0.5 * stiffness * (stretch + math.sqrt(stretch * stretch + softness * softness))
+    return stiffness * stretch
+
+
+@inline
+def pull(work: Array, springs: int, active: int) -> None:
+    """Add the springs at the tip to the internal force there: -k (e . p - origin) e each."""
+    for j in range(springs):
+        o = SPRINGS + j * SPRING
+        for l in range(active):
+            e = vector_of(work, o, l)
+            stretch = dot(e, vector_of(work, HELD, l)) - work[(o + 4) * LANES + l]
+            size = spring_force(stretch, work[(o + 3) * LANES + l], work[(o + 5) * LANES + l])
+            put(work, N, l, along(vector_of(work, N, l), -work[SHARE * LANES + l] * size, e))
+
+
+@inline
+def advance(
+    work: Array,
+    elements: Array,
+    rises: Array | None,
+    series: Array | None,
+    e: int,
+    z: float,
+    dz: float,
+    l: int,
+    dead: float,
+) -> None:
+    """One step of lane l within element e, from the place z by dz (a negative share of the element)."""
+    q, m, r = quaternion_of(work, Q, l), vector_of(work, M, l), vector_of(work, R, l)
+    y = (q[0], q[1], q[2], q[3], m[0], m[1], m[2], r[0], r[1], r[2])
+    force = vector_of(work, N, l)
+    o = e * ELEMENT
+    h = -dz * elements[o * LANES + l]
+    section = (
+        vector_of(elements, o + 1, l),
+        vector_of(elements, o + 4, l),
+        vector_of(elements, o + 7, l),
+        vector_of(elements, o + 10, l),
+    )
+    load = scaled(dead * work[SHARE * LANES + l], vector_of(elements, o + 13, l))
+    y = step(y, force, load, h, section, z, dz, rises, series, e, l)
+    put_quaternion(work, Q, l, (y[0], y[1], y[2], y[3]))
+    put(work, M, l, (y[4], y[5], y[6]))
+    put(work, R, l, (y[7], y[8], y[9]))
+    put(work, N, l, along(force, h, load))
+    work[PEAK * LANES + l] = max(work[PEAK * LANES + l], y[4] * y[4] + y[5] * y[5] + y[6] * y[6])
+
+
+@inline
+def unit_quaternion(work: Array, l: int) -> Quaternion:
+    """The orientation in the state, freed from the drift of its norm."""
+    a, b, c, d = quaternion_of(work, Q, l)
+    size = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
+    return (size * a, size * b, size * c, size * d)
+
+
+@inline
+def read_base(work: Array, active: int) -> None:
+    """By which rotation (rad, mount frame) the base misses its place, and where the tip is seen from it (m)."""
+    for l in range(active):
+        q = unit_quaternion(work, l)
+        b = quaternion_of(work, BASE, l)
+        give = times(turned(q, vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
+        e = product(q, (b[0], -b[1], -b[2], -b[3]))
+        # Four times the tangent of a quarter of the angle: the rotation vector to third order, regular up to 2 pi.
+        scale = math.copysign(4.0 / (1.0 + abs(e[0])), e[0])
+        put(work, MISS, l, (scale * e[1] - give[0], scale * e[2] - give[1], scale * e[3] - give[2]))
+        put(work, PLACE, l, turned(q, vector_of(work, R, l)))
+
+
+@inline
+def read_gap(work: Array, active: int) -> None:
+    """How far the tip is from where the springs believed it to be, over the rod's length."""
+    for l in range(active):
+        gap = along(vector_of(work, HELD, l), -1.0, vector_of(work, PLACE, l))
+        put(work, MISS + 3, l, scaled(1.0 / work[WHOLE * LANES + l], gap))
+
+
+@inline
+def turn_tip(work: Array, springs: int, active: int) -> None:
+    """Turn the tips by the first three of TURN (rad, mount frame); with springs move them by the others (lengths)."""
+    for l in range(active):
+        x, y, z = vector_of(work, TURN, l)
+        size = 1.0 / math.sqrt(1.0 + 0.25 * (x * x + y * y + z * z))
+        half = 0.5 * size
+        put_quaternion(work, TIP, l, product((size, half * x, half * y, half * z), quaternion_of(work, TIP, l)))
+    if springs > 0:
+        for l in range(active):
+            moved = along(vector_of(work, HELD, l), work[WHOLE * LANES + l], vector_of(work, TURN + 3, l))
+            put(work, HELD, l, moved)

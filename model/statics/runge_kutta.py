@@ -1,0 +1,62 @@
+"""One step of the rod's equations: Butcher's sixth-order Runge-Kutta method with seven stages.
+
+y_i = y + h sum_j A_ij k_j,   k_i = slope(y_i) at the share C_i of the step,   y' = y + h sum_i B_i k_i
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.statics.algebra import State, Vector, along, plus
+from model.statics.equations import Section, slope
+from model.statics.jit import inline
+
+Array = NDArray[np.float64]
+
+C2, C3, C4, C5, C6 = 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2
+A21 = 1 / 3
+A32 = 2 / 3
+A41, A42, A43 = 1 / 12, 1 / 3, -1 / 12
+A51, A52, A53, A54 = -1 / 16, 9 / 8, -3 / 16, -3 / 8
+A62, A63, A64, A65 = 9 / 8, -3 / 8, -3 / 4, 1 / 2
+A71, A72, A73, A74, A76 = 9 / 44, -9 / 11, 63 / 44, 18 / 11, -16 / 11
+B1, B3, B4, B5, B6, B7 = 11 / 120, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120
+
+
+@inline
+def step(
+    y: State,
+    force: Vector,
+    load: Vector,
+    h: float,
+    section: Section,
+    z: float,
+    dz: float,
+    rises: Array | None,
+    series: Array | None,
+    e: int,
+    l: int,
+) -> State:
+    """The state a distance h nearer to the base; `force` (N) at the start grows by `load` (N/m) on the way and
+    z, the place within element e of lane l, by dz."""
+    z2, z3, z5, z7 = z + C2 * dz, z + C3 * dz, z + C5 * dz, z + dz
+    f2, f3, f5, f7 = (
+        along(force, C2 * h, load),
+        along(force, C3 * h, load),
+        along(force, C5 * h, load),
+        along(force, h, load),
+    )
+    k1 = slope(y, force, section, z, rises, series, e, l)
+    k2 = slope(plus(y, A21 * h, k1), f2, section, z2, rises, series, e, l)
+    k3 = slope(plus(y, A32 * h, k2), f3, section, z3, rises, series, e, l)
+    y4 = plus(plus(plus(y, A41 * h, k1), A42 * h, k2), A43 * h, k3)
+    k4 = slope(y4, f2, section, z2, rises, series, e, l)
+    y5 = plus(plus(plus(plus(y, A51 * h, k1), A52 * h, k2), A53 * h, k3), A54 * h, k4)
+    k5 = slope(y5, f5, section, z5, rises, series, e, l)
+    y6 = plus(plus(plus(plus(y, A62 * h, k2), A63 * h, k3), A64 * h, k4), A65 * h, k5)
+    k6 = slope(y6, f5, section, z5, rises, series, e, l)
+    y7 = plus(plus(plus(plus(plus(y, A71 * h, k1), A72 * h, k2), A73 * h, k3), A74 * h, k4), A76 * h, k6)
+    k7 = slope(y7, f7, section, z7, rises, series, e, l)
+    y = plus(plus(plus(y, B1 * h, k1), B3 * h, k3), B4 * h, k4)
+    return plus(plus(plus(y, B5 * h, k5), B6 * h, k6), B7 * h, k7)
