@@ -32,9 +32,9 @@ def _make(a: argparse.Namespace) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
-    from .diagnose import diagnose_folder
+    from .diagnose import attribute_folder, diagnose_folder
 
-    done = run(a.out, diagnose_folder, a.chosen, a.workers)
+    done = run(a.out, attribute_folder if a.quick else diagnose_folder, a.chosen, a.workers)
     out.print(f"{done} cases diagnosed")
     return 0
 

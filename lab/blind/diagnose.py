@@ -6,12 +6,22 @@ import json
 from pathlib import Path
 from typing import Any
 
+from diagnosis.diagnose import Options, diagnose
+from diagnosis.result import Diagnosis
+
 from ..inputs import read_case
 
 
 def diagnose_folder(folder: Path) -> dict[str, Any]:
     """diagnosis.json of a case folder. Raises what the diagnosis raises."""
-    from diagnosis.diagnose import diagnose
+    return _json(diagnose(read_case([folder])))
 
-    found: dict[str, Any] = json.loads(diagnose(read_case([folder])).to_json())
-    return found
+
+def attribute_folder(folder: Path) -> dict[str, Any]:
+    """The same without held-out errors and without next experiments, for a quick look."""
+    return _json(diagnose(read_case([folder]), Options(quantify=False, experiments=False)))
+
+
+def _json(found: Diagnosis) -> dict[str, Any]:
+    out: dict[str, Any] = json.loads(found.to_json())
+    return out

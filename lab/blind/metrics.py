@@ -132,7 +132,7 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
 def _size_hit(c: Scored) -> bool | None:
     (name,) = c.truth
     found = true_size(name, c.answer.sizes.get(name, {}))
-    return None if found is None else within_90(c.sizes[name], *found)
+    return None if found is None else within_90(name, c.sizes[name], *found)
 
 
 def flagged_at(known: Sequence[Scored], outside: Sequence[Scored], share_allowed: float = FALSE_FLAGS) -> Interval:

@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument("out", type=Path)
     p.add_argument("--chosen", type=int, default=0, help="experiments that the diagnosis may ask for (0 to 3)")
     p.add_argument("--workers", type=int, default=1)
+    p.add_argument("--quick", action="store_true", help="no held-out errors and no next experiments")
     p = steps.add_parser("score", help="open the seal and score")
     p.add_argument("out", type=Path)
     p.add_argument("--after", type=int, help="score the answers given after this many experiments (default: the last)")

@@ -8,36 +8,50 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Literal
 
-COMPARABLE = frozenset({
-    "area_moment", "spine_shear", "vacuum_leak", "spine_length_offset", "body_modulus", "chamber_ballooning",
-    "pressure_deadband", "pressure_offset", "chamber_azimuth", "chamber_twist", "self_weight", "tether_load", "base_tilt",
-    "base_compliance", "precurvature", "frame_misalignment", "marker_offset", "time_offset", "viscoelastic",
-})  # fmt: skip
-"""Effects whose sealed size and named size mean the same, at least to first order."""
+Size = tuple[tuple[str, ...], Literal["value", "norm", "sum"]]
+SIZES: dict[str, Size] = {
+    "area_moment": (("blend",), "value"),
+    "spine_shear": (("blend",), "value"),
+    "vacuum_leak": (("lost",), "value"),
+    "spine_length_offset": (("offset",), "value"),
+    "body_modulus": (("excess",), "value"),
+    "viscoelastic": (("fast", "slow"), "sum"),
+    "chamber_ballooning": (("growth",), "value"),
+    "pressure_deadband": (("band",), "value"),
+    "pressure_offset": (("offset",), "value"),
+    "chamber_azimuth": (("angle",), "value"),
+    "chamber_twist": (("winding",), "value"),
+    "self_weight": (("excess",), "value"),
+    "tether_load": (("x", "y"), "norm"),
+    "base_tilt": (("x", "y"), "norm"),
+    "base_compliance": (("give",), "value"),
+    "precurvature": (("x", "y"), "norm"),
+    "frame_misalignment": (("x", "y", "z"), "norm"),
+    "marker_offset": (("x", "y", "z"), "norm"),
+    "time_offset": (("delay",), "value"),
+}
+"""Effects whose sealed size and named size mean the same, at least to first order: the model's parameters that make it."""
 Z90 = 1.6449
 """Half width of a 90 % interval, in standard deviations."""
 
 
 def true_size(effect: str, parameters: Mapping[str, tuple[float, float]]) -> tuple[float, float] | None:
-    """Size and its sd from an effect's parameters (value, sd): of one, itself; of a direction's components, their norm.
-
-    None where it cannot be compared.
-    """
-    if effect not in COMPARABLE or not parameters:
+    """Size and its sd from an effect's parameters (value, sd); None where it cannot be compared."""
+    names, how = SIZES.get(effect, ((), "value"))
+    values = [parameters[n] for n in names if n in parameters]
+    if not values or len(values) < len(names) or not all(math.isfinite(x) for pair in values for x in pair):
         return None
-    values = list(parameters.values())
-    if any(not math.isfinite(v) or not math.isfinite(sd) for v, sd in values):
-        return None
-    if len(values) == 1:
+    if how == "value":
         return values[0]
-    norm = math.sqrt(sum(v * v for v, _ in values))
-    if norm == 0:
-        return None
-    return norm, math.sqrt(sum((v * sd) ** 2 for v, sd in values)) / norm
+    if how == "sum":
+        return sum(v for v, _ in values), math.hypot(*(sd for _, sd in values))
+    norm = math.hypot(*(v for v, _ in values))
+    return (norm, math.hypot(*(v * sd for v, sd in values)) / norm) if norm > 0 else None
 
 
-def within_90(truth: float, value: float, sd: float) -> bool:
-    """Whether the 90 % interval covers the truth; the size of a direction has no sign."""
-    known = abs(truth) if value >= 0 else truth
+def within_90(effect: str, truth: float, value: float, sd: float) -> bool:
+    """Whether the 90 % interval covers the truth; the length of a direction has no sign."""
+    known = abs(truth) if SIZES[effect][1] == "norm" else truth
     return abs(known - value) <= Z90 * sd

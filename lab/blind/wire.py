@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from pathlib import Path
 
@@ -22,8 +23,12 @@ from .truth import Truth
 
 SPEED = 20.0
 """Rig seconds a host second."""
-ATTEMPTS = 3
-"""A protocol that gives up on a busy machine is run again."""
+ATTEMPTS = 4
+"""A busy machine stalls a fast rig; then it is run again at half the speed."""
+STALLED = 1.2e-3
+"""m that the tip scatters within a reading when camera and regulators have lost each other, many times the noise."""
+LATE = 3.0
+"""s by which readings on the fly may be apart from what the ramp says."""
 
 
 def measure_by_wire(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: float = SPEED) -> Table:
@@ -33,12 +38,30 @@ def measure_by_wire(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, s
     """
     for attempt in range(1, ATTEMPTS + 1):
         try:
-            return _record(truth, sweep, robot_yaml, folder, speed)
+            table = _record(truth, sweep, robot_yaml, folder, speed / 2 ** (attempt - 1))
+            _check_pace(table)
+            return table
         except (RecordingError, OSError, RuntimeError) as e:
             if attempt == ATTEMPTS:
                 raise
             (folder / f"failed-{attempt}.txt").write_text(f"{time.strftime('%H:%M:%S')} {e}\n")
     raise RuntimeError("unreachable: every attempt returns or raises")
+
+
+def _check_pace(table: Table) -> None:
+    """Raises RuntimeError when the machine was too slow for the rig's speed, so that a reading says nothing of the robot."""
+    scatter = max(row.sd.get(axis, 0.0) for row in table for axis in "xyz")
+    if scatter > STALLED:
+        raise RuntimeError(
+            f"the tip scattered {scatter * 1e3:.1f} mm within a reading: this machine is too slow for the speed"
+        )
+    for before, row in itertools.pairwise(table):
+        if before.trial == row.trial and before.hold == row.hold == 0 and before.branch == row.branch and row.rate:
+            ramp = abs(max(row.pressures) - max(before.pressures)) / abs(row.rate)
+            if abs(row.t - before.t - ramp) > LATE:
+                raise RuntimeError(
+                    f"trial {row.trial} step {row.step}: {row.t - before.t:.1f} s after the last reading, not {ramp:.1f} s"
+                )
 
 
 def _record(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: float) -> Table:

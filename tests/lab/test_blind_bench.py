@@ -19,15 +19,16 @@ from lab.blind.make import make
 from lab.blind.metrics import Scored, calibration_error, flagged_at, metrics
 from lab.blind.score import score, write
 from lab.blind.sheet import draw, sheet, write_section
-from lab.blind.sizes import true_size, within_90
+from lab.blind.sizes import SIZES, true_size, within_90
 from lab.blind.sweeps import BASE, MENU
 from lab.blind.truth import STAND_ONLY, Recipe
 from lab.blind.truth import draw as draw_truths
 from lab.config import ConfigError
+from model.effects.catalogue import CATALOGUE
 from recordings.table_file import read_csv
 from sim_fakes.virtual_robot import list_effects
 
-CATALOGUE = [e.id for e in list_effects() if e.catalogue and e.id not in STAND_ONLY]
+NAMED = [e.id for e in list_effects() if e.catalogue and e.id not in STAND_ONLY]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,7 @@ def breaks(folder: Path) -> dict[str, Any]:
 def test_every_catalogue_effect_gets_its_turn_and_ids_tell_nothing() -> None:
     truths = draw_truths(Recipe(100, 1))
     singles = [next(iter(t.effects)) for t in truths if t.kind == "single"]
-    assert set(singles) == set(CATALOGUE) and len(singles) == 60
+    assert set(singles) == set(NAMED) and len(singles) == 60
     assert [t.case for t in truths] == [f"{i:04d}" for i in range(1, 101)]
     kinds = [t.kind for t in truths]
     assert kinds != sorted(kinds) and {"single", "pair", "none", "outside"} == set(kinds)
@@ -70,7 +71,7 @@ def test_every_catalogue_effect_gets_its_turn_and_ids_tell_nothing() -> None:
 def test_sizes_lie_in_the_asked_range_and_clutter_is_every_other_effect() -> None:
     scale = {e.id: e.scale for e in list_effects()}
     for t in draw_truths(Recipe(40, 2, clutter=0.15, sizes=(0.5, 1.5))):
-        assert set(t.clutter) == set(CATALOGUE) - set(t.effects)
+        assert set(t.clutter) == set(NAMED) - set(t.effects)
         assert all(abs(size) == pytest.approx(0.15 * scale[name]) for name, size in t.clutter.items())
         assert all(0.49 < abs(size) / scale[name] < 1.51 for name, size in t.effects.items())
 
@@ -214,5 +215,12 @@ def test_exact_intervals_agree_with_the_rule_of_three() -> None:
 
 def test_the_size_of_a_direction_is_the_length_of_its_components() -> None:
     assert true_size("base_tilt", {"x": (3.0, 0.1), "y": (4.0, 0.1)}) == pytest.approx((5.0, 0.1))
-    assert true_size("contact", {"stiffness": (3.0, 0.1)}) is None
-    assert within_90(-5.0, 5.1, 0.1) and not within_90(-5.0, 5.3, 0.1) and not within_90(5.0, -5.0, 0.1)
+    assert true_size("contact", {"stiffness": (3.0, 0.1)}) is None and true_size("base_tilt", {"x": (3.0, 0.1)}) is None
+    assert true_size("viscoelastic", {"fast": (0.02, 0.003), "slow": (0.03, 0.004)}) == pytest.approx((0.05, 0.005))
+    assert within_90("base_tilt", -5.0, 5.1, 0.1) and not within_90("base_tilt", -5.0, 5.3, 0.1)
+    assert not within_90("body_modulus", 5.0, -5.0, 0.1)
+
+
+def test_every_comparable_size_is_made_of_parameters_the_model_has() -> None:
+    for effect, (names, _) in SIZES.items():
+        assert set(names) <= {p.name for p in CATALOGUE[effect].parameters}, effect
