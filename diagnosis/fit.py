@@ -14,10 +14,8 @@ from .problem import Problem
 Array = NDArray[np.float64]
 
 ROUNDS = 6
-NUDGE = 0.01
-"""Prior standard deviations, forward differences of the columns that are computed anew."""
 CLOSE = 0.05
-"""Steps shorter than this, in prior standard deviations of an effect, end the search: evidence changes by far less."""
+"""Steps shorter than this, in prior standard deviations, end the search: evidence changes by far less."""
 GAIN = 0.02
 """Steps that lower the cost by less end the search."""
 SHORTEST = 0.1
@@ -30,71 +28,49 @@ class Fit:
 
     theta: Array
     """(k,) parameters, in their own units."""
-    linear: Linear
+    predicted: Array
+    """(n,) there."""
     slope: Array
     """(n, k) derivatives there, in the parameters' units."""
+    linear: Linear
     cost: float
     """Half the squared misfit plus half the squared distance from the prior."""
 
 
-@dataclass(frozen=True)
-class Tangent:
-    """Derivatives that are known from nearby, and the columns of them that are to be computed anew at each point."""
+def fit(problem: Problem, variance: Array, size: float, start: Array | Fit, rounds: int = ROUNDS) -> Fit:
+    """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
-    slope: Array
-    """(n, k)"""
-    fresh: NDArray[np.intp]
-
-
-def fit(
-    problem: Problem, variance: Array, size: float, start: Array, rounds: int = ROUNDS, tangent: Tangent | None = None
-) -> Fit:
-    """Search from `start` (k,); `variance` (p,) of the effects in units of their scale, `size` of the discrepancy.
-
-    Effects of variance 0 stay where `start` has them. With a `tangent` most derivatives are taken from there, which
-    costs a tenth.
+    `variance` (p,) of the effects in units of their scale, `size` of the discrepancy. Effects of variance 0 stay where
+    the start has them.
     """
     p = problem.parameters
     scale = np.where(p.of_effect, 0.0, p.sd)
     scale[p.of_effect] = np.sqrt(variance) * p.sd[p.of_effect]
     weigh = _Weigher(problem, size)
-    theta = np.clip(start, p.lower, p.upper)
-    predicted, slope = _linearised(problem, theta, tangent)
+    if isinstance(start, Fit):
+        theta, predicted, slope = start.theta, start.predicted, start.slope
+    else:
+        theta = np.clip(start, p.lower, p.upper)
+        predicted, slope = problem.forward.linearise(theta)
     cost = weigh.cost(predicted) + _distance(theta, p.mean, scale)
     for _ in range(rounds):
         step = _goal(problem, weigh, theta, predicted, slope, scale) - theta
+        if np.max(np.abs(step / p.sd)[scale > 0], initial=0.0) < CLOSE:
+            break
         share, tried, reached = 1.0, theta, np.inf
         while share > SHORTEST:
             tried = np.clip(theta + share * step, p.lower, p.upper)
-            seen = problem.forward.predict(tried)
-            reached = weigh.cost(seen) + _distance(tried, p.mean, scale) if np.isfinite(seen).all() else np.inf
-            if reached <= cost + 1e-9:
+            reached = weigh.cost(problem.forward.predict(tried)) + _distance(tried, p.mean, scale)
+            if reached <= cost:
                 break
             share *= 0.4
-        if not reached <= cost + 1e-9:
+        if not reached <= cost:
             break
-        moved = float(np.max(np.abs((tried - theta) / p.sd)[p.of_effect | (scale > 0)], initial=0.0))
         gained, theta, cost = cost - reached, tried, reached
-        predicted, slope = _linearised(problem, theta, tangent)
-        if moved < CLOSE or gained < GAIN:
+        predicted, slope = problem.forward.linearise(theta)
+        if gained < GAIN:
             break
-    return Fit(theta, problem.linear(theta, predicted, slope), slope, cost)
-
-
-def _linearised(problem: Problem, theta: Array, tangent: Tangent | None) -> tuple[Array, Array]:
-    if tangent is None:
-        return problem.forward.linearise(theta)
-    p = problem.parameters
-    predicted = problem.forward.predict(theta)
-    slope = tangent.slope.copy()
-    for i in tangent.fresh:
-        # Towards the inside of the bounds, where the law is defined.
-        step = NUDGE * p.sd[i] * (1.0 if theta[i] + NUDGE * p.sd[i] <= p.upper[i] else -1.0)
-        moved = theta.copy()
-        moved[i] += step
-        column = (problem.forward.predict(moved) - predicted) / step
-        slope[:, i] = np.where(np.isfinite(column), column, slope[:, i])
-    return predicted, slope
+    return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost)
 
 
 def _distance(theta: Array, mean: Array, scale: Array) -> float:
@@ -119,7 +95,9 @@ class _Weigher:
         return pulled
 
     def cost(self, predicted: Array) -> float:
-        """Half the squared misfit of a prediction (n,)."""
+        """Half the squared misfit of a prediction (n,); infinite where a state has no equilibrium."""
+        if not np.isfinite(predicted).all():
+            return np.inf
         missed = self._problem.noise.whiten(self._problem.observed - predicted)
         return 0.5 * float(missed @ self.without(missed))
 

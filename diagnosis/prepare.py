@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
+from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import Table
 
@@ -30,6 +33,7 @@ USUAL = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
 """Usual white noise of a reading: m, rad, m."""
 USUAL_PRESSURE = 500.0
 """Pa."""
+STIFFNESS_ONLY = ("force_bias", "arm_compliance", "contact_offset")
 IDLE = 5e3
 """Pa; a chamber that never reads more within a trial is vented."""
 LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
@@ -82,8 +86,12 @@ class Kept:
         self._forward, self._kept = forward, kept
 
     def predict(self, theta: Array) -> Array:
-        """Predicted values that are kept."""
-        return self._forward.predict(theta)[self._kept]
+        """Predicted values that are kept; NaN where the rod has no equilibrium."""
+        try:
+            return self._forward.predict(theta)[self._kept]
+        except np.linalg.LinAlgError:
+            # A trial step that throws a rod far off: as good as no equilibrium.
+            return np.full(int(self._kept.sum()), np.nan)
 
     def linearise(self, theta: Array) -> tuple[Array, Array]:
         """Predicted values that are kept, and their derivatives."""
@@ -91,10 +99,15 @@ class Kept:
         return predicted[self._kept], slope[self._kept]
 
 
-def prepare(robot: Robot, states: States, area: Literal["one", "per_length"] = "one") -> Prepared:
+def prepare(
+    robot: Robot,
+    states: States,
+    area: Literal["one", "per_length"] = "one",
+    catalogue: Mapping[str, EffectSpec] | None = None,
+) -> Prepared:
     """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
     table = table_columns(states)
-    forward = ForwardModel(robot, design_from_columns(robot, table), area)
+    forward = ForwardModel(robot, design_from_columns(robot, table), area, catalogue or seen_by(states))
     observed, sd = forward.observe(table)
     start = np.zeros(len(forward.parameters))
     predicted, slope = forward.linearise(start)
@@ -116,6 +129,12 @@ def prepare(robot: Robot, states: States, area: Literal["one", "per_length"] = "
     smooth = _smooth(robot, states, labels, unit)
     problem = Problem(Kept(forward, kept), _scattered(made, forward.parameters, floor), observed[kept], noise, smooth)
     return Prepared(robot, states, problem, labels, floor, known, unit, forward)
+
+
+def seen_by(states: States) -> Mapping[str, EffectSpec]:
+    """The catalogue without the effects of stiffness trials, which states of the robot cannot show."""
+    forces = any(r.protocol == "stiffness" for r in states.rows)
+    return {id: spec for id, spec in CATALOGUE.items() if forces or id not in STIFFNESS_ONLY}
 
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, Weighed, weigh_at
-from .fit import Fit, Tangent, fit
+from .fit import Fit, fit
 from .problem import Problem
 
 Array = NDArray[np.float64]
@@ -30,6 +30,8 @@ START_SPIKE, START_SIZE = 0.1, 0.5
 class Extent:
     """How far the search goes."""
 
+    screen: int = 8
+    """Singles, leading around none, that are followed with most derivatives kept."""
     polish: int = 4
     """Leading singles that are followed to their most probable point with all derivatives computed anew."""
     within: float = 8.0
@@ -88,46 +90,50 @@ class Search:
     def _none(self) -> Candidate:
         fitted = self._fit(NONE, START_SPIKE, START_SIZE, self.problem.parameters.mean, 3)
         first = self._weigh(NONE, fitted)
-        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted.theta, 1))
+        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted, 1))
 
     def _singles(self) -> list[Candidate]:
-        ids = self.problem.parameters.ids
-        screened = {(e,): self._screened((e,)) for e in ids}
-        leading = sorted(screened.values(), key=lambda c: -c.log_evidence)
-        self.found |= {c.named: c for c in leading}
-        best = leading[0].log_evidence
-        for c in leading[: self.extent.polish]:
-            if c.log_evidence > best - self.extent.within:
-                self.found[c.named] = self._polished(c)
-        return sorted((self.found[(e,)] for e in ids), key=lambda c: -c.log_evidence)
+        """Every single effect weighed around none; what looks promising there, or cannot be judged there, followed."""
+        p, extent = self.problem.parameters, self.extent
+        singles: list[Hypothesis] = [(e,) for e in p.ids]
+        around = weigh_at(self.none.fit.linear, self.grid, p, singles)
+        here = {h: Candidate(h, w, self.none.fit, *_peak(w, self.grid)) for h, w in zip(singles, around, strict=True)}
+        order = sorted(singles, key=lambda h: -here[h].log_evidence)
+        first = set(order[: extent.screen]) | {h for h in singles if self._curved(h)}
+        found = {h: self._screened(h) if h in first else here[h] for h in singles}
+        leading = sorted(found.values(), key=lambda c: -c.log_evidence)
+        for c in leading[: extent.polish]:
+            if c.log_evidence > leading[0].log_evidence - extent.within:
+                found[c.named] = self._polished(c)
+        self.found |= found
+        return sorted(found.values(), key=lambda c: -c.log_evidence)
+
+    def _curved(self, named: Hypothesis) -> bool:
+        """Whether an effect has several points to begin at: its misfit may have several valleys."""
+        p = self.problem.parameters
+        return any(len(p.starts[i]) > 1 for i, e in enumerate(p.effects) if e in named) if p.starts else False
 
     def _screened(self, named: Hypothesis) -> Candidate:
-        """A few steps from each starting point; the best by evidence at the point reached."""
-        p = self.problem.parameters
+        """One step from each starting point; the best by evidence at the point reached."""
         near = self._weigh(named, self.none.fit)
-        begin = [p.starts[i] if e in named and p.starts else () for i, e in enumerate(p.effects)]
-        tangent = self._tangent(named, self.none.fit)
-        tried = [
-            self._weigh(named, self._fit(named, near.spike, near.size, s, 2, tangent)) for s in self._starts(begin)
-        ]
+        tried = [self._weigh(named, self._fit(named, near.spike, near.size, s, 1)) for s in self._starts(named)]
         return max(tried, key=lambda c: c.log_evidence)
 
-    def _tangent(self, named: Hypothesis, near: Fit) -> Tangent:
-        """Derivatives of a nearby fit, those by the named effects and the calibration to be computed anew."""
-        p = self.problem.parameters
-        calibrated = p.calibration or (False,) * len(p.names)
-        return Tangent(
-            near.slope, np.flatnonzero([e in named or c for e, c in zip(p.effects, calibrated, strict=True)])
-        )
-
-    def _starts(self, begin: Sequence[tuple[float, ...]]) -> list[Array]:
-        """Points (k,) from which a search begins: the fit of none, with every combination of the values to begin at."""
-        here = self.none.fit.theta
-        choices = [values or (float(here[i]),) for i, values in enumerate(begin)]
-        return [np.array(point) for point in itertools.product(*choices)]
+    def _starts(self, named: Hypothesis) -> list[Array | Fit]:
+        """Where a search begins: the fit of none, and from there every combination of the values to begin at."""
+        p, here = self.problem.parameters, self.none.fit.theta
+        own = [i for i, e in enumerate(p.effects) if e in named]
+        choices = [p.starts[i] if p.starts and p.starts[i] else (0.0,) for i in own]
+        points: list[Array | Fit] = [self.none.fit]
+        for values in itertools.product(*choices):
+            if any(values):
+                point = here.copy()
+                point[own] = values
+                points.append(point)
+        return points
 
     def _polished(self, c: Candidate) -> Candidate:
-        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit.theta, 1))
+        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit, 2))
 
     def _grow(self, parents: Sequence[Candidate], follow: int) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
@@ -140,10 +146,7 @@ class Search:
                     grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid))
         leading = sorted(grown.values(), key=lambda c: -c.log_evidence)
         for c in leading[:follow]:
-            tangent = self._tangent(c.named, c.fit)
-            grown[c.named] = self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit.theta, 3, tangent))
-        best = max(leading[:follow], key=lambda c: grown[c.named].log_evidence)
-        grown[best.named] = self._polished(grown[best.named])
+            grown[c.named] = self._polished(c)
         self.found |= grown
         return sorted(grown.values(), key=lambda c: -c.log_evidence)
 
@@ -152,11 +155,8 @@ class Search:
         more: Iterable[str] = (e for e in ids if e not in parent.named)
         return [tuple(sorted((*parent.named, e), key=ids.index)) for e in more]
 
-    def _fit(
-        self, named: Hypothesis, spike: float, size: float, start: Array, rounds: int, tangent: Tangent | None = None
-    ) -> Fit:
-        variance = self.problem.parameters.variance(named, spike)
-        return fit(self.problem, variance, size, start, rounds, tangent)
+    def _fit(self, named: Hypothesis, spike: float, size: float, start: Array | Fit, rounds: int) -> Fit:
+        return fit(self.problem, self.problem.parameters.variance(named, spike), size, start, rounds)
 
     def _weigh(self, named: Hypothesis, fitted: Fit) -> Candidate:
         found = weigh_at(fitted.linear, self.grid, self.problem.parameters, [named])[0]
