@@ -47,6 +47,10 @@ class Source:
 def read_yaml(path: Path) -> Source:
     """Parse one YAML file (safe loader, at most 1 MB); raises ConfigError."""
     try:
+        if path.exists() and not path.is_file():
+            raise ConfigError(f"{path}: is not a file; give the path of a YAML file")
+        if path.stat().st_size > 4 * MAX_BYTES:
+            raise ConfigError(f"{path}: has {path.stat().st_size} bytes, more than any sensible file")
         text = path.read_text(encoding="utf-8")
     except OSError as e:
         raise ConfigError(f"{path}: cannot be read ({e.strerror}); check the path") from e

@@ -81,6 +81,8 @@ class Guard:
         self._sending = threading.Lock()
         self._clip_told = 0.0
         self._landed_at = -math.inf
+        self._last = SafeReport()
+        self._closed = False
 
     def _make(self, name: str, config: Any) -> Any:
         if config.driver in CONFIGS:
@@ -163,7 +165,9 @@ class Guard:
     def safe(self, why: str, keep_vacuum: bool) -> SafeReport:
         """Land what is open and read it back; the latch goes when all of it is confirmed. Never raises."""
         with self._landing_lock:
-            report = self.landing.land(list(self.own.opened), keep_vacuum)
+            if self._closed:
+                return self._last
+            report = self._last = self.landing.land(list(self.own.opened), keep_vacuum)
             self._landed_at = time.monotonic()
             if self.latch is not None:
                 if self.energised or not report.confirmed:
@@ -286,6 +290,7 @@ class Guard:
         with self._landing_lock:
             if self.energised and time.monotonic() - self._landed_at > JUST_TRIED:
                 self.safe("the program ended", self.rig.safe.keep_vacuum)
+            self._closed = True  # a landing that another thread still wants has been done
         self.running = False
         closing = [
             threading.Thread(target=self._close, args=(name,), name=f"close-{name}", daemon=True)

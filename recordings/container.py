@@ -28,7 +28,7 @@ _HEAD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _U64 = struct.Struct("<Q")
 _INDEX = struct.Struct("<HI")
-_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError)
+_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from .container import (
 from .errors import RecordingError
 from .gather import MESSAGE, decompress
 
-_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError)
+_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
 _PACKED = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4", re.DOTALL)
 _BEFORE_NAME = 9 + 28
 """Bytes of a chunk in front of the length of its compression's name."""

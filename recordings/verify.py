@@ -39,7 +39,7 @@ from .messages import STREAMS
 from .reader import Recording, mapped
 from .summary import Found, check_summary
 
-_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError)
+_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
 ENOUGH = 1000
 """Problems after which a file is not looked at further."""
 _KNOWN = frozenset(int(opcode) for opcode in Opcode)

@@ -1,0 +1,38 @@
+"""A short form of the fault matrix: each instrument once, each phase at least once; `make faults` runs all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from benchmarks.faults.cells import Cell, cells
+from benchmarks.faults.trial import Bench
+from sim_fakes.faults import FAULTS
+
+SHORT = (
+    Cell("pressure/alicat", "disconnect", "hold"),
+    Cell("spine/dynamixel", "nak", "approach"),
+    Cell("valve/numato", "stuck", "shutdown"),
+    Cell("gauge/pfeiffer", "over_range", "sweep"),
+    Cell("mocap/natnet", "silence", "connect"),
+)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Bench]:
+    opened = Bench(second_rig=False, seed=5)
+    yield opened
+    opened.close()
+
+
+def test_the_matrix_is_nine_instruments_by_fifteen_faults_by_five_phases() -> None:
+    assert len(FAULTS) == 15 and len(cells()) == len(set(cells())) == 9 * 15 * 5
+
+
+@pytest.mark.parametrize("cell", SHORT, ids=lambda c: f"{c.instrument}-{c.fault}-{c.phase}")
+def test_it_ends_safe_with_an_error_that_names_the_instrument_or_is_told_as_not_confirmed(
+    bench: Bench, cell: Cell
+) -> None:
+    verdict = bench.run(cell)
+    assert verdict.mark in (".", "e", "l"), verdict
