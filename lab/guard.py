@@ -127,6 +127,8 @@ class Guard:
                 self._energise()
             if (name, method) == ("pressure", "set"):
                 return self._set_pressure(*args)
+            if (name, method) == ("pressure", "vent"):
+                self.judge.told = None
             return getattr(self.own.drivers[name], method)(*args)
 
     def open(self, name: str) -> Identity:
@@ -152,7 +154,9 @@ class Guard:
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
         allowed = self.judge.setpoints(pressures)
+        self.judge.told = None
         held: tuple[float, ...] = self.own.drivers["pressure"].set(allowed)
+        self.judge.told = held
         now = time.monotonic()
         worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
         if worst > CLIPPED and now - self._clip_told > LOG_EVERY:
@@ -167,6 +171,7 @@ class Guard:
         with self._landing_lock:
             if self._closed:
                 return self._last
+            self.judge.told = None
             report = self._last = self.landing.land(list(self.own.opened), keep_vacuum)
             self._landed_at = time.monotonic()
             if self.latch is not None:

@@ -20,6 +20,8 @@ STANDARD_AMBIENT = 101_325.0
 """Pa absolute."""
 STEADY = 1e3
 """Pa by which a set-point may move and still count as steady."""
+AGREE = 2
+"""Readings that must agree that a set-point was lost."""
 SLACK = 0.01
 """m beyond max_length that an encoder may show before the spine counts as run away."""
 
@@ -48,6 +50,9 @@ class Judge:
         self._steady: tuple[float, ...] = ()
         self._since = -math.inf
         self._off_since: dict[int, float] = {}
+        self.told: tuple[float, ...] | None = None
+        """Set-points that the regulators confirmed last, Pa; None while they are not known."""
+        self._forgot = 0
 
     def setpoints(self, pressures: Sequence[float]) -> tuple[float, ...]:
         """Set-points (Pa a channel), scaled down together when their sum over the chambers is beyond the limit."""
@@ -101,7 +106,24 @@ class Judge:
                 f"the chambers hold {total / 1e3:.0f} kPa in sum, limits.max_total_pressure is "
                 f"{self._limits.max_total_pressure / 1e3:.0f} kPa; check the regulators",
             )
-        return self._holds(name, sample)
+        return self._forgotten(name, sample) or self._holds(name, sample)
+
+    def _forgotten(self, name: str, sample: PressureSample) -> Finding | None:
+        """A regulator that holds another set-point than it confirmed has restarted, or has a second master."""
+        off = [
+            (channel, told, held)
+            for channel, (told, held) in enumerate(zip(self.told or sample.setpoint, sample.setpoint, strict=True), 1)
+            if abs(told - held) > 2 * STEADY
+        ]
+        self._forgot = self._forgot + 1 if off else 0
+        if self._forgot < AGREE:
+            return None
+        channel, told, held = off[0]
+        return _land(
+            name,
+            f"channel {channel} was told {told / 1e3:.1f} kPa and holds {held / 1e3:.1f} kPa: it has restarted (power lost?) or "
+            "is told otherwise (front panel, second program); check its supply",
+        )
 
     def _holds(self, name: str, sample: PressureSample) -> Finding | None:
         """Whether a steady set-point is held."""

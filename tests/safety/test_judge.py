@@ -95,3 +95,11 @@ def test_a_spine_outside_of_its_range_lands_the_rig_once_its_zero_is_known(
 ) -> None:
     sample = SpineSample(0.0, length, 0.0, length, False, homed)
     assert (Judge(RIG).judge("spine", sample) is not None) is lands
+
+
+def test_a_regulator_that_forgot_its_setpoint_lands_the_rig() -> None:
+    judge = Judge(RIG)
+    judge.told = (100e3, 0.0, 0.0)
+    found = [judge.judge("pressure", pressure(t, held, 0.0)) for t, held in ((0.0, 100e3), (0.1, 0.0), (0.2, 0.0))]
+    assert found[:2] == [None, None]
+    assert found[2] is not None and found[2].act == "land" and "restarted" in str(found[2].error)
