@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint faults clean
 
 demo: $(READY)
 	$(BIN)/lab demo --out demo
@@ -16,6 +16,14 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The whole fault matrix, then kills, signals, fuzz and soak: some hours on two processors.
+faults: $(READY)
+	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
+	$(BIN)/python -m benchmarks.faults.kills --count 50
+	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
+	$(BIN)/python -m benchmarks.faults.fuzz --recording tests/recordings/data/bending-schema-1.mcap
+	$(BIN)/python -m benchmarks.faults.soak
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv

@@ -99,6 +99,8 @@ def one(fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, w
     after = rng.uniform(0.0, 1.5)
     time.sleep(after)
     witness = Witness(fakes)
+    while protocol == "stiffness" and not witness.moving and program.poll() is None and time.monotonic() < deadline:
+        witness = Witness(fakes)  # an arm that stands anyway proves nothing
     witness.start()
     at = time.monotonic()
     if program.poll() is None:
@@ -152,6 +154,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.faults.kills", description=__doc__)
     parser.add_argument("--count", type=int, default=50)
     parser.add_argument("--signal", choices=("KILL", "TERM", "INT"), default="KILL")
+    parser.add_argument("--protocol", choices=("both", "bending", "stiffness"), default="both")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--report", type=Path)
     a = parser.parse_args()
@@ -161,7 +164,8 @@ def main() -> int:
     with FakeRig(speed=SPEED, seed=a.seed) as fakes:
         write_rig(fakes, folder / "rig.yaml")
         for i in range(a.count):
-            kill = one(fakes, folder / "rig.yaml", folder, how, rng, STIFFNESS if i % 3 == 2 else BENDING)
+            stiffness = a.protocol == "stiffness" or (a.protocol == "both" and i % 3 == 2)
+            kill = one(fakes, folder / "rig.yaml", folder, how, rng, STIFFNESS if stiffness else BENDING)
             kills.append(kill)
             ends = f"{'safe' if kill.safe else 'NOT SAFE'}, {'file recovered' if kill.recovered else 'FILE LOST'}"
             times = f"stop {kill.stop_ms:6.1f} ms, vented {kill.vented_s:5.2f} s, arm {kill.arm_ms:6.1f} ms"
