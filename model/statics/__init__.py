@@ -5,6 +5,19 @@ from model.statics.jit import drop_stale_kernels
 drop_stale_kernels()
 
 from model.statics.problem import Form, Rods, blank, rods  # noqa: E402
+from model.statics.sensitivity import Sensitivities, sensitivities  # noqa: E402
 from model.statics.solver import DEFAULT, FINE, Accuracy, Solution, solve  # noqa: E402
 
-__all__ = ["DEFAULT", "FINE", "Accuracy", "Form", "Rods", "Solution", "blank", "rods", "solve"]
+__all__ = [
+    "DEFAULT",
+    "FINE",
+    "Accuracy",
+    "Form",
+    "Rods",
+    "Sensitivities",
+    "Solution",
+    "blank",
+    "rods",
+    "sensitivities",
+    "solve",
+]
