@@ -34,25 +34,28 @@ def paced(folder: Path, wall: float) -> Figure:
     true = _paced(folder / "true.mcap", wall, wall)
     dense = true if wall >= TEN_MINUTES else _paced(folder / "dense.mcap", wall, TEN_MINUTES)
     p50, p99, p999 = np.quantile(true.delays, (0.5, 0.99, 0.999)).tolist()
-    crowded = float(np.quantile(dense.delays, 0.999))
+    crowded, host = float(np.quantile(dense.delays, 0.999)), float(np.quantile(true.host, 0.999))
     dropped = true.dropped + dense.dropped
     return Figure(
         f"10 min at twice the rig's rates ({len(true.delays)} messages at {len(true.delays) / wall:.0f}/s, then "
         f"{len(dense.delays)} in {wall:g} s)",
         "0 dropped, enqueue p99.9 <= 50 us",
-        f"{dropped} dropped; p50 {p50:.1f}, p99 {p99:.1f}, p99.9 {p999:.1f} us (crowded: p99.9 {crowded:.0f} us); "
+        f"{dropped} dropped; p50 {p50:.1f}, p99 {p99:.1f}, p99.9 {p999:.1f} us (ten times as dense: {crowded:.0f} us; "
+        f"code without any lock or queue, next to it: p99.9 {host:.1f} us); "
         f"{dense.size / 1e6:.1f} MB",
         dropped == 0 and p999 <= 50.0,
-        {"dropped": dropped, "p50_us": p50, "p99_us": p99, "p999_us": p999, "crowded_p999_us": crowded,
+        {"dropped": dropped, "p50_us": p50, "p99_us": p99, "p999_us": p999, "crowded_p999_us": crowded, "host_p999_us": host,
          "bytes": dense.size},
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Paced:
-    """How long each push took (us), what was dropped, and the file's size (bytes)."""
+    """How long each push took (us), how long encoding alone took next to it (us: what the host does to any code), what
+    was dropped, and the file's size (bytes)."""
 
     delays: NDArray[np.float64]
+    host: NDArray[np.float64]
     dropped: int
     size: int
 
@@ -61,6 +64,7 @@ def _paced(path: Path, wall: float, seconds: float) -> _Paced:
     """`seconds` of the rig at twice its rates within `wall` host seconds, by one thread a source."""
     recorder = Recorder(path, start_wall_ns=START_NS, keep=60.0)
     delays: list[list[int]] = [[] for _ in PRODUCERS]
+    host: list[int] = []
     begin = time.monotonic() + 0.5
 
     def produce(topics: tuple[str, ...], out: list[int]) -> None:
@@ -73,7 +77,10 @@ def _paced(path: Path, wall: float, seconds: float) -> _Paced:
                 time.sleep(wait)
             before = time.perf_counter_ns()
             recorder.push(topic, t, ready)
-            out.append(time.perf_counter_ns() - before)
+            between = time.perf_counter_ns()
+            recorder.messages[topic].encode(t, ready)
+            out.append(between - before)
+            host.append(time.perf_counter_ns() - between)
 
     threads = [threading.Thread(target=produce, args=pair) for pair in zip(PRODUCERS, delays, strict=True)]
     for thread in threads:
@@ -81,7 +88,8 @@ def _paced(path: Path, wall: float, seconds: float) -> _Paced:
     for thread in threads:
         thread.join()
     dropped = sum(count.dropped for count in recorder.close("completed").values())
-    return _Paced(np.concatenate([np.array(part) for part in delays]) / 1e3, dropped, path.stat().st_size)
+    took = np.concatenate([np.array(part) for part in delays]) / 1e3
+    return _Paced(took, np.array(host) / 1e3, dropped, path.stat().st_size)
 
 
 def best(times: int, do: Callable[[], object]) -> float:
@@ -146,7 +154,8 @@ def writing(folder: Path, seconds: float) -> Figure:
             writer.finish()
 
     a, b = folder / "ours.mcap", folder / "json.mcap"
-    fast, slow = best(3, lambda: ours(a)), best(3, lambda: theirs(b))
+    goes = [(best(1, lambda: ours(a)), best(1, lambda: theirs(b))) for _ in range(5)]  # in turn: the host is shared
+    fast, slow = min(mine for mine, _ in goes), min(other for _, other in goes)
     size, other = a.stat().st_size, b.stat().st_size
     rate, their_rate = written / fast, len(sent) / slow
     return Figure(
