@@ -244,18 +244,21 @@ class Guard:
                 except InstrumentError as e:
                     sample = e
                 else:
-                    self._judge(name, sample)
+                    sample = self._judge(name, sample)
                 self.tell((name, sample), may_wait=True)
             time.sleep(max(0.0, due - time.monotonic()))
 
-    def _judge(self, name: str, sample: Any) -> None:
+    def _judge(self, name: str, sample: Any) -> Any:
+        """The reading, or the error that stands for one that is not acceptable."""
         finding = self.judge.judge(name, sample)
         if finding is None:
-            return
+            return sample
         if finding.act == "pause":
             self.tell(Event("pause", str(finding.error), finding.error))
-        elif self.energised:
+            return sample
+        if self.energised:
             self.land(str(finding.error), finding.error)
+        return finding.error
 
     def _watch(self) -> None:
         """Listen to the program's pulse; land when it ends, falls silent, hangs or shouts."""

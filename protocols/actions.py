@@ -21,7 +21,7 @@ def vent(bench: Bench, within: float = 20.0) -> None:
     regulators = bench.need(bench.pressure, "pressure")
     regulators.vent()
     bench.wait(
-        f"all chambers below {VENTED_BELOW / 1e3:g} kPa",
+        f"pressure: all chambers below {VENTED_BELOW / 1e3:g} kPa",
         lambda: True if max(regulators.read().measured) < VENTED_BELOW else None,
         within,
     )
@@ -35,7 +35,7 @@ def home(bench: Bench, within: float = 120.0) -> None:
     release(bench, Jam())
     bench.say("Homing the spine")
     unit.home()
-    bench.wait("spine homed", lambda: True if unit.read().homed else None, within)
+    bench.wait("spine: homed", lambda: True if unit.read().homed else None, within)
 
 
 def release(bench: Bench, jam: Jam) -> float:
@@ -53,7 +53,7 @@ def release(bench: Bench, jam: Jam) -> float:
         drift = fmean(recent[half:]) - fmean(recent[:half])
         return fmean(recent) if abs(drift) < jam.released_below / 5 and min(recent) > LOWEST_AMBIENT else None
 
-    return bench.wait("vacuum released", at_rest, jam.within)
+    return bench.wait("valve and gauge: vacuum released", at_rest, jam.within)
 
 
 def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
@@ -67,7 +67,7 @@ def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
         reached = ambient - gauge.read().absolute
         return reached if reached >= rules.share * vacuum else None
 
-    return bench.wait(f"spine jammed at {rules.share * vacuum / 1e3:.0f} kPa below ambient", jammed, rules.within)
+    return bench.wait(f"valve and gauge: spine jammed at {rules.share * vacuum / 1e3:.0f} kPa below ambient", jammed, rules.within)
 
 
 def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
@@ -78,7 +78,7 @@ def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
     if abs(goal - length) > motion.tolerance:
         bench.say(f"Spine goal {length * 1e3:.0f} mm was clipped to {goal * 1e3:.0f} mm by the unit's limit")
     bench.wait(
-        f"spine at {goal * 1e3:.0f} mm",
+        f"spine: at {goal * 1e3:.0f} mm",
         lambda: True if (s := unit.read()) and not s.moving and abs(s.length - goal) <= motion.tolerance else None,
         5.0 + 3.0 * abs(goal - start) / motion.speed,
     )
@@ -110,5 +110,5 @@ def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
         if share == 1.0 and max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < 1e3:
             return now
         if now > deadline:
-            bench.wait("pressure set-points confirmed", lambda: None, 0.0)
+            bench.wait("pressure: set-points confirmed", lambda: None, 0.0)
         bench.pause(RAMP_STEP)

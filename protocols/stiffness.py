@@ -149,7 +149,7 @@ class ProbeMotion:
         goal = [*point, *s.tool_rotation]
         for pose in waypoints(self.state.latest().tcp_pose, goal):
             self.arm.move_to(pose, speed, self.p.acceleration)
-            self.bench.wait("arm at its target", partial(self._arrived, inwards), 120.0)
+            self.bench.wait("arm: at its target", partial(self._arrived, inwards), 120.0)
         self.along = along
 
     def _arrived(self, inwards: bool) -> bool | None:
@@ -183,7 +183,7 @@ class ProbeMotion:
             rotation = Rotation.from_rotvec(self.state.latest().tcp_pose[3:])
             return -float(np.dot(rotation.apply(force), self.stand.push))
 
-        return self.bench.wait(f"{samples} force samples", mean, 30.0)
+        return self.bench.wait(f"force: {samples} samples", mean, 30.0)
 
     def approach(self, along: float) -> float:
         """From the standoff in small steps until contact; returns the depth (m) of first contact."""
@@ -195,7 +195,7 @@ class ProbeMotion:
         while self.pushing() < p.contact_force:
             if depth > p.radius:
                 raise NotReached(
-                    f"no contact above {p.contact_force:g} N up to {depth * 1e3:.0f} mm past the specimen's axis; "
+                    f"force: no contact above {p.contact_force:g} N up to {depth * 1e3:.0f} mm past the specimen's axis; "
                     "check the stand in rig.yaml and that the specimen is mounted"
                 )
             depth += p.approach_step
