@@ -12,11 +12,16 @@ from .run import run
 from .score import score, write
 from .sheet import draw, sheet, write_section
 from .truth import Recipe
+from .workers import Crew
 
 
 def main(a: argparse.Namespace) -> int:
     """One step; 0, or 1 when a score misses a target."""
     return {"make": _make, "run": _run, "score": _score}[a.step](a)
+
+
+def _crew(a: argparse.Namespace) -> Crew:
+    return Crew(a.workers, a.scheduler)
 
 
 def _make(a: argparse.Namespace) -> int:
@@ -26,7 +31,7 @@ def _make(a: argparse.Namespace) -> int:
     if a.n < 1 or a.wire < 0:
         raise ConfigError(f"--n {a.n} must be 1 or more, --wire {a.wire} not below 0")
     recipe = Recipe(a.n, a.seed, a.clutter, (low, high), a.settled, min(a.wire, a.n), tuple(a.only))
-    digest = make(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, workers=a.workers)
+    digest = make(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, crew=_crew(a))
     out.print(f"{a.n} cases in {a.out}; sha256 of the sealed truth {digest}")
     return 0
 
@@ -34,7 +39,7 @@ def _make(a: argparse.Namespace) -> int:
 def _run(a: argparse.Namespace) -> int:
     from .diagnose import attribute_folder, diagnose_folder
 
-    done = run(a.out, attribute_folder if a.quick else diagnose_folder, a.chosen, a.workers)
+    done = run(a.out, attribute_folder if a.quick else diagnose_folder, a.chosen, _crew(a))
     out.print(f"{done} cases diagnosed")
     return 0
 

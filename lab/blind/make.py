@@ -22,7 +22,7 @@ from .folder import SetFolder, seal
 from .sweeps import BASE, BASE_SETTLED, MENU, Sweep
 from .truth import Recipe, Truth, draw, draw_one
 from .wire import measure_by_wire
-from .workers import spread
+from .workers import Crew, spread
 
 ATTEMPTS = 20
 """Draws of sizes for one case until the robot keeps its equilibrium through all experiments."""
@@ -48,8 +48,7 @@ def make(
     *,
     menu: bool = True,
     per_length: bool = False,
-    workers: int = 1,
-    quiet: bool = False,
+    crew: Crew = Crew(),  # noqa: B008 (frozen)
 ) -> str:
     """Make a set in an empty folder; returns the digest of its truth. Raises ConfigError.
 
@@ -63,7 +62,7 @@ def make(
     orders = [Order(t, recipe, shown, folder, menu or shown.extras, per_length) for t in draw(recipe)]
     # the wired ones take longest and go first
     orders.sort(key=lambda o: o.truth.route != "wire")
-    truths = sorted(spread(make_case, orders, workers, "cases made", quiet), key=lambda t: t.case)
+    truths = sorted(spread(make_case, orders, crew, "cases made"), key=lambda t: t.case)
     about = {
         "design": shown.name, "clutter": recipe.clutter, "sizes": list(recipe.sizes), "settled": recipe.settled,
         "wired": recipe.wire, "area_factor": "by spine length" if per_length else "one",

@@ -30,14 +30,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=("single", "pair", "none", "outside"),
         choices=("single", "pair", "none", "outside"),
     )
-    p.add_argument("--workers", type=int, default=1)
+    _crew(p)
     p = steps.add_parser("run", help="diagnose every case; the seal stays closed")
     p.add_argument("out", type=Path)
     p.add_argument("--chosen", type=int, default=0, help="experiments that the diagnosis may ask for (0 to 3)")
-    p.add_argument("--workers", type=int, default=1)
+    _crew(p)
     p.add_argument("--quick", action="store_true", help="no held-out errors and no next experiments")
     p = steps.add_parser("score", help="open the seal and score")
     p.add_argument("out", type=Path)
     p.add_argument("--after", type=int, help="score the answers given after this many experiments (default: the last)")
     p.add_argument("--docs", type=Path, help="also write the section of this document (docs/blind.md) and its picture")
     p.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def _crew(p: argparse.ArgumentParser) -> None:
+    p.add_argument("--workers", type=int, default=1, help="processes of this machine (default 1)")
+    p.add_argument("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")

@@ -19,7 +19,7 @@ from ..config import ConfigError
 from .designs import CHANNELS, joined
 from .folder import SetFolder
 from .sweeps import MENU
-from .workers import spread
+from .workers import Crew, spread
 
 Diagnose = Callable[[Path], dict[str, Any]]
 """A case folder in, diagnosis.json out."""
@@ -47,19 +47,19 @@ class Round:
     diagnosis: dict[str, Any]
 
 
-def run(root: Path, diagnose: Diagnose, chosen: int = 0, workers: int = 1, quiet: bool = False) -> int:
+def run(root: Path, diagnose: Diagnose, chosen: int = 0, crew: Crew = Crew()) -> int:  # noqa: B008 (frozen)
     """Diagnose all cases that have no answer yet; returns how many. `chosen`: experiments a diagnosis may ask for.
 
     Raises ConfigError when the set has been scored already.
     """
-    folder = SetFolder(root)
+    folder = SetFolder(root.resolve())
     folder.public()
     if folder.score.exists():
         raise ConfigError(
             f"{folder.score} exists: the seal was opened, answers given now are not blind; make a new set"
         )
     todo = [n for n in folder.names() if not (folder.answers(n) / "rounds.json").exists()]
-    done = spread(partial(answer, folder, diagnose, chosen), todo, workers, "cases diagnosed", quiet)
+    done = spread(partial(answer, folder, diagnose, chosen), todo, crew, "cases diagnosed")
     return sum(1 for _ in done)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import TypeVar
 
@@ -14,11 +15,26 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-def spread(do: Callable[[A], B], items: Sequence[A], workers: int, title: str, quiet: bool = False) -> Iterator[B]:
+@dataclass(frozen=True)
+class Crew:
+    """Who does the work: processes of this machine, or the workers of a Dask scheduler (tcp://host:port)."""
+
+    workers: int = 1
+    scheduler: str | None = None
+    quiet: bool = False
+
+
+def spread(do: Callable[[A], B], items: Sequence[A], crew: Crew, title: str) -> Iterator[B]:
     """`do` for every item, results as they come; with one worker in this process. Raises what `do` raises."""
     began = time.monotonic()
-    with Screen(title, quiet=quiet) as screen:
-        for done, result in enumerate(_results(do, items, workers), 1):
+    with Screen(title, quiet=crew.quiet) as screen:
+        if crew.scheduler is None:
+            results = _results(do, items, crew.workers)
+        else:
+            from .cluster import spread_on_cluster
+
+            results = spread_on_cluster(do, items, crew.scheduler)
+        for done, result in enumerate(results, 1):
             yield result
             spent = time.monotonic() - began
             screen.progress(spent, spent * len(items) / done)

@@ -23,11 +23,13 @@ from lab.blind.sizes import SIZES, true_size, within_90
 from lab.blind.sweeps import BASE, MENU
 from lab.blind.truth import STAND_ONLY, Recipe
 from lab.blind.truth import draw as draw_truths
+from lab.blind.workers import Crew
 from lab.config import ConfigError
 from model.effects.catalogue import CATALOGUE
 from recordings.table_file import read_csv
 from sim_fakes.virtual_robot import list_effects
 
+QUIET = Crew(quiet=True)
 NAMED = [e.id for e in list_effects() if e.catalogue and e.id not in STAND_ONLY]
 
 
@@ -35,7 +37,7 @@ NAMED = [e.id for e in list_effects() if e.catalogue and e.id not in STAND_ONLY]
 def small_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six cases without wires."""
     root = tmp_path_factory.mktemp("bench") / "set"
-    make(root, Recipe(6, 3, clutter=0.15), "tip", quiet=True)
+    make(root, Recipe(6, 3, clutter=0.15), "tip", crew=QUIET)
     return root
 
 
@@ -117,7 +119,7 @@ def test_a_changed_truth_is_noticed(small_set: Path, tmp_path: Path) -> None:
 
 def test_a_set_is_not_made_over_another(small_set: Path) -> None:
     with pytest.raises(ConfigError, match="not empty"):
-        make(small_set, Recipe(1, 1), "tip", quiet=True)
+        make(small_set, Recipe(1, 1), "tip", crew=QUIET)
 
 
 # ------------------------------------------------------------------ run
@@ -156,7 +158,7 @@ def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> No
 def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="have no answer"):
         score(small_set)
-    assert bench.run(small_set, always_none, quiet=True) == 6
+    assert bench.run(small_set, always_none, crew=QUIET) == 6
     result = score(small_set)
     write(result, small_set)
     found = {m.key: m.found for m in result.figures}
@@ -171,7 +173,7 @@ def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: 
     assert document.read_text() == once and "Shortfalls: " in once
     json.dumps(result.as_dict(), allow_nan=False)
     with pytest.raises(ConfigError, match="not blind"):
-        bench.run(small_set, always_none, quiet=True)
+        bench.run(small_set, always_none, crew=QUIET)
 
 
 # ------------------------------------------------------------------ figures
