@@ -164,7 +164,7 @@ class Limits(Table):
     max_moment: float = Field(10.0, gt=0, le=30, json_schema_extra={"unit": "N m"})
     max_vacuum: float = Field(95e3, gt=0, le=101e3, json_schema_extra={"unit": "Pa"})
     """Below standard ambient pressure."""
-    max_age: float = Field(1.0, gt=0.1, le=10, json_schema_extra={"unit": "s"})
+    max_age: float = Field(2.0, gt=0.1, le=10, json_schema_extra={"unit": "s"})
     """How old the newest reading of a polled instrument may be, host time."""
     max_hidden: float = Field(2.0, gt=0.1, le=60, json_schema_extra={"unit": "s"})
     """How long motion capture may be without the tip before the experiment pauses, host time."""

@@ -67,7 +67,8 @@ def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
         reached = ambient - gauge.read().absolute
         return reached if reached >= rules.share * vacuum else None
 
-    return bench.wait(f"valve and gauge: spine jammed at {rules.share * vacuum / 1e3:.0f} kPa below ambient", jammed, rules.within)
+    goal = rules.share * vacuum / 1e3
+    return bench.wait(f"valve and gauge: spine jammed at {goal:.0f} kPa below ambient", jammed, rules.within)
 
 
 def grow(bench: Bench, length: float, motion: SpineMotion) -> None:

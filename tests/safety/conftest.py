@@ -22,6 +22,7 @@ def one_house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
 def house(one_house: House) -> Iterator[House]:
     fakes = one_house.fakes
     write_rig(fakes, one_house.rig)
+    one_house.change(limits={"max_age": 5.0})  # the tests share their processors with the fakes
     one_house.rig.with_suffix(".latch").unlink(missing_ok=True)
     fakes.troubles.clear()
     yield one_house
