@@ -24,7 +24,7 @@ Where things are
     history       drive and loading path for laws with memory (friction, relaxation)
     readings      what instruments read; laws after the rod change it
     observation   order of the observations, measured values, noise
-    solver        the narrow seam to the rod solver (shooting)
+    solver        the narrow seam to the rod solver; shooting: its kernels
     forward       ForwardModel
 """
 

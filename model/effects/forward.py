@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
 from model.effects.compose import INNER, OUTER, rows
 from model.effects.design import Columns, Design, with_rest
@@ -18,6 +17,7 @@ from model.effects.observation import Noise, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import readings
+from model.effects.shooting import layout as at
 from model.effects.solver import Solved, differentiate, integration_steps, solve, straight
 from model.effects.spec import EffectSpec
 from model.effects.spine import ShearSpine, shear_spine

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects import layout as at
+from model.effects.shooting import layout as at
 from model.effects.shooting import sensitivities, solve_rows
 
 Array = NDArray[np.float64]
