@@ -84,6 +84,7 @@ class Actuators:
             path = str(rig.path or "")
             self._commands.send(Start(rig.model_dump_json(), path, clock.start, despite_latch))
             self._answer(0, "start", START_WITHIN)
+            self._heard = time.monotonic()
         except BaseException:
             self._end()
             raise
