@@ -44,7 +44,7 @@ def data(p: Prepared, table: Table) -> Data:
 def where(f: Found, stages: Mapping[str, str]) -> Locate:
     """Where the gap of the calibrated baseline lies; `stages` effect id -> stage of the chain."""
     p = f.prepared
-    missed = p.problem.observed - p.problem.forward.predict(f.calibrated)
+    missed = p.problem.observed - p.problem.forward.predict(p.shared(f.calibrated.theta))
     gap = p.tip(missed)
     seen = np.asarray(np.isfinite(gap).all(axis=1))
     own = p.states.take(seen)
@@ -75,7 +75,7 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
         c = f.posterior.candidates[named]
         heldout = None
         if unseen is not None and rank < PREDICTED and named != UNKNOWN:
-            model = baseline_model(p, f.none) if named == NONE else candidate_model(p, c)
+            model = baseline_model(p, f.calibrated) if named == NONE else candidate_model(p, c)
             errors = unseen.after if c is f.best and named != NONE else unseen_error(p, model, fold)
             heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
         ranked.append(Ranked(named, probability, c.log_evidence, heldout, _sizes(p, c)))
@@ -104,7 +104,7 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
     p = f.prepared
     observed = p.problem.observed
     given, slope = p.problem.forward.linearise(p.problem.parameters.mean)
-    calibrated, explained = (p.problem.forward.predict(t) for t in (f.calibrated, f.best.fit.theta))
+    calibrated, explained = (p.problem.forward.predict(p.shared(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     made: dict[str, Any] = {
         "signs": vars(f.signs),
         "tolerance_of_other_effects": f.best.spike,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .apart import Apart, apart
 from .case import PRESSURE_GAP, States
-from .fit import fit
+from .fit import Fit, fit
 from .posterior import UNKNOWN, Posterior, posterior, prior
 from .prepare import Prepared
 from .search import Candidate, Search
@@ -36,8 +36,8 @@ class Found:
     none: Candidate
     best: Candidate
     """The most probable hypothesis of the catalogue, none included."""
-    calibrated: Array
-    """(k,) parameters of the baseline: area factor and tolerances fitted, no effect."""
+    calibrated: Fit
+    """The baseline: area factor and tolerances fitted, no effect."""
     signs: Signs
     decision: Decision
     apart: Apart
@@ -71,9 +71,9 @@ def _enough(s: States) -> bool:
     return s.repeats >= 2 and bool(s.highest.max() > PRESSURE_GAP) and len(np.unique(np.round(s.highest / 5e3))) > 1
 
 
-def _calibrated(p: Prepared) -> Array:
+def _calibrated(p: Prepared) -> Fit:
     parameters = p.problem.parameters
-    return fit(p.problem, np.zeros(len(parameters.scale)), 0.0, parameters.mean).theta
+    return fit(p.problem, np.zeros(len(parameters.scale)), 0.0, parameters.mean)
 
 
 def _apart(p: Prepared, search: Search, weighed: Posterior, best: Candidate) -> Apart:

@@ -36,7 +36,7 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     own, concerns = states(case)
     prepared = prepare(case.robot, own)
     found = attribute(prepared)
-    shrunk, unseen = shrink(prepared, found.none, found.best) if wanted.quantify else (None, None)
+    shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
     proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
     where = assemble.where(found, {e: spec.stage for e, spec in CATALOGUE.items()})
     return Diagnosis(

@@ -35,6 +35,8 @@ class Fit:
     linear: Linear
     cost: float
     """Half the squared misfit plus half the squared distance from the prior."""
+    short: float
+    """By how much the linear problem promises a lower cost than was reached: 0 at the most probable point."""
 
 
 def fit(problem: Problem, variance: Array, size: float, start: Array | Fit, rounds: int = ROUNDS) -> Fit:
@@ -70,7 +72,9 @@ def fit(problem: Problem, variance: Array, size: float, start: Array | Fit, roun
         predicted, slope = problem.forward.linearise(theta)
         if gained < GAIN:
             break
-    return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost)
+    goal = _goal(problem, weigh, theta, predicted, slope, scale)
+    promised = weigh.cost(predicted + slope @ (goal - theta)) + _distance(goal, p.mean, scale)
+    return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost, max(cost - promised, 0.0))
 
 
 def _distance(theta: Array, mean: Array, scale: Array) -> float:

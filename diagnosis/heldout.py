@@ -1,7 +1,7 @@
 """Predicting data that a fit did not see: a share of the values is left out, the model refitted, the rest predicted.
 
-A refit solves the linear problem of the other values, is linearised again where that leads, and solved once more; the
-discrepancy weighs the fit but takes no part in the prediction, which is the model's own.
+A refit solves the linear problem of the other values around a fit to all of them; its parameters then predict with the
+model in full. The discrepancy weighs the fit but takes no part in the prediction.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .fit import Fit
 from .problem import Problem
 
 Array = NDArray[np.float64]
@@ -22,10 +23,10 @@ class Model:
     """A model that is refitted to parts of the data: prior variances of the effects, size of the discrepancy, a start."""
 
     variance: Array
-    """(p,) in units of each effect's scale; 0 leaves an effect as it is in `start`."""
+    """(p,) in units of each effect's scale; 0 leaves an effect as it is in the fit."""
     size: float
-    start: Array
-    """(k,) parameters around which the first refit is linearised."""
+    around: Fit
+    """A fit to all values, around which the refits are linear."""
 
 
 def left_out(problem: Problem, model: Model, fold: Ints) -> Array:
@@ -33,21 +34,17 @@ def left_out(problem: Problem, model: Model, fold: Ints) -> Array:
 
     `fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN).
     """
-    predicted, slope = problem.forward.linearise(model.start)
     missed = np.full(len(problem.observed), np.nan)
     for part in np.unique(fold[fold >= 0]):
         seen, own = fold != part, fold == part
-        theta = _refitted(problem, model, model.start, predicted, slope, seen)
-        there, steep = problem.forward.linearise(theta)
-        theta = _refitted(problem, model, theta, there, steep, seen)
+        theta = _refitted(problem, model, seen)
         missed[own] = (problem.observed - problem.forward.predict(theta))[own]
     return missed
 
 
-def _refitted(
-    problem: Problem, model: Model, at: Array, predicted: Array, slope: Array, seen: NDArray[np.bool_]
-) -> Array:
-    """Parameters (k,) that fit the values marked `seen`, by the linear problem around `at`."""
+def _refitted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
+    """Parameters (k,) that fit the values marked `seen`."""
+    at, predicted, slope = model.around.theta, model.around.predicted, model.around.slope
     p = problem.parameters
     scale = p.sd.copy()
     scale[p.of_effect] *= np.sqrt(model.variance)

@@ -15,7 +15,7 @@ from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
 from model.robot import Robot
-from recordings.trials import Table
+from recordings.trials import TEXTS
 
 from .case import PRESSURE_GAP, States
 from .discrepancy import by_channel, columns, settings
@@ -70,6 +70,11 @@ class Prepared:
     unit: float
     """m, size 1 of the discrepancy."""
     forward: ForwardModel
+
+    def shared(self, theta: Array) -> Array:
+        """Parameters (k,) with what each trial has of its own set to nothing: what a model can say of the next trial."""
+        by_trial = np.array(["[trial=" in name for name in self.problem.parameters.names])
+        return np.where(by_trial, self.problem.parameters.mean, theta)
 
     def tip(self, values: Array) -> Array:
         """(states, 3) the tip's values of (n,) values; NaN where not measured."""
@@ -139,9 +144,11 @@ def seen_by(states: States) -> Mapping[str, EffectSpec]:
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
     """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
-    table = Table(states.rows)
+    cells = [row.cells() for row in states.rows]
+    names = dict.fromkeys(name for row in cells for name in row)
+    table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in cells]) for name in names}
     pressures = {f"p{i}": column for i, column in enumerate(vented(states).T, 1)}
-    return {name: table[name] for name in table.columns} | {"spine_length": states.spine_length} | pressures
+    return table | {"spine_length": states.spine_length} | pressures
 
 
 def vented(states: States) -> Array:

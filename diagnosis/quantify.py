@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .case import SPINE_GAP, levels
+from .fit import Fit
 from .heldout import Model, left_out
 from .prepare import Prepared
 from .result import LengthShrink, Shrink
@@ -48,15 +49,14 @@ def folds(p: Prepared) -> tuple[Ints, str]:
     return np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64), "leave one trial out"
 
 
-def baseline_model(p: Prepared, none: Candidate) -> Model:
-    """The calibrated baseline without any effect; the fit of none is where its search begins."""
-    start = np.where(p.problem.parameters.of_effect, 0.0, none.fit.theta)
-    return Model(np.zeros(len(p.problem.parameters.scale)), 0.0, start)
+def baseline_model(p: Prepared, calibrated: Fit) -> Model:
+    """The calibrated baseline without any effect."""
+    return Model(np.zeros(len(p.problem.parameters.scale)), 0.0, calibrated)
 
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
     """The model of a hypothesis: named effects wide, the others within their tolerance."""
-    return Model(p.problem.parameters.variance(c.named, c.spike), c.size, c.fit.theta)
+    return Model(p.problem.parameters.variance(c.named, c.spike), c.size, c.fit)
 
 
 def unseen_error(p: Prepared, model: Model, fold: Ints) -> Array:
@@ -66,10 +66,10 @@ def unseen_error(p: Prepared, model: Model, fold: Ints) -> Array:
     return out
 
 
-def shrink(p: Prepared, none: Candidate, best: Candidate) -> tuple[Shrink, Unseen]:
+def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen]:
     """Before and after for the named hypothesis."""
     fold, how = folds(p)
-    before = unseen_error(p, baseline_model(p, none), fold)
+    before = unseen_error(p, baseline_model(p, calibrated), fold)
     after = unseen_error(p, candidate_model(p, best), fold)
     seen = np.isfinite(before) & np.isfinite(after)
     share, interval = _closed(before[seen], after[seen], p.reading, p.states.trial[seen])

@@ -55,9 +55,18 @@ class Candidate:
     size: float
     unknown: bool = False
 
+    followed: bool = True
+    """Whether the fit is the hypothesis' own, or that of a simpler one beside which it was weighed."""
+
+    @property
+    def promised(self) -> float:
+        """Log evidence of the linear problem."""
+        return self.weighed.log_evidence
+
     @property
     def log_evidence(self) -> float:
-        return self.weighed.log_evidence
+        """The same, less what the linear problem promises and the model did not hold."""
+        return self.promised - (self.fit.short if self.followed else 0.0)
 
 
 class Search:
@@ -83,7 +92,7 @@ class Search:
         """
         beside = [weigh_at(c.fit.linear, LARGE, self.problem.parameters, [c.named])[0] for c in leading]
         terms = np.array([w.log_evidence for w in beside]) + np.log(np.array(shares) / np.sum(shares))
-        i = int(np.argmax(terms))
+        i = int(np.argmax(terms))  # the fit's shortfall counts beside a large discrepancy as it does without
         total = replace(beside[i], log_evidence=float(logsumexp(terms)))
         return Candidate(leading[i].named, total, leading[i].fit, *_peak(beside[i], LARGE), unknown=True)
 
@@ -97,14 +106,16 @@ class Search:
         p, extent = self.problem.parameters, self.extent
         singles: list[Hypothesis] = [(e,) for e in p.ids]
         around = weigh_at(self.none.fit.linear, self.grid, p, singles)
-        here = {h: Candidate(h, w, self.none.fit, *_peak(w, self.grid)) for h, w in zip(singles, around, strict=True)}
+        here = {
+            h: Candidate(h, w, self.none.fit, *_peak(w, self.grid), followed=False)
+            for h, w in zip(singles, around, strict=True)
+        }
         order = sorted(singles, key=lambda h: -here[h].log_evidence)
         first = set(order[: extent.screen]) | {h for h in singles if self._curved(h)}
         found = {h: self._screened(h) if h in first else here[h] for h in singles}
-        leading = sorted(found.values(), key=lambda c: -c.log_evidence)
-        for c in leading[: extent.polish]:
-            if c.log_evidence > leading[0].log_evidence - extent.within:
-                found[c.named] = self._polished(c)
+        for c in sorted(found.values(), key=lambda c: -c.promised)[: extent.polish]:
+            if c.promised > max(x.log_evidence for x in found.values()) - extent.within:
+                found[c.named] = self._polished(c, 4)
         self.found |= found
         return sorted(found.values(), key=lambda c: -c.log_evidence)
 
@@ -116,7 +127,8 @@ class Search:
     def _screened(self, named: Hypothesis) -> Candidate:
         """One step from each starting point; the best by evidence at the point reached."""
         near = self._weigh(named, self.none.fit)
-        tried = [self._weigh(named, self._fit(named, near.spike, near.size, s, 1)) for s in self._starts(named)]
+        rounds = 2 if self._curved(named) else 1
+        tried = [self._weigh(named, self._fit(named, near.spike, near.size, s, rounds)) for s in self._starts(named)]
         return max(tried, key=lambda c: c.log_evidence)
 
     def _starts(self, named: Hypothesis) -> list[Array | Fit]:
@@ -132,8 +144,8 @@ class Search:
                 points.append(point)
         return points
 
-    def _polished(self, c: Candidate) -> Candidate:
-        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit, 2))
+    def _polished(self, c: Candidate, rounds: int) -> Candidate:
+        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit, rounds))
 
     def _grow(self, parents: Sequence[Candidate], follow: int) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
@@ -143,10 +155,14 @@ class Search:
             weighed = weigh_at(parent.fit.linear, self.grid, self.problem.parameters, children)
             for named, found in zip(children, weighed, strict=True):
                 if named not in grown or grown[named].log_evidence < found.log_evidence:
-                    grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid))
-        leading = sorted(grown.values(), key=lambda c: -c.log_evidence)
+                    grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid), followed=False)
+        leading = sorted(grown.values(), key=lambda c: -c.promised)
         for c in leading[:follow]:
-            grown[c.named] = self._polished(c)
+            grown[c.named] = self._polished(c, 2)
+        # What was not followed is taken to fall short as much as what was.
+        typical = float(np.median([grown[c.named].fit.short for c in leading[:follow]]))
+        for c in leading[follow:]:
+            grown[c.named] = replace(c, weighed=replace(c.weighed, log_evidence=c.promised - typical))
         self.found |= grown
         return sorted(grown.values(), key=lambda c: -c.log_evidence)
 

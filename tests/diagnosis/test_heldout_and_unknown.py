@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from diagnosis.fit import fit
 from diagnosis.heldout import Model, left_out
 from diagnosis.noise import Noise
 from diagnosis.problem import Problem
@@ -22,13 +23,18 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+def fitted(problem: Problem, variance: np.ndarray, size: float) -> Model:
+    return Model(variance, size, fit(problem, variance, size, problem.parameters.mean))
+
+
 def changed(problem: Problem, by: np.ndarray) -> Problem:
     return Problem(problem.forward, problem.parameters, problem.observed + by, problem.noise, problem.discrepancy)
 
 
 def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
     problem = toy_problem(1, {"play": 1.0})
-    model = Model(np.where(problem.parameters.mask(("play",)), 1.0, 0.01), 0.5, problem.parameters.mean)
+    variance = np.where(problem.parameters.mask(("play",)), 1.0, 0.01)
+    model = fitted(problem, variance, 0.5)
     before = problem.observed - left_out(problem, model, LENGTH)
     lifted = changed(problem, np.where(LENGTH == 3, 5 * MM, 0.0))
     after = lifted.observed - left_out(lifted, model, LENGTH)
@@ -38,16 +44,15 @@ def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
 
 def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_without_it_they_are_not() -> None:
     problem = toy_problem(2, {"play": 1.0})
-    zero = np.zeros(len(IDS))
-    without = rms(left_out(problem, Model(zero, 0.0, problem.parameters.mean), LENGTH))
+    without = rms(left_out(problem, fitted(problem, np.zeros(len(IDS)), 0.0), LENGTH))
     named = np.where(problem.parameters.mask(("play",)), 1.0, 0.0)
-    assert rms(left_out(problem, Model(named, 0.5, problem.parameters.mean), LENGTH)) < 0.4 * MM < 0.8 * MM < without
+    assert rms(left_out(problem, fitted(problem, named, 0.5), LENGTH)) < 0.4 * MM < 0.8 * MM < without
 
 
 def test_values_of_no_fold_are_not_predicted() -> None:
     problem = toy_problem(2, {})
     fold = np.where(LENGTH == 2, 0, -1)
-    missed = left_out(problem, Model(np.zeros(len(IDS)), 0.0, problem.parameters.mean), fold)
+    missed = left_out(problem, fitted(problem, np.zeros(len(IDS)), 0.0), fold)
     assert np.isnan(missed[fold < 0]).all() and np.isfinite(missed[fold == 0]).all()
 
 
