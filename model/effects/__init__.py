@@ -7,6 +7,7 @@
     y, sd = forward.observe(columns)                     # measured, in the order of forward.labels: (row, channel)
     theta = np.zeros(len(forward.parameters))            # the baseline: no effect, nothing off
     prediction, jacobian = forward.linearise(theta)      # (n_obs,), (n_obs, n_par)
+    forward.linearise(theta, forward.index("contact"))   # the same with a few columns of the derivative, cheaper
     forward.index("base_tilt")                           # columns of one effect (or tolerance) in theta
 
 `forward.parameters` is an ordered tuple of ParameterInfo: name, source (id of the effect), group (effect | calibration

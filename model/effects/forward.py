@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -130,21 +130,23 @@ class ForwardModel:
         """
         return measured(self.observations, columns, noise)
 
-    def linearise(self, theta: Array) -> tuple[Array, Array]:
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Prediction (observations,) and its derivative (observations, p) by the parameters, in their units.
 
-        At a bound the derivative is the one towards the inside.
+        With `columns`, indices of parameters, the derivative has these columns alone, and costs as much less. At an
+        upper bound the derivative is the one towards the inside.
         """
         theta = self._checked(theta)
+        wanted = list(range(len(self.parameters))) if columns is None else list(columns)
         here = self._solved(theta)
         predicted = self._prediction(here)
-        by_slot = self._slopes(here, predicted)
-        jacobian = np.zeros((len(self), len(self.parameters)))
-        each = np.arange(len(self))
-        for slot, of_row in enumerate(self._table.of_row):
-            own = of_row[self.observations.row]
-            kept = own >= 0
-            jacobian[each[kept], own[kept]] = by_slot[slot, kept]
+        slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
+        by_slot = self._slopes(here, predicted, slots)
+        jacobian = np.zeros((len(self), len(wanted)))
+        for column, k in enumerate(wanted):
+            slot = self.parameters[k].slot
+            own = self._table.of_row[slot][self.observations.row] == k
+            jacobian[own, column] = by_slot[slots.index(slot), own]
         return predicted[0], jacobian
 
     def _checked(self, theta: Array) -> Array:
@@ -202,14 +204,15 @@ class ForwardModel:
                 source.spec.law.path(history, self._table.values(i, spread))
         return history.rest
 
-    def _slopes(self, here: _At, predicted: Array) -> Array:
+    def _slopes(self, here: _At, predicted: Array, slots: tuple[int, ...]) -> Array:
         """(slots, observations) derivatives in the parameters' units, by differences of all but the equilibria."""
+        chosen = list(slots)
         step = NUDGE * self._sd * np.where(here.theta + NUDGE * self._sd <= self._high, 1.0, -1.0)
-        spread = self._table.beside(here.theta, here.theta + step)
+        spread = self._table.beside(here.theta, here.theta + step, slots)
         q = self._quantities(spread)
-        built = rows(q, self._shear, self._table.slots)
+        built = rows(q, self._shear, len(slots))
         # Directions are one prior width long, in every row that the slot reaches.
-        by_row = self._by_slot(step / self._sd)[:, :, None]
+        by_row = self._by_slot(step / self._sd)[chosen, :, None]
         directions = (built - here.built) / by_row
         if here.remembers:
             moved = differentiate(here.bare, directions[:, self._in_bare])
@@ -220,7 +223,7 @@ class ForwardModel:
         add_rest(directions, (rest - here.rest) / by_row)
         moved = differentiate(here.final, directions[:, self._moved])
         read = self._read(q, here.final.result + by_row[:, self._moved] * moved, spread)
-        return (read - predicted) / self._by_slot(step)[:, self.observations.row]
+        return (read - predicted) / self._by_slot(step)[chosen][:, self.observations.row]
 
     def _by_slot(self, per_parameter: Array) -> Array:
         """(slots, full) the value of the parameter that each row takes for a slot; 1 where it takes none."""

@@ -46,16 +46,19 @@ class Spread:
 
     base: Array
     """(slots, n)."""
-    there: Array | None
+    there: Array | None = None
     """(slots, n): the value of a slot in its own variant."""
+    chosen: tuple[int, ...] = ()
+    """The slots that have a variant."""
 
     def slot(self, k: int) -> Array:
         """(v, n)."""
         if self.there is None:
             return self.base[k][None]
-        out = np.empty((len(self.base), self.base.shape[1]))
+        out = np.empty((len(self.chosen), self.base.shape[1]))
         out[:] = self.base[k]
-        out[k] = self.there[k]
+        if k in self.chosen:
+            out[self.chosen.index(k)] = self.there[k]
         return out
 
 
@@ -71,11 +74,11 @@ class ParameterTable:
 
     def at(self, theta: Array) -> Spread:
         """One variant: these parameters."""
-        return Spread(self._rows(theta), None)
+        return Spread(self._rows(theta))
 
-    def beside(self, theta: Array, there: Array) -> Spread:
-        """One variant a slot: all at theta but the slot itself, which is at `there`."""
-        return Spread(self._rows(theta), self._rows(there))
+    def beside(self, theta: Array, there: Array, slots: tuple[int, ...]) -> Spread:
+        """One variant for each of `slots`: all at theta but the slot itself, which is at `there`."""
+        return Spread(self._rows(theta), self._rows(there), slots)
 
     def _rows(self, theta: Array) -> Array:
         return np.append(theta, 0.0)[self.of_row]

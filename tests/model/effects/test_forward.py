@@ -53,6 +53,8 @@ def test_derivatives_agree_with_differences_of_predictions(
             continue
         expected = (forward.predict(theta + step) - forward.predict(theta - step)) / (2 * step[k])
         assert jacobian[:, k] * info.sd == pytest.approx(expected * info.sd, abs=3e-7, rel=3e-4), info.name
+    some = [*forward.index("spine_length")[::-1], *forward.index("spine_slip"), *forward.index("frame_shift")]
+    assert forward.linearise(theta, some)[1] == pytest.approx(jacobian[:, some], rel=1e-9, abs=1e-12)
 
 
 def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(
