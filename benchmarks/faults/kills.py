@@ -86,8 +86,8 @@ class Witness(threading.Thread):
         self.join()
 
 
-def one(fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, what: Sequence[str]) -> Kill:
-    """Start a run, cut it off at a random moment, see what becomes of the rig."""
+def one(fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, what: Sequence[str]) -> Kill | None:
+    """Start a run, cut it off at a random moment, see what becomes of the rig; None when it had ended by itself before."""
     protocol, *settings = what
     command = [sys.executable, "-m", "lab.cli", "run", protocol, "--rig", str(rig), "--out", str(folder)]
     command += [word for s in settings for word in ("--set", s)]
@@ -98,6 +98,8 @@ def one(fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, w
         time.sleep(0.005)
     after = rng.uniform(0.0, 1.5)
     time.sleep(after)
+    if program.poll() is not None:
+        return None
     witness = Witness(fakes)
     while protocol == "stiffness" and not witness.moving and program.poll() is None and time.monotonic() < deadline:
         witness = Witness(fakes)  # an arm that stands anyway proves nothing
@@ -165,7 +167,9 @@ def main() -> int:
         write_rig(fakes, folder / "rig.yaml")
         for i in range(a.count):
             stiffness = a.protocol == "stiffness" or (a.protocol == "both" and i % 3 == 2)
-            kill = one(fakes, folder / "rig.yaml", folder, how, rng, STIFFNESS if stiffness else BENDING)
+            kill = None
+            while kill is None:
+                kill = one(fakes, folder / "rig.yaml", folder, how, rng, STIFFNESS if stiffness else BENDING)
             kills.append(kill)
             ends = f"{'safe' if kill.safe else 'NOT SAFE'}, {'file recovered' if kill.recovered else 'FILE LOST'}"
             times = f"stop {kill.stop_ms:6.1f} ms, vented {kill.vented_s:5.2f} s, arm {kill.arm_ms:6.1f} ms"
