@@ -274,6 +274,7 @@ class Alicat:
         try:
             return request()
         except (NoReply, BadReply):
+            self._line.listen(self.config.timeout)  # an answer that is only late must not be taken for the next one's
             return request()
 
     def _need_open(self) -> None:

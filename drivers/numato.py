@@ -114,6 +114,7 @@ class NumatoValve:
         try:
             return self._exchange(command, lines)
         except (NoReply, BadReply):
+            self._line.listen(self._config.timeout)  # an answer that is only late must not be taken for the next one's
             return self._exchange(command, lines)
 
     def _exchange(self, command: str, lines: int) -> list[str]:

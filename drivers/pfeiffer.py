@@ -141,6 +141,7 @@ class PfeifferGauge:
         try:
             return self._ask(what, query)
         except (NoReply, BadReply):
+            self._line.listen(self._config.timeout)  # an answer that is only late must not be taken for the next one's
             return self._ask(what, query)
 
     def _ask(self, what: str, query: Query[T]) -> T:

@@ -43,7 +43,8 @@ def run(todo: list[Cell], report: Path | None) -> list[Verdict]:
 def shared(arguments: argparse.Namespace, report: Path) -> list[Verdict]:
     """The cells dealt out to several processes."""
     report.parent.mkdir(parents=True, exist_ok=True)
-    report.write_text("")
+    if not arguments.resume:
+        report.write_text("")
     base = [sys.executable, "-m", "benchmarks.faults", "--report", str(report)]
     for name in ("subject", "fault", "phase"):
         for value in getattr(arguments, name):
@@ -51,10 +52,16 @@ def shared(arguments: argparse.Namespace, report: Path) -> list[Verdict]:
     running = [subprocess.Popen([*base, "--share", f"{i}/{arguments.jobs}"]) for i in range(arguments.jobs)]
     for process in running:
         process.wait()
-    found = []
-    for line in report.read_text().splitlines():
+    return list(read(report).values())
+
+
+def read(report: Path) -> dict[Cell, Verdict]:
+    """The last verdict on each cell of a report."""
+    found: dict[Cell, Verdict] = {}
+    for line in report.read_text().splitlines() if report.exists() else []:
         entry = json.loads(line)
-        found.append(Verdict(**{**entry, "cell": Cell(**entry["cell"]), "unsafe": tuple(entry["unsafe"])}))
+        verdict = Verdict(**{**entry, "cell": Cell(**entry["cell"]), "unsafe": tuple(entry["unsafe"])})
+        found[verdict.cell] = verdict
     return found
 
 
@@ -85,12 +92,16 @@ def main() -> int:
     parser.add_argument("--phase", action="append", default=[], choices=PHASES)
     parser.add_argument("--jobs", type=int, default=2, help="processes, each with fakes of its own")
     parser.add_argument("--report", type=Path, default=Path("out/faults.jsonl"))
+    parser.add_argument(
+        "--resume", action="store_true", help="keep what the report holds; try what is missing or failed"
+    )
     parser.add_argument("--share", help="I/N: every N-th cell from the I-th on, in this process")
     a = parser.parse_args()
     if a.share:
         index, count = map(int, a.share.split("/"))
         todo = cells(tuple(a.subject) or SUBJECTS, tuple(a.fault) or FAULTS, tuple(a.phase) or PHASES)
-        todo = [c for i, c in enumerate(todo) if i % count == index]
+        passed = {c for c, v in read(a.report).items() if v.mark != "X"}
+        todo = [c for i, c in enumerate(todo) if i % count == index and c not in passed]
         return 0 if all(v.mark != "X" for v in run(todo, a.report)) else 1
     verdicts = shared(a, a.report)
     print(table(verdicts))
