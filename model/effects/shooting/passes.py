@@ -2,7 +2,8 @@
 
     q' = q (0, u) / 2,  m' = -u x m - v x n,  r' = -u x r - v  (r: from here to the tip),  n = R(q)^T N
 with N in the base frame known without integration. u = m / (D K_bt) + u*, v = n / K_se + v* + e3; a hyperelastic
-section has D = 1 + a k^2 + b e and n3 = EA (e + c e^2) + b EI k^2 / 2, k and e elastic.
+section has D = 1 + g(a k^2) + b e and n3 = EA (e + c e^2) + b EI k^2 / 2, k and e elastic; g(x) = x, but x / (1 - 2 x)
+where x < 0, so that a section which softens never carries less moment the more it is bent.
 """
 
 from __future__ import annotations
@@ -71,11 +72,14 @@ def slope_at(y: Array, force: Array, row: Array, e: int, x: float, out: Array) -
         coupled = 0.25 * b * (row[e + 1] + row[e + 2]) * bend / row[e + 6]
         d = 1.0
         for _ in range(SERIES_ROUNDS):
-            # Newton on d - 1 - a bend / d^2 - b e = 0 and e + c e^2 + coupled / d^2 - pull = 0.
+            # Newton on d - 1 - g(a bend / d^2) - b e = 0 and e + c e^2 + coupled / d^2 - pull = 0.
             w = 1.0 / (d * d)
-            first = d - 1.0 - a * bend * w - b * strain
+            x = a * bend * w
+            levelled = 1.0 / (1.0 - 2.0 * min(x, 0.0))
+            first = d - 1.0 - x * levelled - b * strain
             second = strain + c * strain * strain + coupled * w - pull
-            by_d, mixed, by_e = 1.0 + 2.0 * a * bend * w / d, -2.0 * coupled * w / d, 1.0 + 2.0 * c * strain
+            by_d = 1.0 + 2.0 * x * levelled * levelled / d
+            mixed, by_e = -2.0 * coupled * w / d, 1.0 + 2.0 * c * strain
             scale = 1.0 / (by_d * by_e + b * mixed)
             d -= scale * (by_e * first + b * second)
             strain -= scale * (by_d * second - mixed * first)
