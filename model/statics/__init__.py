@@ -6,6 +6,7 @@ drop_stale_kernels()
 
 from model.statics.problem import Form, Rods, blank, rods  # noqa: E402
 from model.statics.sensitivity import Sensitivities, sensitivities  # noqa: E402
+from model.statics.shape import Stations, energy, stations  # noqa: E402
 from model.statics.solver import DEFAULT, FINE, Accuracy, Solution, solve  # noqa: E402
 
 __all__ = [
@@ -16,8 +17,11 @@ __all__ = [
     "Rods",
     "Sensitivities",
     "Solution",
+    "Stations",
     "blank",
+    "energy",
     "rods",
     "sensitivities",
     "solve",
+    "stations",
 ]
