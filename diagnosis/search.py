@@ -26,6 +26,10 @@ START_SPIKE, START_SIZE = 0.1, 0.5
 """Spike and discrepancy with which the first fits are made."""
 
 
+BEGIN = 0.6
+"""Share of its scale at which the search for an effect that acts one way begins."""
+
+
 @dataclass(frozen=True)
 class Extent:
     """How far the search goes."""
@@ -55,9 +59,6 @@ class Candidate:
     size: float
     unknown: bool = False
 
-    followed: bool = True
-    """Whether the fit is the hypothesis' own, or that of a simpler one beside which it was weighed."""
-
     @property
     def promised(self) -> float:
         """Log evidence of the linear problem."""
@@ -66,7 +67,7 @@ class Candidate:
     @property
     def log_evidence(self) -> float:
         """The same, less what the linear problem promises and the model did not hold."""
-        return self.promised - (self.fit.short if self.followed else 0.0)
+        return self.promised - self.fit.short
 
 
 class Search:
@@ -92,24 +93,21 @@ class Search:
         """
         beside = [weigh_at(c.fit.linear, LARGE, self.problem.parameters, [c.named])[0] for c in leading]
         terms = np.array([w.log_evidence for w in beside]) + np.log(np.array(shares) / np.sum(shares))
-        i = int(np.argmax(terms))  # the fit's shortfall counts beside a large discrepancy as it does without
+        i = int(np.argmax(terms))
         total = replace(beside[i], log_evidence=float(logsumexp(terms)))
         return Candidate(leading[i].named, total, leading[i].fit, *_peak(beside[i], LARGE), unknown=True)
 
     def _none(self) -> Candidate:
         fitted = self._fit(NONE, START_SPIKE, START_SIZE, self.problem.parameters.mean, 3)
         first = self._weigh(NONE, fitted)
-        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted, 1))
+        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted, 5))
 
     def _singles(self) -> list[Candidate]:
         """Every single effect weighed around none; what looks promising there, or cannot be judged there, followed."""
         p, extent = self.problem.parameters, self.extent
         singles: list[Hypothesis] = [(e,) for e in p.ids]
         around = weigh_at(self.none.fit.linear, self.grid, p, singles)
-        here = {
-            h: Candidate(h, w, self.none.fit, *_peak(w, self.grid), followed=False)
-            for h, w in zip(singles, around, strict=True)
-        }
+        here = {h: Candidate(h, w, self.none.fit, *_peak(w, self.grid)) for h, w in zip(singles, around, strict=True)}
         order = sorted(singles, key=lambda h: -here[h].log_evidence)
         first = set(order[: extent.screen]) | {h for h in singles if self._curved(h)}
         found = {h: self._screened(h) if h in first else here[h] for h in singles}
@@ -120,29 +118,41 @@ class Search:
         return sorted(found.values(), key=lambda c: -c.log_evidence)
 
     def _curved(self, named: Hypothesis) -> bool:
-        """Whether an effect has several points to begin at: its misfit may have several valleys."""
+        """Whether an effect acts one way only, or has several points to begin at."""
         p = self.problem.parameters
-        return any(len(p.starts[i]) > 1 for i, e in enumerate(p.effects) if e in named) if p.starts else False
+        own = [i for i, e in enumerate(p.effects) if e in named]
+        return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
 
     def _screened(self, named: Hypothesis) -> Candidate:
-        """One step from each starting point; the best by evidence at the point reached."""
+        """A step or two from each starting point; the best by evidence at the point reached."""
         near = self._weigh(named, self.none.fit)
         rounds = 2 if self._curved(named) else 1
         tried = [self._weigh(named, self._fit(named, near.spike, near.size, s, rounds)) for s in self._starts(named)]
         return max(tried, key=lambda c: c.log_evidence)
 
     def _starts(self, named: Hypothesis) -> list[Array | Fit]:
-        """Where a search begins: the fit of none, and from there every combination of the values to begin at."""
+        """Where a search begins: the fit of none; for an effect that acts one way only, well within its range instead.
+
+        Around zero, where such an effect ends, the small errors allowed to all the others can take its place.
+        """
         p, here = self.problem.parameters, self.none.fit.theta
+        if not self._curved(named):
+            return [self.none.fit]
         own = [i for i, e in enumerate(p.effects) if e in named]
-        choices = [p.starts[i] if p.starts and p.starts[i] else (0.0,) for i in own]
-        points: list[Array | Fit] = [self.none.fit]
-        for values in itertools.product(*choices):
-            if any(values):
-                point = here.copy()
-                point[own] = values
-                points.append(point)
+        points: list[Array | Fit] = []
+        for values in itertools.product(*(self._begin(i) for i in own)):
+            point = here.copy()
+            point[own] = values
+            points.append(point)
         return points
+
+    def _begin(self, i: int) -> tuple[float, ...]:
+        """Values of a named effect's parameter to begin at."""
+        p = self.problem.parameters
+        given = p.starts[i] if p.starts else ()
+        if p.shapes and p.shapes[i]:
+            return given or (0.0,)
+        return tuple(v for v in given if v) or (BEGIN * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)
 
     def _polished(self, c: Candidate, rounds: int) -> Candidate:
         return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit, rounds))
@@ -155,14 +165,14 @@ class Search:
             weighed = weigh_at(parent.fit.linear, self.grid, self.problem.parameters, children)
             for named, found in zip(children, weighed, strict=True):
                 if named not in grown or grown[named].log_evidence < found.log_evidence:
-                    grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid), followed=False)
+                    grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid))
         leading = sorted(grown.values(), key=lambda c: -c.promised)
         for c in leading[:follow]:
             grown[c.named] = self._polished(c, 2)
-        # What was not followed is taken to fall short as much as what was.
-        typical = float(np.median([grown[c.named].fit.short for c in leading[:follow]]))
+        # What was not followed is taken to lose as much as what was.
+        typical = float(np.median([c.promised - grown[c.named].promised for c in leading[:follow]]))
         for c in leading[follow:]:
-            grown[c.named] = replace(c, weighed=replace(c.weighed, log_evidence=c.promised - typical))
+            grown[c.named] = replace(c, weighed=replace(c.weighed, log_evidence=c.promised - max(typical, 0.0)))
         self.found |= grown
         return sorted(grown.values(), key=lambda c: -c.log_evidence)
 
