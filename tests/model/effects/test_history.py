@@ -1,0 +1,69 @@
+"""Laws with memory: sliding elements and relaxation against what can be written down, and the path between readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model.effects.design import design_from_columns, with_rest
+from model.effects.history import DRIVES, History, Path, loading_path
+from model.effects.quantities import baseline
+from model.robot import Robot
+
+
+def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -> History:
+    """A history whose drive (n,) is given for the first curvature; the first state is at rest."""
+    design, rest_of = with_rest(design_from_columns(robot, columns))
+    n = len(design)
+    drive = np.zeros((1, n, DRIVES))
+    drive[0, :, 0] = driven
+    quantities = baseline(robot, design, np.ones(n), np.array([1.0, 0.0]))
+    one = np.ones((1, n, 2))
+    return History(quantities, path or loading_path(design, rest_of), drive, one, one, np.zeros((1, n, DRIVES)))
+
+
+def test_between_readings_the_drive_stays_ramps_and_stays(
+    paper_robot: Robot, make_campaign: Callable[..., Any]
+) -> None:
+    columns = make_campaign(lengths=(0.1,), levels=(50e3, 100e3), unload=False, rate=25e3, hold=3.0)
+    columns["t"] = columns["t"] + np.array([0.0, 4.0, 4.0])
+    design, rest_of = with_rest(design_from_columns(paper_robot, columns))
+    path = loading_path(design, rest_of)
+    assert path.before.tolist() == [0, 0, 1]
+    assert path.ramp.tolist() == [0.0, 2.0, 2.0]
+    assert path.hold.tolist() == [3.0, 3.0, 3.0]
+    assert path.stay == pytest.approx([0.0, 4.0, 0.0])
+
+
+def test_a_trial_without_a_state_of_rest_gets_one(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
+    design = design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.1), levels=(50e3, 100e3), zero=False))
+    full, rest_of = with_rest(design)
+    assert len(full) == len(design) + 2
+    assert rest_of.tolist() == [len(design), len(design) + 1]
+    assert not full.pressure[len(design) :].any()
+    assert full.spine_length[len(design) :].tolist() == [0.0, 0.1]
+
+
+def test_what_follows_late_lags_a_ramp_by_its_closed_form(
+    paper_robot: Robot, make_campaign: Callable[..., Any]
+) -> None:
+    columns = make_campaign(lengths=(0.1,), levels=(100e3,), rate=25e3, hold=3.0)
+    lag = history(paper_robot, columns, [0.0, 2.0, 0.0]).lag(5.0)[0, :, 0]
+    # A ramp to 2 within 4 s, then 3 s at rest: z' = (x - z) / 5 s.
+    at_top = 2.0 / 4.0 * 5.0 * (1 - np.exp(-4.0 / 5.0))
+    assert lag[1] == pytest.approx(at_top * np.exp(-3.0 / 5.0))
+    assert lag[2] == pytest.approx((lag[1] * np.exp(-4.0 / 5.0) - at_top) * np.exp(-3.0 / 5.0))
+
+
+def test_a_sliding_element_yields_at_its_stroke_and_needs_twice_that_to_yield_back(
+    paper_robot: Robot, make_campaign: Callable[..., Any]
+) -> None:
+    columns = make_campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3))
+    h = history(paper_robot, columns, [0.0, 0.5, 3.0, 4.0, 3.0, 2.0, 0.0])
+    state = h.sliding(h.drive[..., :2], np.array([[1.0]]))[0, :, 0]
+    assert state == pytest.approx([0.0, 0.5, 1.0, 1.0, 0.0, -1.0, -1.0])
+    parallel = h.sliding(h.drive[..., :2], np.array([[1.0, 4.0]]))[0, :, 0]
+    assert parallel[1] == pytest.approx(0.5 * (0.5 + 0.125))
