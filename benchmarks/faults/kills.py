@@ -27,7 +27,13 @@ from recordings.recover import recover
 from sim_fakes.rig import FakeRig
 
 SPEED = 20.0
-BENDING = ("bending", "spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "rate=20 kPa/s")
+BENDING = (
+    "bending",
+    "spine_lengths=[0.05]",
+    "pressures=[100 kPa, 200 kPa]",
+    "rate=20 kPa/s",
+    "settle.still_distance=5 mm",
+)
 STIFFNESS = ("stiffness", "lengths=[0.1]", "steps=3", "min_samples=30")
 LIMIT = 30.0
 

@@ -25,7 +25,13 @@ from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, Cell, Job, Res
 LIMIT = 90.0
 """Host seconds after which a cell counts as hung and its worker is killed."""
 QUICK = {
-    "bending": ("spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "unload=false", "zero_state=false"),
+    "bending": (
+        "spine_lengths=[0.05]",
+        "pressures=[100 kPa, 200 kPa]",
+        "unload=false",
+        "zero_state=false",
+        "settle.still_distance=5 mm",
+    ),
     "stiffness": ("lengths=[0.1]", "steps=3", "min_samples=30", "zero_samples=20"),
 }
 STAYS = {"bending": ("arm", "force"), "stiffness": ("mocap",)}

@@ -47,7 +47,8 @@ class House:
     def start(self, folder: Path, *settings: str) -> subprocess.Popen[str]:
         """A bending run in a process of its own, as soon as it has inflated the robot."""
         command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(self.rig), "--out", str(folder)]
-        command += [word for setting in settings for word in ("--set", setting)]
+        patient = "settle.still_distance=5 mm"  # noise looks like motion when the processors are busy
+        command += [word for setting in (patient, *settings) for word in ("--set", setting)]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         if not until(lambda: self.highest() > 40e3 or process.poll() is not None, 60) or process.poll() is not None:
             process.kill()

@@ -12,7 +12,14 @@ from house import House, until
 from lab.cli import main
 from lab.inputs import read_case
 
-BENDING = ["--set", "spine_lengths=[0.05]", "--set", "pressures=[60 kPa, 120 kPa]"]
+BENDING = [
+    "--set",
+    "spine_lengths=[0.05]",
+    "--set",
+    "pressures=[60 kPa, 120 kPa]",
+    "--set",
+    "settle.still_distance=5 mm",
+]
 STIFFNESS = ["--set", "lengths=[0.1]", "--set", "steps=3", "--set", "min_samples=20"]
 
 
