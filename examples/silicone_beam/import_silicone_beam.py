@@ -77,12 +77,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("data", type=Path, help="folder that holds beam_*.c3d")
     parser.add_argument("--out", type=Path, default=Path("silicone-beam"), help="case folder to write")
+    parser.add_argument("--only", choices=("bending", "stiffness"), help="just these rows (lab fit: stiffness)")
     a = parser.parse_args()
-    found = rows(a.data)
+    found = [r for r in rows(a.data) if a.only in (None, r.protocol)]
     a.out.mkdir(parents=True, exist_ok=True)
     shutil.copy(Path(__file__).parent / "robot.yaml", a.out)
     write_csv(Table(tuple(found)), a.out / "trials.csv")
-    print(f"{len(found)} rows in {a.out}; now: lab fit {a.out}, lab diagnose {a.out}")
+    print(f"{len(found)} rows in {a.out}; now: lab diagnose {a.out} (lab fit takes the stiffness rows alone)")
 
 
 if __name__ == "__main__":
