@@ -188,3 +188,24 @@ def confusion(cases: Sequence[Scored]) -> tuple[list[str], list[str], NDArray[np
 
 def _one(effects: Effects) -> str:
     return next(iter(effects))
+
+
+def best_temperature(cases: Sequence[Scored]) -> float:
+    """The temperature that would make the stated probabilities of single and no-effect cases score best.
+
+    Each hypothesis' probability is raised to 1/T and all are made to sum to one again; 1 means that they are honest as they
+    are, more that they are too bold. NaN without a case.
+    """
+    known = [c for c in cases if c.kind in ("single", "none") and c.answer.verdict != "failed"]
+    if not known:
+        return math.nan
+    grid = np.exp(np.linspace(math.log(0.5), math.log(30.0), 120))
+    losses = [sum(_loss(c, t) for c in known) for t in grid]
+    return float(grid[int(np.argmin(losses))])
+
+
+def _loss(c: Scored, temperature: float) -> float:
+    a = c.answer
+    stated = np.array([p for _, p in a.ranking] + [a.none_probability, a.unknown_probability, c.probability_on_truth])
+    weights = np.maximum(stated, 1e-12) ** (1 / temperature)
+    return -math.log(max(float(weights[-1] / weights[:-1].sum()), LEAST_PROBABILITY))

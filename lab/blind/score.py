@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from .answers import Answer, read_answer
 from .folder import SetFolder, open_seal
-from .metrics import Metric, Scored, confidence, confusion, metrics, reliability, scored
+from .metrics import Metric, Scored, best_temperature, confidence, confusion, metrics, reliability, scored
 from .targets import Target, targets
 
 
@@ -64,6 +64,7 @@ class Score:
                  "met": self.aims[m.key].met(m.found.value) if m.key in self.aims and m.found.n else None}
                 for m in self.figures
             ],
+            "best_temperature": _finite({"value": best_temperature(self.cases)})["value"],
             "confusion": {"true": rows, "named": columns, "counts": counts.tolist()},
             "reliability": [{"stated": s, "right": r, "cases": n} for s, r, n in self.reliability],
             "cases": [_case(c) for c in self.cases],

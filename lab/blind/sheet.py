@@ -14,6 +14,7 @@ from rich.table import Table
 
 from ..figures import STYLE, save
 from .intervals import Interval
+from .metrics import best_temperature
 from .score import Score
 
 INK, RIGHT, WRONG = "#33526e", "Blues", "#b5382a"
@@ -81,6 +82,11 @@ def markdown(result: Score, picture: str) -> str:
         )
     else:
         lines.append("No figure of this set misses its target.")
+    temperature = best_temperature(result.cases)
+    lines += [
+        "",
+        f"Temperature at which the stated probabilities would score best: {temperature:.2g} (1: honest as they are).",
+    ]
     confused = _confusions(result)
     if confused:
         lines += ["", "Confused most: " + "; ".join(confused) + "."]

@@ -16,7 +16,7 @@ from lab.blind.designs import CHANNELS, design
 from lab.blind.folder import SetFolder, open_seal
 from lab.blind.intervals import bootstrap, share
 from lab.blind.make import make
-from lab.blind.metrics import Scored, calibration_error, flagged_at, metrics
+from lab.blind.metrics import Scored, best_temperature, calibration_error, flagged_at, metrics
 from lab.blind.score import score, write
 from lab.blind.sheet import draw, sheet, write_section
 from lab.blind.sizes import SIZES, true_size, within_90
@@ -206,6 +206,19 @@ def test_calibration_error_is_none_for_honest_and_half_for_bold_answers() -> Non
     honest = np.array([[0.75, 1], [0.75, 1], [0.75, 1], [0.75, 0]], float)
     bold = np.array([[1.0, 1], [1.0, 0]], float)
     assert calibration_error(honest) == pytest.approx(0.0) and calibration_error(bold) == pytest.approx(0.5)
+
+
+def test_bold_answers_ask_for_a_temperature_above_one_and_honest_ones_for_none() -> None:
+    def answered(p: float, right: bool) -> Scored:
+        ranking = ((frozenset({"contact"}), p), (frozenset({"base_tilt"}), 1 - p))
+        truth = frozenset({"contact" if right else "base_tilt"})
+        return Scored(
+            "single", truth, dict.fromkeys(truth, 1.0), Answer("1", "effect", frozenset({"contact"}), p, ranking)
+        )
+
+    bold = [answered(0.99, i < 14) for i in range(20)]
+    honest = [answered(0.7, i < 14) for i in range(20)]
+    assert best_temperature(bold) > 3 and best_temperature(honest) == pytest.approx(1.0, abs=0.1)
 
 
 def test_exact_intervals_agree_with_the_rule_of_three() -> None:
