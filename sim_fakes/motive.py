@@ -8,8 +8,8 @@ Strict where the device is: frames leave from the data port, only to clients tha
 whose length is not what its header says is dropped; keep-alive is not answered.
 
 Faults used: `silent` (nothing is sent), `delay`, `truncate` (frames cut in half), `split` (a frame in two datagrams),
-`garbage` (a datagram in front of each), `corrupt`, `skew` (of the stamps), `freeze` (poses stand still). By name in
-`faults.extra`:
+`garbage` (a datagram in front of each), `corrupt` (half of the datagrams are damaged: the network's checksum drops
+them), `skew` (of the stamps), `freeze` (poses stand still). By name in `faults.extra`:
 - "drop" (int): this many frames are counted and not sent.
 - "replay" (bool): the last frame is sent again and again.
 - "nan" (bool), "absurd" (bool): the tip's position is NaN, or 1000 km away, yet marked as tracked.
@@ -45,6 +45,8 @@ CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3,
 REQUEST_FRAME, FRAME, DISCONNECT, KEEPALIVE, ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED = 6, 7, 9, 10, 12, 13, 100
 TICKS = 10_000_000
 """Clock frequency of the server's stamps, Hz."""
+DAMAGED = 0.5
+"""Share of damaged datagrams."""
 CLIENT_TIMEOUT = 10.0
 """A client that is silent this long is forgotten, s of host time."""
 TIP, BASE, FIRST_MARKER = 1, 2, 11
@@ -165,9 +167,8 @@ class MotiveFake(threading.Thread):
         if f.silent:
             return
         datagram = struct.pack("<HH", message, len(payload)) + payload
-        if f.corrupt:
-            bit = int(self._random.integers(8 * len(datagram)))
-            datagram = bytes(b ^ (1 << bit % 8 if i == bit // 8 else 0) for i, b in enumerate(datagram))
+        if f.corrupt and self._random.random() < DAMAGED:
+            return
         pieces = [datagram[: len(datagram) // 2], datagram[len(datagram) // 2 :]] if f.split else [datagram]
         due = time.monotonic() + f.delay
         self._outgoing += [(due, via, client, piece) for piece in ([f.garbage] if f.garbage else []) + pieces]
