@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import math
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -91,6 +92,14 @@ def _compare(a: argparse.Namespace) -> int:
     from .compare import compare
 
     return compare(a.inputs, a.robot, a.out, a.json)
+
+
+def _diagnose(a: argparse.Namespace) -> int:
+    # The matrices of a diagnosis are small: threads of the linear algebra would only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from .diagnose import Outputs, diagnose
+
+    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), a.reference)
 
 
 def _paper(a: argparse.Namespace) -> int:
@@ -207,6 +216,14 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap) or a case folder")
         p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
         p.add_argument("--out", type=Path, help="folder for figures and the calibrated robot.yaml")
+
+    p = verb("diagnose", _diagnose, "the gap: where it lies, which effect causes it, how far it shrinks, what to do next")
+    p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap) or a case folder")
+    p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
+    p.add_argument("--json", type=Path, metavar="OUT", help="write diagnosis.json here")
+    p.add_argument("--report", type=Path, metavar="OUT.html", help="write the page with all figures here")
+    p.add_argument("--protocols", type=Path, metavar="FOLDER", help="write the proposed experiments as protocol files")
+    p.add_argument("--reference", type=Path, metavar="A", help="an earlier campaign: say what changed since")
 
     from .blind.options import add_arguments
 

@@ -1,0 +1,100 @@
+"""`lab diagnose`: where the gap lies, which effect causes it, how far it shrinks, what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from rich.table import Table as Sheet
+
+from diagnosis.compare_campaigns import Change, compare_campaigns
+from diagnosis.diagnose import diagnose as diagnosed
+from diagnosis.errors import DiagnosisError
+from diagnosis.result import Diagnosis, Ranked
+from model.errors import ModelError
+
+from .config import ConfigError
+from .console import out
+from .diagnosis_report import write
+from .inputs import read_case
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where the answer goes besides the screen."""
+
+    json: Path | None = None
+    report: Path | None = None
+    protocols: Path | None = None
+    """Folder for the proposed experiments as protocol files."""
+
+
+def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, reference: Path | None) -> int:
+    """Diagnose recordings or a case folder; with a reference, say what changed since. Raises ConfigError."""
+    case = read_case(inputs, robot)
+    try:
+        answer = diagnosed(case)
+        change = compare_campaigns(case, read_case([reference], robot)) if reference is not None else None
+    except (DiagnosisError, ModelError) as e:
+        raise ConfigError(str(e)) from e
+    if outputs.json is not None:
+        outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
+    if outputs.protocols is not None:
+        write_protocols(answer, outputs.protocols)
+    _show(answer, change)
+    if outputs.report is not None:
+        write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change)
+        out.print(f"report: {outputs.report}")
+    return 0
+
+
+def write_protocols(answer: Diagnosis, folder: Path) -> list[Path]:
+    """One protocol file for each proposed experiment, as `lab run` takes it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for p in answer.next_experiment:
+        path = folder / f"{p.id}.yaml"
+        head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
+        path.write_text(head + yaml.safe_dump(dict(p.protocol), sort_keys=False), encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def _show(d: Diagnosis, change: Change | None) -> None:
+    out.print(d.statement)
+    for concern in d.concerns:
+        out.print(f"  note: {concern}")
+    if change is not None:
+        out.print(change.statement)
+    out.print(_ranking(d.attribute.ranking))
+    for group in d.attribute.cannot_tell_apart:
+        out.print(f"this data cannot tell apart: {', '.join(group)}")
+    if d.next_experiment:
+        out.print(_proposals(d))
+
+
+def _ranking(ranking: Sequence[Ranked]) -> Sheet:
+    t = Sheet(title="What the data support", title_justify="left")
+    for column in ("hypothesis", "p", "log evidence", "held out", "size"):
+        t.add_column(column)
+    for r in ranking:
+        if r.probability < 0.005:
+            continue
+        sizes = ", ".join(
+            f"{name.partition('.')[2]} {v.value:.3g} ± {v.sd:.2g} {v.unit}" for name, v in r.parameters.items()
+        )
+        held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
+        t.add_row(" + ".join(r.effects) or "none", f"{r.probability:.2f}", f"{r.log_evidence:.1f}", held, sizes)
+    return t
+
+
+def _proposals(d: Diagnosis) -> Sheet:
+    t = Sheet(title="What to do next", title_justify="left")
+    for column in ("experiment", "expected", "takes", "separates"):
+        t.add_column(column)
+    for p in d.next_experiment:
+        pairs = "; ".join(" | ".join(pair) for pair in p.separates[:3])
+        t.add_row(p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", pairs)
+    return t
