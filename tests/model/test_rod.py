@@ -128,7 +128,7 @@ def test_shape_starts_at_the_base_ends_at_the_tip_and_is_given_in_the_order_aske
     state = bending(paper_robot, [0.0, 0.2], [100e3])
     result = solve(paper_robot, state, [0.4, 0.0, 0.2, 0.1])
     np.testing.assert_allclose(result.shape[:, 0], result.tip, atol=1e-9)
-    np.testing.assert_allclose(result.shape[:, 1], 0, atol=1e-12)
+    np.testing.assert_allclose(result.shape[:, 1], 0, atol=1e-10)
     assert (np.abs(result.shape[:, 2, 2]) > np.abs(result.shape[:, 3, 2])).all()
 
 
@@ -160,7 +160,7 @@ def upright(paper_robot: Robot) -> Robot:
 
 def test_a_straight_rod_beyond_its_buckling_load_is_flagged_and_holds_no_tip(upright: Robot) -> None:
     result = solve(upright, conditions(upright, 0.0, np.zeros(9), tip_mass=[2.0, 4.0]), [0.2])
-    assert result.status.tolist() == [Status.SOLVED, Status.OTHER_BRANCH]
+    assert result.status.tolist() == [Status.SOLVED_IN_STEPS, Status.OTHER_BRANCH]
     assert result.ok.tolist() == [True, False]
     for values in (result.tip, result.orientation, result.base_force, result.base_moment, result.shape):
         assert np.isfinite(values[0]).all() and np.isnan(values[1]).all()

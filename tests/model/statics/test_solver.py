@@ -7,7 +7,7 @@ import pytest
 
 from model.batch import Status
 from model.errors import BadCondition, SolveFailed
-from model.rod import solve_rods
+from model.reference import solve_rods
 from model.statics import FINE, Form, rods, solve
 from tests.model.statics.cases import LENGTH, as_batch, reference_robots, robots, wild_robots
 

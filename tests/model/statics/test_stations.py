@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model.errors import BadCondition
-from model.rod import solve_rods
+from model.reference import solve_rods
 from model.statics import FINE, Form, energy, sensitivities, solve, stations
 from tests.model.statics.cases import LENGTH, as_batch, robots
 

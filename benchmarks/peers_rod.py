@@ -1,0 +1,101 @@
+"""Other ways to solve the same rods: the paper's own, a collocation solver, a finite-element code where installed."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_bvp
+from scipy.optimize import fsolve
+
+from model.statics import Rods
+
+Array = NDArray[np.float64]
+Peer = tuple[float, Array] | str
+"""Processor seconds for all rods and their tips (n, 3) m, or why there are none."""
+
+EULER_STEPS = 100
+
+
+class Equations:
+    """p' = R v, R' = R u^, n' = -f, m' = -p' x n of one rod of two elements, in the mount frame."""
+
+    def __init__(self, rods: Rods, i: int) -> None:
+        self.length, self.joint = float(rods.whole_length[i]), float(rods.field("length")[i, 0])
+        self.stretch, self.bend = rods.field("stretch_stiffness")[i], rods.field("bend_stiffness")[i]
+        self.load, self.force, self.moment = (
+            rods.field("load")[i, 0],
+            rods.field("tip_force")[i],
+            rods.field("tip_moment")[i],
+        )
+        self.dead = rods.field("dead_force")[i]
+
+    def slope(self, y: Array, part: int) -> Array:
+        """d(p, R, n, m)/ds."""
+        turn, n = y[3:12].reshape(3, 3), y[12:15]
+        v = turn.T @ n / self.stretch[part] + (0.0, 0.0, 1.0)
+        u = turn.T @ y[15:18] / self.bend[part]
+        hat = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+        moved = turn @ v
+        return np.concatenate([moved, (turn @ hat).ravel(), -self.load, -np.cross(moved, n)])
+
+    def open_tip(self, y: Array) -> Array:
+        """What the tip carries minus what it should, [E^F, E^M]."""
+        turn = y[3:12].reshape(3, 3)
+        return np.concatenate([y[12:15] - turn @ self.force - self.dead, y[15:18] - turn @ self.moment])
+
+
+def paper_peer(rods: Rods) -> Peer:
+    """NumPy Euler with 100 steps and fsolve from zeros."""
+
+    def integrate(rod: Equations, guess: Array) -> Array:
+        y = np.concatenate([np.zeros(3), np.eye(3).ravel(), guess])
+        ds = rod.length / EULER_STEPS
+        for k in range(EULER_STEPS):
+            y = y + ds * rod.slope(y, 0 if k * ds < rod.joint else 1)
+        return y
+
+    start, tips = time.thread_time(), np.empty((len(rods), 3))
+    for i in range(len(rods)):
+        rod = Equations(rods, i)
+        found = fsolve(lambda x, rod=rod: rod.open_tip(integrate(rod, x)), np.zeros(6))
+        tips[i] = integrate(rod, found)[:3]
+    return time.thread_time() - start, tips
+
+
+def solve_bvp_peer(rods: Rods) -> Peer:
+    """SciPy's collocation, both elements side by side over 0..1, tolerance 1e-3."""
+    start, tips = time.thread_time(), np.empty((len(rods), 3))
+    for i in range(len(rods)):
+        rod = Equations(rods, i)
+        ends = (rod.joint, rod.length - rod.joint)
+        straight = np.concatenate(
+            [np.zeros(3), np.eye(3).ravel(), rod.force + rod.dead + rod.load * rod.length, rod.moment]
+        )
+
+        def slope(_: Array, y: Array, rod: Equations = rod, ends: tuple[float, float] = ends) -> Array:
+            columns = [
+                np.concatenate([ends[0] * rod.slope(y[:18, k], 0), ends[1] * rod.slope(y[18:, k], 1)])
+                for k in range(y.shape[1])
+            ]
+            return np.array(columns).T
+
+        def closed(a: Array, b: Array, rod: Equations = rod) -> Array:
+            return np.concatenate(
+                [a[:12] - np.concatenate([np.zeros(3), np.eye(3).ravel()]), b[:18] - a[18:], rod.open_tip(b[18:])]
+            )
+
+        x = np.linspace(0, 1, 9)
+        guess = np.tile(np.concatenate([straight, straight])[:, None], x.size)
+        guess[2], guess[20] = ends[0] * x, ends[0] + ends[1] * x
+        tips[i] = solve_bvp(slope, closed, x, guess, tol=1e-3).y[18:21, -1]
+    return time.thread_time() - start, tips
+
+
+def exudyn_peer(rods: Rods) -> Peer:
+    """Geometrically exact beams of Exudyn: measured where it is installed, named where it is not."""
+    if importlib.util.find_spec("exudyn") is None:
+        return f"not installed, so not measured on these {len(rods)} rods"
+    return "installed, but follower loads at its beam tips are not set up here: no number is given"

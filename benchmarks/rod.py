@@ -1,0 +1,153 @@
+"""The figures of the rod solver: `python -m benchmarks.rod [--quick] [--json FILE]`.
+
+Times are processor time of one thread (so that a busy machine counts less), medians and minima of rounds; the row with
+two threads and the single calls are wall time. Ratios are between rows of one run. Accuracy stands beside: the worst
+distance (mm) of a tip from the same rods solved finely.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.peers_rod import exudyn_peer, paper_peer, solve_bvp_peer
+from benchmarks.rod_cases import directions, paper_rods, split, tips_of
+from model.statics import DEFAULT, FINE, Form, Rods, group, sensitivities, solve, solver
+
+Array = NDArray[np.float64]
+
+
+def measure(
+    call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.thread_time
+) -> tuple[float, float]:
+    """Median and least seconds of a call."""
+    call()
+    times = []
+    for _ in range(rounds):
+        start = clock()
+        call()
+        times.append(clock() - start)
+    return float(np.median(times)), min(times)
+
+
+def row(
+    name: str, seconds: tuple[float, float], solves: int, target: str = "", error: float = float("nan")
+) -> dict[str, object]:
+    """One line: microseconds a solve (median, least), solves per second, worst error in mm."""
+    median, least = (1e6 * s / solves for s in seconds)
+    return {"name": name, "us": median, "us_least": least, "per_s": 1e6 / median, "error_mm": error, "target": target}
+
+
+def error_of(rods: Rods) -> float:
+    """Worst distance between the default and the fine tips, mm."""
+    return float(1e3 * np.linalg.norm(tips_of(solve(rods, DEFAULT)) - tips_of(solve(rods, FINE)), axis=1).max())
+
+
+def kernel_seconds(rods: Rods, rounds: int) -> tuple[float, float]:
+    """The kernel alone, called for one rod."""
+    out, memory = np.empty((len(rods), group.RESULT)), np.zeros((0, group.MEMORY))
+    form, at = rods.form, solver.DEFAULT
+
+    def call() -> None:
+        group.solve_direct(
+            rods.values, form.head, form.block, None, None, 0, at.divisions, at.close, memory, False, out
+        )  # fmt: skip
+
+    return measure(call, rounds, time.perf_counter)
+
+
+def figures(quick: bool) -> list[dict[str, object]]:
+    """All lines of the table."""
+    n, rounds = (4_000, 5) if quick else (35_000, 11)
+    rods = paper_rods(n, seed=1)
+    plain = measure(lambda: solve(rods), rounds)
+    lines = [row("batch, cold, 35 conditions", plain, n, ">= 1.5 M/s, <= 0.01 mm", error_of(rods))]
+    warm = solve(rods, remember=True)
+    lines.append(row("batch, warm", measure(lambda: solve(rods, start=warm), rounds), n))
+    lines.append(row("batch, cold, two threads", measure(lambda: solve(rods, cores=2), rounds, time.perf_counter), n))
+    one = paper_rods(35, seed=2)[22:23]
+    lines.append(row("single, kernel called", kernel_seconds(one, 3000), 1, "<= 6 us"))
+    lines.append(
+        row("single, Python call", measure(lambda: solve(one), 3000, time.perf_counter), 1, "<= 15 us", error_of(one))
+    )
+    part = rods[: n // 4]
+    along, solved = directions(part), solve(part)
+    both = measure(lambda: (solve(part), sensitivities(part, solved, along)), rounds)
+    lines.append(row("batch with 8 sensitivities", both, len(part), "<= 3x plain"))
+    soft = paper_rods(n // 4, seed=1, form=Form(elements=2, hyperelastic=True))
+    soft.field("series")[:, 1] = (0.02, 0.0, 1.0)
+    lines.append(
+        row("hyperelastic section", measure(lambda: solve(soft), rounds), n // 4, "<= 10x plain", error_of(soft))
+    )
+    for size in (100, 1_000, 10_000) if quick else (100, 1_000, 10_000, 100_000, 1_000_000):
+        many = Rods(rods.form, np.resize(rods.values, (size, rods.form.width)))
+        lines.append(row(f"batch of {size}", measure(lambda many=many: solve(many), 3), size))  # type: ignore[misc]
+    for elements in (2, 4, 8, 16, 32, 64):
+        fine = split(paper_rods(1_600, seed=3), elements // 2)
+        lines.append(row(f"{elements} elements", measure(lambda fine=fine: solve(fine), 3), 1_600, "", error_of(fine)))  # type: ignore[misc]
+    peers = paper_rods(3 if quick else 7, seed=4)
+    for name, peer in (("paper's way", paper_peer), ("SciPy solve_bvp", solve_bvp_peer), ("Exudyn", exudyn_peer)):
+        found = peer(peers)
+        if isinstance(found, str):
+            lines.append({"name": name, "skipped": found})
+            continue
+        seconds, tips = found
+        distance = float(1e3 * np.linalg.norm(tips - solve(peers, FINE).tip, axis=1).max())
+        lines.append(row(name, (seconds, seconds), len(peers), "", distance))
+    return lines
+
+
+def main() -> int:
+    """Print the table, write the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer rods and rounds")
+    parser.add_argument("--json", type=Path, default=Path("out/rod.json"), help="where the numbers go")
+    options = parser.parse_args()
+    start = time.perf_counter()
+    solve(paper_rods(1, seed=0))
+    first = time.perf_counter() - start
+    lines = figures(options.quick)
+    table = Table(title=f"Rod solver (first solve {first:.1f} s, load {os.getloadavg()[0]:.1f})", title_justify="left")
+    for column in ("case", "us/solve", "least", "solves/s", "x plain", "worst mm", "target"):
+        table.add_column(column)
+    plain = float(str(lines[0]["us"]))
+    for line in lines:
+        if "skipped" in line:
+            table.add_row(str(line["name"]), str(line["skipped"]))
+            continue
+        us, least, error = (float(str(line[key])) for key in ("us", "us_least", "error_mm"))
+        line["ratio"] = us / plain
+        shown = "" if np.isnan(error) else f"{error:.4f}"
+        table.add_row(
+            str(line["name"]),
+            f"{us:.3f}",
+            f"{least:.3f}",
+            f"{1e6 / us:,.0f}",
+            f"{us / plain:.2f}",
+            shown,
+            str(line["target"]),
+        )
+    Console(width=150).print(table)
+    host = {
+        "system": platform.platform(),
+        "processors": os.cpu_count(),
+        "load": os.getloadavg(),
+        "first_solve_s": first,
+    }
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps({"host": host, "figures": lines}, indent=1), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,74 @@
+"""The robot of the paper with random parameters, as rods, condition after condition."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.statics import Form, Rods, Solution, rods
+
+Array = NDArray[np.float64]
+
+LENGTH, OUTER, INNER, BODY, GRAVITY = 0.40, 0.05, 0.029, 0.507147e6, 9.81
+AREA, SECOND = math.pi * (OUTER**2 - INNER**2), math.pi / 4 * (OUTER**4 - INNER**4)
+SPINE_AREA = math.pi * INNER**2
+CHAMBER, PATH = 1.5 * math.pi * 0.005**2, 0.04
+
+
+def paper_rods(n: int, seed: int, form: Form | None = None) -> Rods:
+    """n rods: 7 spine lengths by 5 pressures, each with E, spine E, area, weights within 10 % and any roll."""
+    r = np.random.default_rng(seed)
+    condition = np.arange(n) * 35 // max(n, 1)
+    spine, pressure = 0.05 * (condition // 5), 50e3 * (1 + condition % 5)
+    body = BODY * r.uniform(0.9, 1.1, n)
+    own = (0.318 + (4.389 - 0.318) * (spine - 0.05) / 0.25) * 1e6 * r.uniform(0.9, 1.1, n)
+    mixed = np.where(spine > 0, (AREA * body + SPINE_AREA * own) / (AREA + SPINE_AREA), body)
+    azimuth = np.deg2rad([-40.0, 0.0, 40.0]) + r.uniform(0, 2 * np.pi, n)[:, None]
+    push = (pressure * CHAMBER * r.uniform(0.9, 1.1, n))[:, None]
+    modulus = np.stack([mixed, body], 1)[:, :, None]
+    zero = np.zeros(n)
+    weight = 1300.0 * AREA * GRAVITY * r.uniform(0.9, 1.1, n)
+    return rods(
+        form or Form(elements=2),
+        n,
+        length=np.stack([spine, LENGTH - spine], 1),
+        bend_stiffness=modulus * np.array([SECOND, SECOND, 2 * SECOND]),
+        stretch_stiffness=modulus * np.array([AREA / 3, AREA / 3, AREA]),
+        tip_force=np.stack([zero, zero, 3 * push[:, 0]], 1),
+        tip_moment=np.stack([PATH * (np.sin(azimuth) * push).sum(1), -PATH * (np.cos(azimuth) * push).sum(1), zero], 1),
+        dead_force=np.stack([zero, zero, 0.053 * GRAVITY * r.uniform(0.5, 1.5, n)], 1),
+        load=np.stack([zero, zero, weight], 1)[:, None, :],
+    )
+
+
+def directions(found: Rods) -> Array:
+    """Eight parameters: both moduli, actuation, tip weight, body weight, precurvature twice, spine length."""
+    view, width = found.form.view, found.form.width
+    d = np.zeros((len(found), 8, width))
+    for name in ("bend_stiffness", "stretch_stiffness"):
+        view(d, name)[:, 0, 0] = found.field(name)[:, 0]
+        view(d, name)[:, 1, 1] = found.field(name)[:, 1]
+    for name in ("tip_force", "tip_moment"):
+        view(d, name)[:, 2] = found.field(name)
+    view(d, "dead_force")[:, 3] = found.field("dead_force")
+    view(d, "load")[:, 4] = found.field("load")
+    view(d, "rest_curvature")[:, 5, :, 0] = 1.0
+    view(d, "rest_curvature")[:, 6, :, 1] = 1.0
+    view(d, "length")[:, 7] = (1.0, -1.0)
+    return d
+
+
+def split(found: Rods, parts: int) -> Rods:
+    """The same rods with every element cut into equal parts."""
+    names = ("bend_stiffness", "stretch_stiffness", "load")
+    cut = {name: np.repeat(found.field(name), parts, axis=1) for name in names}
+    ends = {name: found.field(name) for name in ("tip_force", "tip_moment", "dead_force")}
+    length = np.repeat(found.field("length"), parts, axis=1) / parts
+    return rods(Form(elements=2 * parts), len(found), length=length, **cut, **ends)
+
+
+def tips_of(solution: Solution) -> Array:
+    """Tips (n, 3) m of rods that were all solved."""
+    return solution.trusted().tip
