@@ -144,11 +144,10 @@ def _masking(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:
     """Share of each effect's tip displacement that a calibration absorbs: one area factor, or one a spine length."""
     parameters = p.problem.parameters
     weight = np.where(p.labels.kind == 0, 1.0, 0.0)
-    rest = [i for i, name in enumerate(parameters.names) if not parameters.effects[i] and "[trial=" not in name]
     area = slope[:, [parameters.names.index("area.excess")]]
     length = np.round(p.states.spine_length[p.labels.state], 2)
     each = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
     return {
-        "one": absorbed(parameters, slope, weight, slope[:, rest]),
-        "per_length": absorbed(parameters, slope, weight, np.hstack([slope[:, rest], each])),
+        "one": absorbed(parameters, slope, weight, area),
+        "per_length": absorbed(parameters, slope, weight, each),
     }

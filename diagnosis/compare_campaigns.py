@@ -142,4 +142,7 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
     smooth[: len(first.observed), :n] = first.discrepancy
     smooth[len(first.observed) :, n:] = second.discrepancy
-    return Problem(forward, forward.parameters, np.concatenate([first.observed, second.observed]), noise, smooth)
+    own = np.zeros((len(smooth), second.alike.shape[1]))
+    own[len(first.observed) :] = second.alike
+    measured = np.concatenate([first.observed, second.observed])
+    return Problem(forward, forward.parameters, measured, noise, smooth, own)

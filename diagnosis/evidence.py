@@ -44,9 +44,9 @@ class Grid:
 
 SPIKES = np.array([0.0, 0.1, 0.25])
 SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
-KNOWN = Grid(SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.5, 1.0, 2.0]), np.array([0.4, 0.3, 0.2, 0.1]))
+KNOWN = Grid(SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25, 0.5]), np.array([0.4, 0.3, 0.2, 0.1]))
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
-LARGE = Grid(SPIKES, SPIKE_WEIGHTS, np.array([2.0, 4.0, 8.0, 16.0]), np.array([0.25, 0.25, 0.25, 0.25]))
+LARGE = Grid(SPIKES, SPIKE_WEIGHTS, np.array([0.5, 1.0, 2.0, 4.0]), np.array([0.25, 0.25, 0.25, 0.25]))
 """For the hypothesis that something outside the catalogue is at work."""
 
 

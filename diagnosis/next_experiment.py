@@ -91,10 +91,11 @@ def _covariance(problem: Problem, c: Candidate) -> Array:
     scale[p.of_effect] *= np.sqrt(p.variance(c.named, c.spike))
     linear = c.fit.linear
     own = p.of_effect
-    columns_ = np.empty((len(linear.observed), len(scale)))
-    columns_[:, own], columns_[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance
-    smooth = c.size * linear.discrepancy
-    every = np.hstack([columns_, smooth])
+    tolerances = int((~own).sum())
+    ours = np.empty((len(linear.observed), len(scale)))
+    # Columns of nuisance beyond the parameters' own stand for what the named effects' laws may get wrong.
+    ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance[:, :tolerances]
+    every = np.hstack([ours, linear.nuisance[:, tolerances:], c.size * linear.discrepancy])
     inverse = np.linalg.inv(np.eye(every.shape[1]) + every.T @ every)[: len(scale), : len(scale)]
     out: Array = scale[:, None] * inverse * scale[None, :]
     return out

@@ -18,7 +18,7 @@ from model.robot import Robot
 from recordings.trials import TEXTS
 
 from .case import PRESSURE_GAP, States
-from .discrepancy import by_channel, columns, settings
+from .discrepancy import Settings, by_channel, columns, settings
 from .errors import BadCase
 from .floor import Components, Repeated, components, reading_rms
 from .noise import Noise
@@ -131,8 +131,10 @@ def prepare(
     noise = Noise(labels.state, white, floor.pressure * _by_pressure(states, labels, made, slope[kept]))
     known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
     unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
-    smooth = _smooth(robot, states, labels, unit)
-    problem = Problem(Kept(forward, kept), _scattered(made, forward.parameters, floor), observed[kept], noise, smooth)
+    smooth, alike = _smooth(robot, states, labels, unit)
+    problem = Problem(
+        Kept(forward, kept), _scattered(made, forward.parameters, floor), observed[kept], noise, smooth, alike
+    )
     return Prepared(robot, states, problem, labels, floor, known, unit, forward)
 
 
@@ -240,10 +242,12 @@ def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Compon
     return replace(made, sd=sd)
 
 
-def _smooth(robot: Robot, states: States, labels: Labels, unit: float) -> Array:
+def _smooth(robot: Robot, states: States, labels: Labels, unit: float) -> tuple[Array, Array]:
+    """Columns of a discrepancy of size 1, and of a smooth factor over the states."""
     where = settings(states.spine_length, states.highest, states.branch, states.kind, robot.length)
     channels = sorted(set(labels.channel.tolist()))
     number = np.array([channels.index(c) for c in labels.channel])
     # A bend that moves the tip by d turns it by about 2 d / L.
     size = np.array([2 * unit / robot.length if name.startswith("r") else unit for name in channels])
-    return by_channel(columns(where), labels.state, number, size)
+    alike = columns(Settings(where.place, np.ones(len(states))))[labels.state]
+    return by_channel(columns(where), labels.state, number, size), alike

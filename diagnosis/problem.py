@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -17,6 +17,10 @@ from .linear import Linear
 from .noise import Noise
 
 Array = NDArray[np.float64]
+
+
+FORM = 0.1
+"""Share of what an effect does that its law in the catalogue may get wrong, smoothly over the states."""
 
 
 class Forward(Protocol):
@@ -100,6 +104,9 @@ class Problem:
     noise: Noise
     discrepancy: Array
     """(n, m) columns of a discrepancy of size 1."""
+    alike: Array
+    """(n, a) columns that draw a smooth factor over the states, of standard deviation 1: how an effect's true law may
+    differ from the catalogue's."""
 
     @cached_property
     def whitened_discrepancy(self) -> Array:
@@ -119,6 +126,17 @@ class Problem:
         shift = scaled @ ((theta - p.mean) / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
         return Linear(observed, scaled[:, own], scaled[:, ~own], self.whitened_discrepancy, self.noise.log_sd)
+
+    def loosened(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
+        """The linear problem when each named effect's law is known to `FORM` of what the effect does at theta."""
+        columns = []
+        for effect in named:
+            without = theta.copy()
+            without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
+            done = predicted - self.forward.predict(without)
+            if np.isfinite(done).all() and done.any():
+                columns.append(self.noise.whiten(FORM * done[:, None] * self.alike))
+        return replace(linear, nuisance=np.hstack([linear.nuisance, *columns])) if columns else linear
 
     def misfit(self, theta: Array) -> Array:
         """Whitened residual (n,)."""

@@ -22,7 +22,7 @@ from .problem import Problem
 
 Array = NDArray[np.float64]
 
-START_SPIKE, START_SIZE = 0.1, 0.5
+START_SPIKE, START_SIZE = 0.1, 0.25
 """Spike and discrepancy with which the first fits are made."""
 
 
@@ -185,8 +185,9 @@ class Search:
         return fit(self.problem, self.problem.parameters.variance(named, spike), size, start, rounds)
 
     def _weigh(self, named: Hypothesis, fitted: Fit) -> Candidate:
-        found = weigh_at(fitted.linear, self.grid, self.problem.parameters, [named])[0]
-        return Candidate(named, found, fitted, *_peak(found, self.grid))
+        loose = self.problem.loosened(fitted.linear, fitted.theta, fitted.predicted, named)
+        found = weigh_at(loose, self.grid, self.problem.parameters, [named])[0]
+        return Candidate(named, found, replace(fitted, linear=loose), *_peak(found, self.grid))
 
 
 def _peak(found: Weighed, grid: Grid) -> tuple[float, float]:

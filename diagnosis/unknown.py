@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+LEAST_DISCREPANCY = 0.1
+"""Size of the discrepancy that is always allowed for when values are predicted from others."""
 LARGE_SHARE = 0.1
 """Prior share of a large discrepancy beside a named effect."""
 
@@ -54,7 +56,7 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
     variance = problem.parameters.variance(best.named, best.spike)
     plain = _Gaussian(linear, variance, 0.0)
-    within = _Gaussian(linear, variance, max(best.size, 0.5))
+    within = _Gaussian(linear, variance, max(best.size, LEAST_DISCREPANCY))
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
         value, n = within.surprise(trial == t)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,7 +30,7 @@ def fitted(problem: Problem, variance: np.ndarray, size: float) -> Model:
 
 
 def changed(problem: Problem, by: np.ndarray) -> Problem:
-    return Problem(problem.forward, problem.parameters, problem.observed + by, problem.noise, problem.discrepancy)
+    return replace(problem, observed=problem.observed + by)
 
 
 def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.discrepancy import by_channel, columns, settings
+from diagnosis.discrepancy import Settings, by_channel, columns, settings
 from diagnosis.noise import Noise
 from diagnosis.problem import Parameters, Problem
 
@@ -97,4 +97,5 @@ def toy_problem(seed: int, truth: dict[str, float], sd: float = 0.3 * MM, clutte
     state, channel = np.repeat(np.arange(n), 3), np.tile(np.arange(3), n)
     where = settings(grid.length, grid.pressure, grid.branch, np.zeros(n), ROBOT_LENGTH)
     smooth = by_channel(columns(where), state, channel, np.full(3, sd))
-    return Problem(forward, p, y, Noise(state, np.full(y.size, sd), np.zeros(y.size)), smooth)
+    alike = columns(Settings(where.place, np.ones(n)))[state]
+    return Problem(forward, p, y, Noise(state, np.full(y.size, sd), np.zeros(y.size)), smooth, alike)
