@@ -17,6 +17,10 @@ from .errors import NotReached, Suspended
 from .parameters import Settle
 
 T = TypeVar("T")
+SENSORS = {
+    "/pressure": "pressure", "/tip": "mocap", "/spine": "spine", "/vacuum": "gauge", "/force": "force", "/arm": "arm_state",
+}  # fmt: skip
+"""Which instrument of rig.yaml a topic comes from."""
 
 
 @dataclass(frozen=True)
@@ -109,12 +113,15 @@ class Trials:
             specimen=trial.specimen, probe=trial.probe,
         )  # fmt: skip
         number = self.bench.recorder.state(self.bench.clock.now(), state)
+        judged = ", ".join(SENSORS.get(topic, topic) for topic in topics)
         try:
             row = self.bench.wait(
-                f"trial {state.trial} state {state.step}", lambda: conclude(self.bench.recorder.buffers, state), wait
+                f"trial {state.trial} state {state.step}, judged from {judged}",
+                lambda: conclude(self.bench.recorder.buffers, state),
+                wait,
             )
         except NotSettled as e:
-            raise NotReached(str(e)) from e
+            raise NotReached(f"{e}; judged from {judged}") from e
         except Suspended:
             self._step -= 1  # it will be read again after the pause
             raise

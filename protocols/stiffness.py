@@ -7,6 +7,7 @@ The defaults are the paper's spine lengths, 5..30 cm by 5 cm.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from recordings.trials import TrialRow
 
 from .actions import home, set_spine, vent
 from .bench import Bench, Setup, StandFrame
-from .errors import NotReached, TooMuchForce
+from .errors import NotReached, ProtocolError, TooMuchForce
 from .experiment import Plan, Step, Trial, Trials, with_probe
 from .parameters import Jam, Parameters, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
@@ -115,8 +116,11 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
         trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, specimen=p.specimen)
         try:
             _push(bench, p, trial, trials, probe, p.cantilever(spine))
-        finally:
-            probe.retreat()
+        except ProtocolError:
+            with contextlib.suppress(Exception):  # what ended the trial is told, not what came of the retreat
+                probe.retreat()
+            raise
+        probe.retreat()
         trials.end(trial)
 
 
