@@ -182,7 +182,8 @@ def confusion(cases: Sequence[Scored]) -> tuple[list[str], list[str], NDArray[np
         if verdict == "effect":
             verdict = _one(c.answer.effects) if len(c.answer.effects) == 1 else "several"
         counts[rows.index(row), columns.index(verdict)] += 1
-    keep = [j for j in range(len(columns)) if counts[:, j].any()]
+    # an effect that was never named keeps its column: without it a wrong answer would come to stand on the diagonal
+    keep = [j for j, name in enumerate(columns) if counts[:, j].any() or name in rows]
     return rows, [columns[j] for j in keep], counts[:, keep]
 
 

@@ -17,7 +17,9 @@ from .intervals import Interval
 from .metrics import best_temperature
 from .score import Score
 
-INK, RIGHT, WRONG = "#33526e", "Blues", "#b5382a"
+INK = "#33526e"
+AGREE = (("outside", "unknown"), ("pair", "several"))
+"""Kinds of cases whose right answer has another name; of a pair it may still be the wrong two."""
 
 
 def sheet(result: Score) -> Table:
@@ -99,7 +101,7 @@ def _confusions(result: Score, most: int = 8) -> list[str]:
         (int(counts[i, j]), f"{t} answered as {n} {counts[i, j]} of {counts[i].sum()}")
         for i, t in enumerate(true)
         for j, n in enumerate(named)
-        if counts[i, j] and n != t and (t, n) not in (("outside", "unknown"), ("pair", "several"))
+        if counts[i, j] and n != t and (t, n) not in AGREE
     ]
     return [text for _, text in sorted(wrong, key=lambda w: -w[0])[:most]]
 
@@ -130,11 +132,18 @@ def draw(result: Score, path: Path) -> Path:
 
 def _confusion(axis: Axes, true: list[str], named: list[str], counts: np.ndarray) -> None:
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axis.imshow(share, cmap=RIGHT, vmin=0, vmax=1.15, aspect="auto")
-    for i, j in zip(*np.nonzero(counts), strict=True):
-        axis.text(
-            j, i, str(counts[i, j]), ha="center", va="center", fontsize=7, color="white" if share[i, j] > 0.6 else "0.1"
+    agrees = np.array([[t == n or (t, n) in AGREE for n in named] for t in true])
+    for cells, colours in ((agrees, "Blues"), (~agrees, "Reds")):
+        axis.imshow(
+            np.ma.masked_where(~cells | (counts == 0), share), cmap=colours, vmin=-0.25, vmax=1.15, aspect="auto"
         )
+    for i, j in zip(*np.nonzero(counts), strict=True):
+        ink = "white" if share[i, j] > 0.6 else "0.1"
+        axis.text(j, i, str(counts[i, j]), ha="center", va="center", fontsize=7, color=ink)
+    axis.set_xlim(-0.5, len(named) - 0.5)
+    axis.set_ylim(len(true) - 0.5, -0.5)
+    axis.hlines(np.arange(len(true)) - 0.5, -0.5, len(named) - 0.5, color="0.92", lw=0.6)
+    axis.vlines(np.arange(len(named)) - 0.5, -0.5, len(true) - 0.5, color="0.92", lw=0.6)
     axis.set_xticks(range(len(named)), [n.replace("_", " ") for n in named], rotation=90, fontsize=7)
     axis.set_yticks(
         range(len(true)),

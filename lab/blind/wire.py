@@ -31,10 +31,14 @@ LATE = 3.0
 """s by which readings on the fly may be apart from what the ramp says."""
 
 
+class TooSlow(RuntimeError):
+    """The machine could not keep the rig's pace: what was read says nothing of the robot."""
+
+
 def measure_by_wire(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: float = SPEED) -> Table:
     """Record the sweep into `folder` and return the rows that the recording holds.
 
-    Raises what the last attempt raised: `protocols.errors.ProtocolError`, `drivers.errors.InstrumentError`.
+    Raises what the last attempt raised: `TooSlow`, RuntimeError for a run that failed, `drivers.errors.InstrumentError`.
     """
     for attempt in range(1, ATTEMPTS + 1):
         try:
@@ -49,17 +53,17 @@ def measure_by_wire(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, s
 
 
 def _check_pace(table: Table) -> None:
-    """Raises RuntimeError when the machine was too slow for the rig's speed, so that a reading says nothing of the robot."""
+    """Raises `TooSlow` when the machine was too slow for the rig's speed, so that a reading says nothing of the robot."""
     scatter = max(row.sd.get(axis, 0.0) for row in table for axis in "xyz")
     if scatter > STALLED:
-        raise RuntimeError(
+        raise TooSlow(
             f"the tip scattered {scatter * 1e3:.1f} mm within a reading: this machine is too slow for the speed"
         )
     for before, row in itertools.pairwise(table):
         if before.trial == row.trial and before.hold == row.hold == 0 and before.branch == row.branch and row.rate:
             ramp = abs(max(row.pressures) - max(before.pressures)) / abs(row.rate)
             if abs(row.t - before.t - ramp) > LATE:
-                raise RuntimeError(
+                raise TooSlow(
                     f"trial {row.trial} step {row.step}: {row.t - before.t:.1f} s after the last reading, not {ramp:.1f} s"
                 )
 
