@@ -23,7 +23,7 @@ BESIDE = 8
 """Leading hypotheses beside which a cause outside the catalogue is weighed."""
 WORTH = 0.01
 """Effects less probable than this are no rivals."""
-LEAST_DISCREPANCY = 0.5
+LEAST_DISCREPANCY = 0.25
 """Size of the discrepancy at which effects must at least be told apart: the honest floor."""
 
 

@@ -73,7 +73,7 @@ def menu(robot: Robot, s: States) -> list[Experiment]:
     vacuum = float(np.median([80e3 if r.vacuum is None else r.vacuum for r in s.rows]))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": lengths, "pressures": pressures, "chambers": chambers, "unload": False,
-        "repeats": 2, "rate": RATE, "tip_mass": mass, "vacuums": [vacuum],
+        "repeats": 2, "rate": RATE, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
     }  # fmt: skip
     low = [round(0.6 * p, -3) for p in pressures]
     vacuums = [round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)]

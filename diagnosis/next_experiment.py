@@ -132,7 +132,7 @@ def _predictions(
         pressure = p.floor.pressure * slope[:, names["pressure_offset.offset"]]
         row = forward.observations.row
         total += np.where(row[:, None] == row[None, :], np.outer(pressure, pressure), 0.0)
-        total += max(c.size, 0.5) ** 2 * smooth @ smooth.T + np.diag(white**2)
+        total += max(c.size, 0.25) ** 2 * smooth @ smooth.T + np.diag(white**2)
         made.append(_Prediction(mean, np.asarray(np.linalg.cholesky(total), np.float64)))
     return made
 

@@ -1,0 +1,86 @@
+"""What a table can be asked, and what it is refused for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.case import states
+from diagnosis.errors import BadCase
+from model.robot import Robot, load_robot
+from recordings.trials import Table, TrialRow
+
+ROBOT = load_robot(Path(__file__).parents[2] / "examples" / "paper" / "robot.yaml")
+
+
+@dataclass(frozen=True)
+class Measured:
+    robot: Robot
+    table: Table
+
+
+def row(trial: int, step: int, length: float, pressure: float, branch: str = "load", repeat: int = 1) -> TrialRow:
+    used = tuple(pressure if c in (8, 0, 1) else 0.0 for c in range(9))
+    tip = (-0.2 * pressure / 250e3, 0.0, 0.39)
+    return TrialRow(
+        trial, step, "bending", repeat, branch, 60.0 * trial + step, length, used, hold=3.0, rate=25e3, tip=tip
+    )
+
+
+def sweep(repeats: int = 3, lengths: tuple[float, ...] = (0.0, 0.15, 0.3), unload: bool = True) -> list[TrialRow]:
+    rows, trial = [], 0
+    for repeat in range(1, repeats + 1):
+        for length in lengths:
+            trial += 1
+            plan = [(p, "load") for p in (0.0, 100e3, 200e3)] + ([(100e3, "unload"), (0.0, "unload")] if unload else [])
+            rows += [row(trial, i, length, p, b, repeat) for i, (p, b) in enumerate(plan, 1)]
+    return rows
+
+
+def case(rows: list[TrialRow]) -> Measured:
+    return Measured(ROBOT, Table(tuple(rows)))
+
+
+def test_repeats_of_a_state_are_found_by_what_was_meant() -> None:
+    found, concerns = states(case(sweep()))
+    assert found.repeats == 3
+    assert len(np.unique(found.condition)) == 15
+    assert set(found.kind) == {0}
+    assert concerns == ()
+
+
+def test_a_heavier_tip_is_another_kind_of_experiment() -> None:
+    extra = [replace(r, trial=r.trial + 9, tip_mass=0.153) for r in sweep(1)]
+    assert set(states(case(sweep() + extra))[0].kind) == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (sweep(1), "no state was repeated"),
+        (sweep(3, (0.1,)), "one spine length only"),
+        (sweep(3, unload=False), "no unload branch"),
+        ([r for r in sweep() if max(r.pressures) == 100e3], "one pressure only"),
+        ([r for r in sweep() if max(r.pressures) == 0], "no state is bent"),
+        ([*sweep(), replace(row(40, 1, 0.0, 100e3), tip=(float("nan"), 0.0, 0.4))], "not finite"),
+    ],
+)
+def test_what_is_missing_is_said(rows: list[TrialRow], said: str) -> None:
+    assert any(said in concern for concern in states(case(rows))[1])
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()], "check the unit"),
+        ([replace(r, pressures=(0.0, 1e5)) for r in sweep()], "different robots"),
+        ([replace(r, spine_length=0.5) for r in sweep()], "beyond the robot"),
+        ([replace(r, protocol="stiffness", tip=None) for r in sweep()], "none with a tip"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused_with_what_to_do(rows: list[TrialRow], said: str) -> None:
+    with pytest.raises(BadCase, match=said):
+        states(case(rows))

@@ -1,0 +1,82 @@
+"""The whole path on a small campaign whose tips come from the forward model itself plus noise.
+
+That is an inverse crime: it shows that the path is whole and the numbers are consistent, not how good the diagnosis is.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnose import Options, diagnose
+from diagnosis.errors import BadCase
+from diagnosis.prepare import prepare
+from diagnosis.result import FACTORS, STAGES, Diagnosis
+from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
+
+
+def measured(repeats: int, seed: int, **effects: float) -> Measured:
+    """A campaign with effects (parameter name with _ for the dot: value), 0.3 mm of noise."""
+    rng = np.random.default_rng(seed)
+    rows = sweep(repeats, (0.0, 0.1, 0.2, 0.3))
+    p = prepare(ROBOT, states(case(rows))[0])
+    theta = np.zeros(len(p.problem.parameters.names))
+    for name, value in effects.items():
+        theta[p.problem.parameters.names.index(name.replace("__", "."))] = value
+    tips = p.tip(p.problem.forward.predict(theta)) + 0.3e-3 * rng.normal(size=(len(rows), 3))
+    return case([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
+
+
+@cache
+def answer() -> Diagnosis:
+    return diagnose(measured(3, 1, chamber_azimuth__angle=np.radians(8)))
+
+
+def test_an_effect_is_named_with_its_size_and_the_gap_closes_on_unseen_data() -> None:
+    d = answer()
+    assert d.attribute.verdict == "effect" and d.attribute.effects == ("chamber_azimuth",)
+    size = d.attribute.ranking[0].parameters["chamber_azimuth.angle"]
+    assert size.value == pytest.approx(np.radians(8), abs=4 * size.sd)
+    assert d.shrink is not None and d.shrink.share_closed is not None and d.shrink.share_closed > 0.9
+    assert d.locate.significant
+    assert d.locate.by["axis"][1].significant and not d.locate.by["axis"][2].significant
+
+
+def test_the_json_holds_the_contract_and_reads_back() -> None:
+    text = answer().to_json()
+    d = json.loads(text)
+    assert d["schema"] == "diagnosis/1"
+    assert set(d["data"]) == {"rows", "trials", "channels", "noise_mm", "noise_from"}
+    assert set(d["locate"]["by"]) == set(FACTORS) and set(d["locate"]["stage"]) == set(STAGES)
+    assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(d["locate"])
+    wanted = {"verdict", "effects", "probability", "credible_set", "ranking", "cannot_tell_apart"}
+    assert set(d["attribute"]) == wanted
+    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} == set(
+        d["attribute"]["ranking"][0]
+    )
+    assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
+    assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
+    assert sum(r["probability"] for r in d["attribute"]["ranking"]) <= 1 + 1e-9
+    assert Diagnosis.from_json(text).to_json() == text
+
+
+def test_a_file_of_another_schema_is_refused() -> None:
+    with pytest.raises(BadCase, match="diagnosis/1"):
+        Diagnosis.from_json('{"schema": "diagnosis/9"}')
+
+
+def test_the_same_campaign_gives_the_same_text() -> None:
+    small = measured(3, 2)
+    wanted = Options(quantify=False, experiments=False)
+    assert diagnose(small, wanted).to_json() == diagnose(small, wanted).to_json()
+
+
+def test_nothing_is_named_where_nothing_was_repeated() -> None:
+    d = diagnose(measured(1, 3, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, experiments=False))
+    assert d.attribute.verdict == "unknown" and d.attribute.effects == ()
+    assert "nothing was repeated" in d.data.noise_from
+    assert any("no cause can be named" in c for c in d.concerns)
