@@ -117,11 +117,13 @@ class Servo:
 
     def read_block(self, address: int, size: int) -> bytes:
         """`size` bytes of neighbouring registers."""
-        what = f"read of {size} bytes at {address}"
-        data = bytes(self._exchange(what, lambda port: self._packets.readTxRx(port, self.id, address, size)))
-        if len(data) != size:
-            raise BadReply(self.name, f"{what} returned {len(data)} bytes; check the cable and the ids on the bus")
-        return data
+
+        def call(port: _Port) -> Exchange[list[int]]:
+            data, result, error = self._packets.readTxRx(port, self.id, address, size)
+            wrong = result == COMM_SUCCESS and not error & ~ALERT and len(data) != size
+            return data, COMM_RX_CORRUPT if wrong else result, error  # an answer to something else, that came late
+
+        return bytes(self._exchange(f"read of {size} bytes at {address}", call))
 
     def write(self, register: Register, value: int) -> None:
         """Write one register; a refusal raises `BadReply` with the servo's reason."""
