@@ -1,0 +1,26 @@
+"""What changed between two campaigns is found beside what both have in common."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.compare_campaigns import compare_campaigns
+from diagnosis.errors import TooLittle
+from tests.diagnosis.test_case import ROBOT, Measured
+from tests.diagnosis.test_diagnose import measured
+
+BEFORE = {"chamber_ballooning__growth": 0.2}
+
+
+def test_the_effect_that_came_is_named_and_the_one_that_was_there_is_not() -> None:
+    change = compare_campaigns(measured(3, 2, **BEFORE, chamber_azimuth__angle=np.radians(6)), measured(3, 1, **BEFORE))
+    assert change.ranking[0][0] == ("chamber_azimuth",)
+    assert change.sizes["chamber_azimuth.angle (change)"] == pytest.approx(np.radians(6), abs=np.radians(1))
+
+
+def test_campaigns_of_different_robots_are_not_compared() -> None:
+    reference = measured(3, 1)
+    other = Measured(ROBOT.model_copy(update={"density": 1200.0}), reference.table)
+    with pytest.raises(TooLittle, match="same one"):
+        compare_campaigns(other, reference)
