@@ -25,8 +25,8 @@ SPEED = 20.0
 """Rig seconds a host second."""
 ATTEMPTS = 4
 """A busy machine stalls a fast rig; then it is run again at half the speed."""
-STALLED = 1.2e-3
-"""m that the tip scatters within a reading when camera and regulators have lost each other, many times the noise."""
+STALLED = 0.8e-3
+"""m that the tip scatters within a reading when camera and regulators have lost each other, beyond noise and ramp."""
 LATE = 3.0
 """s by which readings on the fly may be apart from what the ramp says."""
 

@@ -21,7 +21,7 @@ from lab.blind.score import score, write
 from lab.blind.sheet import draw, sheet, write_section
 from lab.blind.sizes import SIZES, true_size, within_90
 from lab.blind.sweeps import BASE, MENU
-from lab.blind.truth import STAND_ONLY, Recipe
+from lab.blind.truth import CLUTTER_SHARE, STAND_ONLY, Recipe
 from lab.blind.truth import draw as draw_truths
 from lab.blind.workers import Crew
 from lab.config import ConfigError
@@ -74,7 +74,8 @@ def test_sizes_lie_in_the_asked_range_and_clutter_is_every_other_effect() -> Non
     scale = {e.id: e.scale for e in list_effects()}
     for t in draw_truths(Recipe(40, 2, clutter=0.15, sizes=(0.5, 1.5))):
         assert set(t.clutter) == set(NAMED) - set(t.effects)
-        assert all(abs(size) == pytest.approx(0.15 * scale[name]) for name, size in t.clutter.items())
+        share = {name: 0.15 * CLUTTER_SHARE.get(name, 1.0) for name in t.clutter}
+        assert all(abs(size) == pytest.approx(share[name] * scale[name]) for name, size in t.clutter.items())
         assert all(0.49 < abs(size) / scale[name] < 1.51 for name, size in t.effects.items())
 
 

@@ -55,7 +55,7 @@ def test_both_ways_give_the_same_rows_and_columns(wired: Table, driven: list[Tab
 def test_both_ways_scatter_alike(wired: Table, driven: list[Table]) -> None:
     for column in ("sd_x", "sd_y", "sd_z"):
         one, many = wired[column], np.array([t[column] for t in driven])
-        assert 0.7 < np.median(one) / np.median(many) < 1.5
+        assert 0.7 < np.median(one) / np.median(many) < 1.8
     asked = np.array([s.pressure for s in SHORT.states()])
     assert np.abs(wired["p1"] - asked).max() < 4 * WANDER and np.abs(driven[0]["p1"] - asked).max() < 4 * WANDER
 
