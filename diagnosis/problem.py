@@ -23,6 +23,10 @@ FORM = 0.1
 """Share of what an effect does that its law in the catalogue may get wrong, smoothly over the states."""
 
 
+AFTER = 0.3
+"""Of that error, the part that may also lie where the catalogue's law does nothing, such as what a memory leaves behind."""
+
+
 class Forward(Protocol):
     """What is asked of a model of the measured values."""
 
@@ -136,7 +140,13 @@ class Problem:
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
                 columns.append(self.noise.whiten(FORM * done[:, None] * self.alike))
+                columns.append(AFTER * FORM * self.noise.whiten(self.discrepancy * self._typical(done)))
         return replace(linear, nuisance=np.hstack([linear.nuisance, *columns])) if columns else linear
+
+    def _typical(self, done: Array) -> float:
+        """What an effect does, rms over all values, in units of a discrepancy of size 1."""
+        unit = np.sqrt((self.discrepancy**2).sum(axis=1))
+        return float(np.sqrt(np.mean((done / np.maximum(unit, 1e-300)) ** 2)))
 
     def misfit(self, theta: Array) -> Array:
         """Whitened residual (n,)."""
