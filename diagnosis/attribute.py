@@ -58,7 +58,7 @@ def attribute(p: Prepared) -> Found:
     effects = len(p.problem.parameters.ids)
     own = tempering(bool((p.labels.kind == 1).any()), bool((p.states.branch < 0).any()))
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
-    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading])
+    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
     weighed = posterior(candidates, unknown, effects, own.temperature)
     best = search.found[next(h for h, _ in weighed.ranking if h != UNKNOWN)]
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)

@@ -48,8 +48,9 @@ def compare_campaigns(later: CaseLike, reference: CaseLike) -> Change:
     search = Search(_joined(before, after))
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
-    unknown = search.unknown(candidates[:6], [prior(c.named, effects) for c in candidates[:6]])
     own = tempering(bool((after.labels.kind == 1).any()), bool((after.states.branch < 0).any()))
+    leading = candidates[:6]
+    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
     found = posterior(candidates, unknown, effects, own.temperature)
     named, p = found.ranking[0]
     best = found.candidates[named]

@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
-SHARES = {0: 0.30, 1: 0.45, 2: 0.12, 3: 0.03}
+SHARES = {0: 0.32, 1: 0.48, 2: 0.12, 3: 0.03}
 """Prior share of hypotheses by the number of effects they name."""
-UNKNOWN_SHARE = 0.10
+UNKNOWN_SHARE = 0.05
 COVERED = 0.95
 
 

@@ -86,15 +86,16 @@ class Search:
             self._grow(pairs[: self.extent.parents], self.extent.triples)
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
-    def unknown(self, leading: Sequence[Candidate], shares: Sequence[float]) -> Candidate:
+    def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
         """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
 
-        `shares` are the prior weights of the leading hypotheses among themselves.
+        `shares` are the prior weights of the leading hypotheses among themselves; evidence is divided by the
+        temperature, prior weights are not.
         """
         beside = [weigh_at(c.fit.linear, LARGE, self.problem.parameters, [c.named])[0] for c in leading]
-        terms = np.array([w.log_evidence for w in beside]) + np.log(np.array(shares) / np.sum(shares))
+        terms = np.array([w.log_evidence for w in beside]) / temperature + np.log(np.array(shares) / np.sum(shares))
         i = int(np.argmax(terms))
-        total = replace(beside[i], log_evidence=float(logsumexp(terms)))
+        total = replace(beside[i], log_evidence=temperature * float(logsumexp(terms)))
         return Candidate(leading[i].named, total, leading[i].fit, *_peak(beside[i], LARGE), unknown=True)
 
     def _none(self) -> Candidate:
