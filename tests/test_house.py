@@ -35,7 +35,9 @@ def test_no_room_but_its_own_speaks_of_fakes(room: str) -> None:
 
 
 def test_in_lab_only_the_modules_that_start_them_import_the_fakes() -> None:
-    users = {p.stem for p in (ROOT / "lab").rglob("*.py") if re.search(r"^\s*(from|import) sim_fakes", p.read_text(), re.M)}
+    users = {
+        p.stem for p in (ROOT / "lab").rglob("*.py") if re.search(r"^\s*(from|import) sim_fakes", p.read_text(), re.M)
+    }
     assert users == {"fakes", "demo", *BLIND_BENCH}
 
 
