@@ -3,19 +3,25 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test lint faults clean
+.PHONY: demo test lint bench faults clean
 
 demo: $(READY)
 	$(BIN)/lab demo --out demo
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# All benchmarks: tables on the screen, JSON in out/.
+bench: $(READY)
+	mkdir -p out
+	$(BIN)/python -m benchmarks.rod --json out/rod.json
+	$(BIN)/python -m benchmarks.recording --json out/recording.json
 
 # The whole fault matrix, then kills, signals, fuzz and soak: some hours on two processors.
 faults: $(READY)

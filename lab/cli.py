@@ -217,7 +217,9 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
         p.add_argument("--out", type=Path, help="folder for figures and the calibrated robot.yaml")
 
-    p = verb("diagnose", _diagnose, "the gap: where it lies, which effect causes it, how far it shrinks, what to do next")
+    p = verb(
+        "diagnose", _diagnose, "the gap: where it lies, which effect causes it, how far it shrinks, what to do next"
+    )
     p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap) or a case folder")
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
     p.add_argument("--json", type=Path, metavar="OUT", help="write diagnosis.json here")

@@ -113,7 +113,10 @@ def test_a_port_that_is_something_else_is_told(
 ) -> None:
     def swap(rig: dict[str, Any]) -> None:
         instruments = rig["instruments"]
-        instruments["valve"]["port"], instruments["gauge"]["port"] = instruments["gauge"]["port"], instruments["valve"]["port"]
+        instruments["valve"]["port"], instruments["gauge"]["port"] = (
+            instruments["gauge"]["port"],
+            instruments["valve"]["port"],
+        )
 
     code, text = ran(capsys, "check", "--rig", changed(virtual_lab, tmp_path, swap), "--seconds", "0")
     assert code == 1 and "valve" in text and "gauge" in text
@@ -129,7 +132,12 @@ def test_a_port_that_is_something_else_is_told(
     ],
 )
 def test_a_wrong_robot_is_named_by_file_key_and_value(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str, value: float, words: list[str]
+    virtual_lab: VirtualLab,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    key: str,
+    value: float,
+    words: list[str],
 ) -> None:
     rig = changed(virtual_lab, tmp_path, lambda rig: None)
     robot = yaml.safe_load(paper_robot().read_text())
