@@ -86,7 +86,7 @@ def stations(rods: Rods, solution: Solution, arc_lengths: ArrayLike, accuracy: A
         raise BadCondition(
             f"arc_lengths: {arcs[i, j]:g} m of rod {i} must lie between 0 and its length {rods.whole_length[i]:g} m"
         )
-    out = np.empty((n, arcs.shape[1], WIDTH))
+    out = np.full((n, arcs.shape[1], WIDTH), np.nan)
     walk(
         rods.values,
         form.head,
@@ -182,8 +182,11 @@ def walk(
         set_tip(work, 1.0, 1)
         pull(work, springs, 1)
         top = 0.0
+        outermost, innermost = parts.size, -1  # of the elements that have a length
         for e in range(parts.size):
             top += elements[e * ELEMENT * LANES]
+            if parts[e] > 0:
+                outermost, innermost = min(outermost, e), e
         for e in range(parts.size):
             length = elements[e * ELEMENT * LANES]
             for j in range(parts[e]):
@@ -192,13 +195,13 @@ def walk(
                 start = top - j * length / parts[e]
                 # The same expressions as the next step's start, or an arc length could fall between two steps.
                 end = top - (j + 1) * length / parts[e] if j + 1 < parts[e] else top - length
-                last = e == parts.size - 1 and j == parts[e] - 1
+                last = e == innermost and j == parts[e] - 1
                 for k in range(STATE):
                     kept[k] = work[k * LANES]
                 for s in range(arcs.shape[1]):
                     arc = arcs[row, s]
                     # A station on a boundary belongs to the element towards the base, the tip to the outermost one.
-                    if (end < arc <= start) or (last and arc <= end) or (e == 0 and j == 0 and arc > start):
+                    if (end < arc <= start) or (last and arc <= end) or (e == outermost and j == 0 and arc > start):
                         partial = dz * min(1.0, max(0.0, (start - arc) / (start - end)))
                         advance_alone(work, elements, rises, series, e, z, partial, 0, 1.0)
                         write_station(work, elements, series, e, solved, row, out, s)
