@@ -61,8 +61,13 @@ def test_both_ways_scatter_alike(wired: Table, driven: list[Table]) -> None:
 
 
 def test_both_ways_put_the_tip_in_the_same_place_within_their_noise(wired: Table, driven: list[Table]) -> None:
+    asked = np.array([s.pressure for s in SHORT.states()])
+    moving = np.array([r.hold == 0 for r in wired])
+    # 10 ms of host time between pressure and cameras are 0.2 s of a rig twenty times as fast: 1 kPa of the ramp
+    late = 1e3 * moving
     for column, tolerance in (("x", 6.0), ("y", 6.0), ("z", 6.0)):
         many = np.array([t[column] for t in driven])
+        steepest = np.max(np.abs(np.diff(many.mean(axis=0))) / np.maximum(np.abs(np.diff(asked)), 1e3))
         # every robot of `driven` grew and jammed its spine a little differently, and its sensors wandered on their own
         spread = np.maximum(many.std(axis=0, ddof=1), 0.15e-3)
-        assert np.all(np.abs(wired[column] - many.mean(axis=0)) < tolerance * spread), column
+        assert np.all(np.abs(wired[column] - many.mean(axis=0)) < tolerance * spread + late * steepest), column
