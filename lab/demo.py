@@ -36,7 +36,7 @@ WITHHELD = (
 )  # fmt: skip
 """Effects that a demo may hide."""
 STIFFNESS = ["steps=6", "min_samples=30"]
-BENDING = ["repeats=1", "unload=true"]
+BENDING = ["repeats=1", "unload=true", "settle.min_samples=6"]
 
 
 def draw(seed: int) -> Seal:
