@@ -96,8 +96,9 @@ def joined(tables: Sequence[Table]) -> Table:
 def replayed(file: Path) -> tuple[Comparison, str]:
     """Conclude every state of a recording again; the comparison with the live rows, and a digest of the rows."""
     recording = Recording.open(file)
-    rows = [r.row.to_json() for r in replay_states(recording) if r.row is not None]
-    return hold_against(recording), hashlib.sha256("\n".join(rows).encode()).hexdigest()
+    states = replay_states(recording)
+    rows = [r.row.to_json() for r in states if r.row is not None]
+    return hold_against(recording, states), hashlib.sha256("\n".join(rows).encode()).hexdigest()
 
 
 def play(file: Path, speed: float) -> int:

@@ -62,9 +62,12 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
     return Table(tuple(again.row for again in replay_states(recording) if again.row is not None))
 
 
-def compare(recording: Recording) -> Comparison:
-    """Replay a recording and hold its rows against the live ones, number by number, bit by bit."""
-    again = {replayed.number: replayed for replayed in replay_states(recording)}
+def compare(recording: Recording, states: list[Replayed] | None = None) -> Comparison:
+    """Hold a recording's replayed rows against the live ones, number by number, bit by bit.
+
+    `states`: what `replay_states` gave for this recording, where it was called already.
+    """
+    again = {replayed.number: replayed for replayed in (replay_states(recording) if states is None else states)}
     live = recording.trials
     differences = []
     for event in live:

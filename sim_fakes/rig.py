@@ -5,7 +5,6 @@ The plant moves in a thread of this process; the arm's controller is a process o
 
 from __future__ import annotations
 
-import contextlib
 import socket
 import struct
 import threading
@@ -235,11 +234,10 @@ class FakeRig:
     def state(self) -> dict[str, Any]:
         """What the plant is doing, for tests and the curious; SI units."""
         p = self.plant
-        with p.lock, contextlib.suppress(AttributeError):
+        with p.lock:
             return {
                 "time": p.time, "mount": p.mount, "chamber_pressure": p.chamber_pressure.tolist(), "spine_length": p.spine_length,
                 "valve_on": p.valve_on, "vacuum_absolute": p.vacuum_absolute, "tip_position": p.tip_position.tolist(),
                 "probe_position": p.probe_position.tolist(), "probe_force": p.probe_force.tolist(), "tip_mass": p.tip_mass,
                 "roll": p.roll, "spine_blocked": p.spine_blocked,
             }  # fmt: skip
-        return {}
