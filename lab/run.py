@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from dataclasses import dataclass
@@ -265,11 +266,10 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
     """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
+    said = f"safe state {'confirmed' if safe else 'NOT confirmed'}; {outcome} {detail}".strip()
+    with contextlib.suppress(RecordingError):  # `close` tells the same, and must be reached
+        recorder.log("info" if safe else "error", said)
     try:
-        recorder.log(
-            "info" if safe else "error",
-            f"safe state {'confirmed' if safe else 'NOT confirmed'}; {outcome} {detail}".strip(),
-        )
         counts = recorder.close(outcome, detail)
     except RecordingError as e:
         err.print(str(e))

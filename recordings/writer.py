@@ -13,9 +13,9 @@ from __future__ import annotations
 import json
 import math
 import os
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
@@ -44,11 +44,14 @@ FLUSH_PERIOD = 0.1
 QUEUE_LIMIT = 200_000
 """Messages waiting for the disk; beyond it they are dropped and counted."""
 
-LIBRARY = "softlab recordings"
-
+LOOK = 0.02
+"""Host seconds between two looks of the writer thread at what has come. A producer never wakes it: waking a thread costs
+the producer tens of microseconds, and up to hundreds where both then want the same processor."""
 
 BURST = 1000
 """Messages that are written between two looks at the clock."""
+
+LIBRARY = "softlab recordings"
 
 _Payload = bytes | Callable[[], bytes | None]
 """A view is encoded in the writer's thread; None: there is nothing to see."""
@@ -81,7 +84,9 @@ class Recorder:
         self.messages: dict[str, MessageType] = streams(chambers, markers)
         self.buffers = Buffers(self.messages, keep)
         self._topics = {topic: Tally() for topic in (*self.messages, *events.EVENTS)}
-        self._queue: queue.SimpleQueue[_Item | threading.Event | None] = queue.SimpleQueue()
+        self._queue: deque[_Item | threading.Event | None] = deque()
+        """Appending and taking are atomic; None: the end. `_wake` is set for what cannot wait for the next look."""
+        self._wake = threading.Event()
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
@@ -161,7 +166,7 @@ class Recorder:
             if self._accepts(entry, ns):
                 entry.last = ns
                 buffer.append(stamp, payload)
-                self._queue.put((entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload))
+                self._queue.append((entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload))
         if self._failure is not None or self._outcome is not None:
             self._check()
         if pace is not None and pace.due(stamp):
@@ -184,7 +189,7 @@ class Recorder:
 
     def _accepts(self, entry: Tally, ns: int) -> bool:
         open_ = self._failure is None and self._outcome is None
-        return open_ and ns >= entry.last and self._queue.qsize() < QUEUE_LIMIT
+        return open_ and ns >= entry.last and len(self._queue) < QUEUE_LIMIT
 
     def _item(self, topic: str, ns: int, payload: _Payload) -> _Item:
         """Count a message and number it; the topic's lock is held."""
@@ -259,7 +264,7 @@ class Recorder:
         """Events are few and never dropped for their order."""
         with self._topics[topic].lock:
             if self._failure is None and self._outcome is None:
-                self._queue.put(self._item(topic, ns, payload))
+                self._queue.append(self._item(topic, ns, payload))
         self._check()
 
     def _push_views(self, message: MessageType, ns: int, values: tuple[object, ...]) -> None:
@@ -271,7 +276,8 @@ class Recorder:
         """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
         self._check()
         done = threading.Event()
-        self._queue.put(done)
+        self._queue.append(done)
+        self._wake.set()
         while not done.wait(0.1):
             self._check()
 
@@ -292,33 +298,33 @@ class Recorder:
     def _run(self) -> None:
         try:
             due = time.monotonic() + FLUSH_PERIOD
-            while True:
-                try:
-                    item = self._queue.get(timeout=max(0.0, due - time.monotonic()))
-                    for _ in range(min(self._queue.qsize(), BURST)):
-                        if not isinstance(item, tuple):
-                            break
-                        self._write(item)
-                        item = self._queue.get()
-                except queue.Empty:
-                    pass
-                else:
-                    if item is None:
-                        break
-                    if isinstance(item, threading.Event):
-                        self._flush()
-                        self._disk.sync()
-                        item.set()
-                    else:
-                        self._write(item)
-                if time.monotonic() >= due:
+            while self._drain():
+                now = time.monotonic()
+                if now >= due:
                     self._flush()
-                    due = time.monotonic() + FLUSH_PERIOD
+                    due = now + FLUSH_PERIOD
+                if not self._queue:
+                    self._wake.wait(min(LOOK, max(0.0, due - now)))
+                    self._wake.clear()
             self._flush()
             self._end()
         except Exception as error:
             self._failure = error
             self._disk.give_up()
+
+    def _drain(self) -> bool:
+        """Put what has come into the chunk in hand, up to a burst of it; False at the end."""
+        for _ in range(min(len(self._queue), BURST)):
+            item = self._queue.popleft()
+            if item is None:
+                return False
+            if isinstance(item, threading.Event):
+                self._flush()
+                self._disk.sync()
+                item.set()
+            else:
+                self._write(item)
+        return True
 
     def _write(self, item: _Item) -> None:
         topic, log_time, number, payload = item
@@ -368,7 +374,8 @@ class Recorder:
         """
         if self._outcome is None:
             self._outcome = {"outcome": outcome, "detail": detail, "closed_wall_ns": str(time.time_ns())}
-            self._queue.put(None)
+            self._queue.append(None)
+            self._wake.set()
         self._thread.join()
         if self._failure is not None:
             self._check()
