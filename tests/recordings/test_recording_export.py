@@ -1,0 +1,75 @@
+"""Export: every number of every stream, as CSV and as Parquet, and the case folder."""
+
+from __future__ import annotations
+
+import csv
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_run import Run
+
+from recordings.errors import BadTable, MissingPackage
+from recordings.export import export_case, export_streams
+from recordings.reader import Recording
+from recordings.writer import Recorder
+
+without_pyarrow = find_spec("pyarrow") is None
+COLUMNS = {
+    "pressure": ["t", *(f"{n}_{i}" for n in ("setpoint", "measured") for i in range(1, 10))],
+    "vacuum": ["t", "absolute"],
+    "force": ["t", *(f"{n}_{i}" for n in ("raw", "zero") for i in range(1, 7))],
+}
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    path = tmp_path_factory.mktemp("export") / "run.mcap"
+    with Recorder(path, start_wall_ns=10**18, markers=2) as recorder:
+        for topic, t, values in Run(duration=2.0).messages():
+            recorder.push(topic, t, values)
+    return Recording.open(path)
+
+
+def test_csv_holds_every_number_to_the_last_bit(recording: Recording, tmp_path: Path) -> None:
+    files = {f.stem: f for f in export_streams(recording, tmp_path / "new")}
+    assert set(files) == {"pressure", "tip", "spine", "vacuum", "force", "arm"}  # the valve sent nothing
+    for name, columns in COLUMNS.items():
+        with files[name].open(newline="") as file:
+            head, *rows = csv.reader(file)
+        assert head == columns
+        samples = recording.stream(f"/{name}")
+        expected = np.column_stack([samples[n].reshape(len(samples), -1) for n in samples.dtype.names or ()])
+        assert np.array_equal(np.array(rows, float), expected)
+
+
+@pytest.mark.skipif(without_pyarrow, reason="pyarrow is not installed; the export to Parquet needs it")
+def test_parquet_holds_the_same_columns_and_numbers_with_their_types(recording: Recording, tmp_path: Path) -> None:
+    from pyarrow import parquet  # type: ignore[import-not-found]
+
+    files = {f.stem: f for f in export_streams(recording, tmp_path, "parquet")}
+    assert {f.suffix for f in files.values()} == {".parquet"}
+    for name, columns in COLUMNS.items():
+        table, samples = parquet.read_table(files[name]), recording.stream(f"/{name}")
+        assert table.column_names == columns and table.num_rows == len(samples)
+        for field in samples.dtype.names or ():
+            wide = samples[field].reshape(len(samples), -1)
+            names = [field] if samples[field].ndim == 1 else [f"{field}_{i + 1}" for i in range(wide.shape[1])]
+            for i, column in enumerate(names):
+                assert np.array_equal(table[column].to_numpy(), wide[:, i], equal_nan=True), column
+    tip = parquet.read_table(files["tip"])
+    assert str(tip.schema.field("valid").type) == "bool" and "int" in str(tip.schema.field("frame").type)
+    assert tip.column_names[-1] == "t_aligned"
+
+
+@pytest.mark.skipif(not without_pyarrow, reason="pyarrow is installed")
+def test_parquet_without_pyarrow_says_what_to_install(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(MissingPackage, match="pyarrow.*CSV"):
+        export_streams(recording, tmp_path, "parquet")
+
+
+def test_a_recording_without_a_concluded_state_makes_no_case_folder(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(BadTable, match="lab replay"):
+        export_case(recording, tmp_path / "case")
+    assert not (tmp_path / "case").exists()
