@@ -85,9 +85,7 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     before = story.step("lab compare: the paper's parameters", lambda: comparison(case))
     after = story.step("lab compare: calibrated", lambda: comparison(Case(fit.robot, case.table)))
     out.print(error_sheet(before.table))
-    page = story.step(
-        "Report", lambda: write(folder, case, [r.file.name for r in runs], fit, before, after, equal, seal)
-    )
+    page = story.step("Report", lambda: write(folder, case, files, fit, before, after, equal, seal))
     out.print(f"{page}")
     out.print(f"\nThe seal: {seal.text}")
     out.print(f"[bold]The effect that was on: {seal.effect}[/bold] = {seal.size:.4g} {seal.unit} ({seal.physics})")

@@ -14,6 +14,7 @@ from .compare import Comparison
 from .figures import stiffness_curves, story, tip_curves
 from .fit import Calibration
 from .inputs import Case
+from .losses import losses
 from .report import Report
 
 
@@ -41,7 +42,7 @@ class Seal:
 def write(
     folder: Path,
     case: Case,
-    files: list[str],
+    files: list[Path],
     fit: Calibration,
     before: Comparison,
     after: Comparison,
@@ -51,7 +52,7 @@ def write(
     """The page with everything that was seen."""
     report = Report(
         "A day in the lab, without hardware",
-        f"{time.strftime('%Y-%m-%d %H:%M')}, {len(case.table)} states, recorded in {' and '.join(files)}",
+        f"{time.strftime('%Y-%m-%d %H:%M')}, {len(case.table)} states, recorded in {' and '.join(f.name for f in files)}",
         f"The model with the paper's parameters misses the tip by {before.table.rmse * 1e3:.1f} mm rms; calibrated per "
         f"spine length by {after.table.rmse * 1e3:.1f} mm. Replayed from the files alone, "
         f"{'every number is the same' if equal else 'numbers DIFFER'}.",
@@ -82,6 +83,8 @@ def write(
             for k, a in fit.area_factor_by_length.items()
         ],
     )
+    said, head, rows = losses(files)
+    report.section("What was recorded, and what was lost").text(said).table(head, rows)
     end = report.section("What was withheld")
     end.text(f"{seal.effect} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
     end.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")

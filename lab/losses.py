@@ -1,0 +1,42 @@
+"""What became of each stream of a recording, as a table for people: generated = written + dropped, and what never came."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from recordings.info import StreamInfo, info
+from recordings.messages import STREAMS
+
+HEAD = [
+    "recording",
+    "stream",
+    "generated",
+    "written",
+    "dropped",
+    "lost on the way",
+    "gaps",
+    "rate, Hz",
+    "jitter p99, ms",
+]
+
+
+def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
+    """A sentence, and head and rows of the table. Raises what `recordings.info.info` raises."""
+    rows, gone, total = [], 0, 0
+    for file in files:
+        for topic, stream in info(file).streams.items():
+            if topic in STREAMS and stream.timing.count + (stream.dropped or 0) + (stream.lost or 0):
+                rows.append([file.name, topic, *_row(stream)])
+                missing = stream.lost or 0
+                gone += (stream.dropped or 0) + missing
+                total += stream.timing.count + (stream.dropped or 0) + missing
+    said = f"{gone} of {total} samples were lost" if gone else f"No sample was lost; {total} were recorded"
+    return f"{said}. Gaps are intervals longer than two and a half usual ones.", HEAD, rows
+
+
+def _row(stream: StreamInfo) -> list[str]:
+    at = stream.timing
+    dropped, lost = ("unknown" if n is None else str(n) for n in (stream.dropped, stream.lost))
+    generated = "unknown" if stream.dropped is None else str(at.count + stream.dropped)
+    return [generated, str(at.count), dropped, lost, str(at.gaps), f"{at.rate:.1f}", f"{at.jitter_p99 * 1e3:.1f}"]
