@@ -14,6 +14,7 @@ from pathlib import Path
 from . import recording_safety as safety
 from . import recording_speed as speed
 from .figures import Figure, show
+from .recording_run import full_disk_in_a_run
 from .rig_stream import record
 
 HOUR, SHORT = 3600.0, 120.0
@@ -44,6 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
             "flips": lambda: safety.flips(folder, 100 if a.quick else 1000),
             "paced": lambda: speed.paced(folder, wall),
             "full": lambda: safety.full_disk(folder),
+            "full in a run": lambda: full_disk_in_a_run(folder),
             "reading": lambda: speed.reading(made(hour, HOUR), made(short, SHORT)),
             "writing": lambda: speed.writing(folder, 30.0 if a.quick else SHORT),
             "table": lambda: speed.table(made(hour, HOUR)),

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
+from multiprocessing import Pipe
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,11 @@ from house import House, until
 from drivers.errors import DeviceFault, InstrumentError
 from lab.actuators import ActuatorsLost
 from lab.cli import main
-from lab.guard_messages import RigLanded
+from lab.guard import Guard
+from lab.guard_messages import RigLanded, Start
 from lab.inputs import read_case
 from lab.latch import RigLocked
+from lab.pulse import Listener
 from lab.rig import Rig
 from lab.rig_file import load_rig
 from recordings.reader import Recording
@@ -138,6 +141,29 @@ def test_an_unconfirmed_landing_locks_the_rig_and_clearing_needs_a_confirmed_one
     assert main(["safe", "--clear", "--rig", str(small.rig)]) == 0
     assert not small.latch.exists()
     capsys.readouterr()
+
+
+def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(small: House) -> None:
+    """The program's death is seen by two threads of the guard; the slower one must not lock a rig that was landed."""
+    pulse, program = os.pipe()
+    told, samples = Pipe(duplex=False)
+    rig = load_rig(small.rig).model_dump_json()
+    guard = Guard(Start(rig, str(small.rig), 0.0, despite_latch=False), Listener(pulse), samples)
+    guard.take_over()
+    try:
+        for name in ("gauge", "valve", "pressure", "spine"):
+            guard.open(name)
+        guard.do("valve", "set", (True,))
+        assert small.latch.exists()
+        guard.close()
+        report = guard.safe("the program ended", keep_vacuum=False)
+        assert report.confirmed and not small.latch.exists()
+    finally:
+        assert guard.latch is not None
+        guard.latch.disown()
+        for end in (program, pulse):
+            os.close(end)
+        told.close()
 
 
 def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:

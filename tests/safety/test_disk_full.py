@@ -1,0 +1,51 @@
+"""The disk fills up in the middle of a sweep: the run ends safe and says why, and the file keeps what was written."""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+import pytest
+from house import House, until
+
+from lab.run import _finish
+from recordings.errors import WriteFailed
+from recordings.reader import Recording
+from recordings.recover import recover
+from recordings.writer import Recorder
+
+MORE = 30_000
+"""Bytes that the file may still grow by; about a second's worth."""
+
+
+def test_a_run_whose_disk_is_full_vents_says_so_and_leaves_a_file_without_holes(house: House, tmp_path: Path) -> None:
+    house.change(without=("arm", "force"))
+    program = house.start(tmp_path)
+    (file,) = tmp_path.glob("*.mcap")
+    resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (file.stat().st_size + MORE, resource.RLIM_INFINITY))
+    assert until(lambda: house.highest() < 5e3 and not house.fakes.plant.valve_on, 20.0)
+    output, _ = program.communicate(timeout=40)
+    text = " ".join(output.split())
+    assert program.returncode == 1
+    assert "recording stopped" in text and "lab recover" in text and "Traceback" not in text
+    assert not house.latch.exists()
+    found = recover(file, tmp_path / "recovered.mcap")
+    assert found.holes == 0 and len(Recording.open(tmp_path / "recovered.mcap").states) > 0
+
+
+class Mute(Recorder):
+    """Cannot take a log line any more."""
+
+    def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
+        """Raises WriteFailed."""
+        raise WriteFailed("no room")
+
+
+def test_a_recording_that_takes_no_last_line_is_finished_all_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorder = Mute(tmp_path / "a.mcap", start_wall_ns=10**18)
+    recorder.push("/valve", 0.1, on=True)
+    recorder.note_lost("/valve", 2)
+    assert _finish(recorder, "failed", "a fault", safe=True) == {"/valve": 2}
+    assert Recording.open(tmp_path / "a.mcap").outcome == "failed"
