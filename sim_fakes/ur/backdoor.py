@@ -62,6 +62,7 @@ def state(hub: Hub) -> dict[str, Any]:
         "ended": controller.ended,
         "violations": hub.violations,
         "connections": len(hub.connections),
+        "heard": hub.heard,
     }
 
 

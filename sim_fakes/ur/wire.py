@@ -27,6 +27,8 @@ class Hub:
         """Requests that a real client must not send."""
         self.owner: dict[str, Connection] = {}
         """RTDE inputs and the client that may write them."""
+        self.heard = 0
+        """Bytes received from all clients together."""
 
     def violation(self, text: str) -> None:
         """Note a breach of the protocol."""
@@ -77,6 +79,7 @@ class Connection(asyncio.Protocol):
         self.hub.connections.discard(self)
 
     def data_received(self, data: bytes) -> None:
+        self.hub.heard += len(data)
         self.buffer += data
         if not self.hub.frozen:
             self.drain()

@@ -1,4 +1,4 @@
-"""Whatever the order of the calls: one that the state does not allow raises its typed error and sends no byte.
+"""Serial instruments, whatever the order of the calls: an illegal one raises its typed error and sends no byte.
 
 For each driver a machine calls its methods in random order on a fake, keeping book of what must be allowed: nothing but
 `open` and `close` before `open`, no motion before the zero is known, no value that is none.
@@ -17,21 +17,19 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
-from drivers import alicat, dynamixel, ft300s, natnet_mocap, numato, pfeiffer, smc_itv, tmcl, ur5, ur5_state
+from drivers import alicat, dynamixel, ft300s, numato, pfeiffer, smc_itv, tmcl
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
 from lab.clock import RigClock
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.ft300s import Ft300sFake
-from sim_fakes.motive import MOCAP_TO_BASE, MotiveFake
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import Plant
 from sim_fakes.pty_fake import PtyFake
 from sim_fakes.smc_itv import SmcItvFake
 from sim_fakes.tmcl import TmclFake
-from sim_fakes.ur.process import UrProcess, free_host
 
 SPEED = 50.0
 QUIET = 0.03
@@ -43,7 +41,6 @@ ANY_CALL: dict[str, tuple[Call, ...]] = {
     "valve": (lambda d: d.set(True), lambda d: d.set(False), lambda d: d.read()),
     "gauge": (lambda d: d.read(),),
     "force": (lambda d: d.latest(), lambda d: d.zero(2)),
-    "mocap": (lambda d: d.latest(),),
 }
 """Calls that are allowed on an open driver and only there."""
 NEVER: dict[str, tuple[Call, ...]] = {
@@ -54,7 +51,7 @@ NEVER: dict[str, tuple[Call, ...]] = {
         lambda d: d.move_to(math.nan, 0.01), lambda d: d.move_to(0.1, 0.0), lambda d: d.move_to(0.1, -1.0),
         lambda d: d.move_to(0.1, math.inf),
     ),
-    "valve": (), "gauge": (), "force": (lambda d: d.zero(0),), "mocap": (),
+    "valve": (), "gauge": (), "force": (lambda d: d.zero(0),),
 }  # fmt: skip
 """Calls that are allowed in no state."""
 
@@ -164,75 +161,3 @@ def test_calls_in_any_order(name: str) -> None:
             suppress_health_check=list(HealthCheck),
         ),
     )  # fmt: skip
-
-
-def test_motion_capture_in_any_order() -> None:
-    fake = MotiveFake(Plant(), SimClock(1.0), free_host())
-    fake.start()
-    pose = natnet_mocap.Pose(position=MOCAP_TO_BASE[0], quaternion=MOCAP_TO_BASE[1])
-    driver = natnet_mocap.NatNetMocap(
-        "it",
-        natnet_mocap.Config(server=fake.host, body="Tip", mocap_to_base=pose, max_age=1.0),
-        RigClock(),
-        lambda s: None,
-    )
-    try:
-        for opened in (False, True, False, False, True, True, False):
-            driver.open() if opened else driver.close()
-            before = len(fake.messages)
-            if opened:
-                assert driver.latest().valid
-            else:
-                with pytest.raises(NotReady):
-                    driver.latest()
-                assert len(fake.messages) == before or fake.messages[before:] == [9]  # the goodbye of `close` itself
-    finally:
-        driver.close()
-        fake.stop()
-
-
-ARM_CALLS: tuple[Call, ...] = (
-    lambda d: d.move_to((0.4, 0.1, 0.5, 0.0, 1.57, 0.0), 0.05, 0.2), lambda d: d.moving(), lambda d: d.stop(),
-    lambda d: d.standing(),
-)  # fmt: skip
-ARM_NEVER: tuple[Call, ...] = (
-    lambda d: d.move_to((math.nan,) * 6, 0.05, 0.2), lambda d: d.move_to((0.4, 0.1, 0.5), 0.05, 0.2),
-    lambda d: d.move_to((0.4, 0.1, 5.0, 0.0, 0.0, 0.0), 0.05, 0.2),
-    lambda d: d.move_to((0.4, 0.1, 0.5, 0.0, 1.57, 0.0), 9.0, 0.2),
-    lambda d: d.move_to((0.4, 0.1, 0.5, 0.0, 1.57, 0.0), 0.05, -1.0),
-)  # fmt: skip
-
-
-def test_the_arm_in_any_order() -> None:
-    ur = UrProcess(speed=SPEED)
-    driver = ur5.UR5("it", ur5.Config(host=ur.host), RigClock(SPEED))
-    try:
-        for opened in (False, True, False):
-            if opened:
-                driver.open()
-            else:
-                driver.close()
-            ur.backdoor("forget")
-            for call in (*ARM_NEVER, *(() if opened else ARM_CALLS)):
-                with pytest.raises((NotReady, LimitExceeded)):
-                    call(driver)
-            assert ur.backdoor()["commands"] == []
-    finally:
-        driver.close()
-        ur.stop()
-
-
-def test_the_arms_state_in_any_order() -> None:
-    ur = UrProcess(speed=SPEED)
-    driver = ur5_state.UR5State("it", ur5_state.Config(host=ur.host, max_age=1.0), RigClock(SPEED), lambda s: None)
-    try:
-        for opened in (False, True, False):
-            driver.open() if opened else driver.close()
-            if opened:
-                assert driver.latest().program_running is False
-            else:
-                with pytest.raises(NotReady):
-                    driver.latest()
-    finally:
-        driver.close()
-        ur.stop()

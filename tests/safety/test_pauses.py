@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -64,16 +65,31 @@ def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     assert asked == [(1, "load", 0), (2, "load", 1), (3, "load", 2), (4, "unload", 1), (5, "unload", 0)]
 
 
-def test_a_stiffness_trial_goes_on_after_somebody_opened_the_cell(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+STOPS = {"safeguard_stop": "safeguard stop", "emergency_stop": "emergency stop"}
+"""A protective stop takes the way of the emergency stop, which switches the arm off in addition."""
+
+
+@pytest.mark.parametrize("stop", STOPS)
+def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str], stop: str
 ) -> None:
     house.change(without=("mocap",))
     ur, plant = house.fakes.ur, house.fakes.plant
     assert ur is not None
-    house.fakes.on_confirm = lambda trouble: ur.backdoor("clear")
-    during(lambda: abs(plant.probe_force).max() > 1.0, lambda: ur.backdoor("safeguard_stop"))
+    ur.backdoor("forget")
+    stopped: list[int] = []
+
+    def put_right(trouble: str) -> None:
+        stopped.append(len(ur.backdoor()["commands"]))
+        time.sleep(0.3)  # a person takes a while
+        stopped.append(len(ur.backdoor()["commands"]))
+        ur.backdoor("clear")
+
+    house.fakes.on_confirm = put_right
+    during(lambda: abs(plant.probe_force).max() > 1.0, lambda: ur.backdoor(stop))
     assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), capsys.readouterr()
-    assert any("safeguard stop" in trouble for trouble in house.fakes.troubles)
+    assert any(STOPS[stop] in trouble for trouble in house.fakes.troubles)
+    assert stopped[0] == stopped[1]  # nothing moves before the person has confirmed
     (file,) = tmp_path.glob("*.mcap")
     assert [r.step for r in read_case([file]).table] == [1, 2, 3]
 
