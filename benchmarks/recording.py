@@ -14,7 +14,7 @@ from pathlib import Path
 from . import recording_safety as safety
 from . import recording_speed as speed
 from .figures import Figure, show
-from .recording_run import full_disk_in_a_run
+from .recording_run import full_disk_in_a_run, replays
 from .rig_stream import record
 
 HOUR, SHORT = 3600.0, 120.0
@@ -48,6 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
             "full in a run": lambda: full_disk_in_a_run(folder),
             "reading": lambda: speed.reading(made(hour, HOUR), made(short, SHORT)),
             "writing": lambda: speed.writing(folder, 30.0 if a.quick else SHORT),
+            "replays": lambda: replays(made(short, SHORT)),
             "table": lambda: speed.table(made(hour, HOUR)),
         }
         figures = [measure() for name, measure in todo.items() if a.only in name]

@@ -1,7 +1,8 @@
-"""A disk that fills up under a run of the whole lab, on fakes: how long until the rig is safe."""
+"""What the lab as a whole makes of its recordings: a disk that fills up under a run, and five replays of one file."""
 
 from __future__ import annotations
 
+import json
 import resource
 import subprocess
 import sys
@@ -72,6 +73,20 @@ def full_disk_in_a_run(folder: Path) -> Figure:
         good and safe < 1.0,
         {"told_s": told, "safe_s": safe, "recovered_s": result.seconds_kept, "inflated_pa": inflated},
     )
+
+
+def replays(file: Path, times: int = 5) -> Figure:
+    """`lab replay`, each time in a process of its own: the digest of the rows that it concludes."""
+    found = []
+    for _ in range(times):
+        command = [sys.executable, "-m", "lab.cli", "replay", str(file), "--json"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        found.append(json.loads(done.stdout))
+    digests, rows = {one["sha256"] for one in found}, found[0]["replayed"]
+    return Figure(
+        f"{times} replays by `lab replay`", "one sha256", f"{len(digests)} sha256 of {rows} rows: {min(digests)[:16]}..",
+        len(digests) == 1 and rows > 0, {"digests": len(digests), "rows": rows},
+    )  # fmt: skip
 
 
 def _without(rig: Path, *names: str) -> None:
