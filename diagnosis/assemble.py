@@ -88,8 +88,8 @@ def _sizes(p: Prepared, c: Candidate) -> dict[str, Value]:
     parameters = p.problem.parameters
     if c.unknown or not c.named:
         return {}
-    reduced = c.fit.linear.reductions(np.array([c.size]))[0]
-    _, covariance = reduced.posterior(parameters.variance(c.named, c.spike))
+    reduced = c.fit.linear.reduced(c.cell.size, c.cell.form)
+    _, covariance = reduced.posterior(parameters.variance(c.named, c.cell.spike))
     sd = np.sqrt(np.diag(covariance)) * parameters.scale
     rows = np.flatnonzero(parameters.of_effect)
     return {
@@ -107,8 +107,8 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
     calibrated, explained = (p.problem.forward.predict(p.shared(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     made: dict[str, Any] = {
         "signs": vars(f.signs),
-        "tolerance_of_other_effects": f.best.spike,
-        "discrepancy_mm": f.best.size * p.unit * MM,
+        "tolerance_of_other_effects": f.best.cell.spike,
+        "discrepancy_mm": f.best.cell.size * p.unit * MM,
         "waterfall_mm": {
             "as given": _rms(p, observed - given),
             "calibrated": _rms(p, observed - calibrated),

@@ -84,5 +84,5 @@ def _apart(p: Prepared, search: Search, weighed: Posterior, best: Candidate) -> 
         if weighed.of_effect(effect) > WORTH:
             mask = parameters.mask((effect,))
             size[mask] = (search.found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
-    reduced = best.fit.linear.reductions(np.array([max(best.size, LEAST_DISCREPANCY)]))[0]
-    return apart(reduced, parameters, parameters.ids, size, best.spike)
+    reduced = best.fit.linear.reduced(max(best.cell.size, LEAST_DISCREPANCY), best.cell.form)
+    return apart(reduced, parameters, parameters.ids, size, best.cell.spike)

@@ -1,15 +1,15 @@
 """How probable the data are under each hypothesis: marginal likelihoods of a joint spike-and-slab model.
 
 Every effect of the catalogue is always in the model: narrow ("spike", a share of its plausible scale: no robot is
-otherwise perfect) unless the hypothesis names it, wide ("slab", its whole scale) when it does. Width of the spike and
-size of the smooth discrepancy are not known and are averaged over a small grid, the same for every hypothesis. The
-hypothesis `unknown` names no effect but lets the discrepancy be large.
+otherwise perfect) unless the hypothesis names it, wide ("slab", its whole scale) when it does. Width of the spike, size
+of the smooth discrepancy and how far the named laws may be wrong are not known and are averaged over a small grid, the
+same for every hypothesis. The hypothesis `unknown` names no effect but lets the discrepancy be large.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,18 +35,37 @@ class Grid:
     sizes: Array
     """(g,) size of the discrepancy, of the unit in the problem's columns."""
     size_weights: Array
+    forms: Array
+    """(f,) share of what a named effect does that its law may get wrong."""
+    form_weights: Array
 
     @property
     def log_weights(self) -> Array:
-        """(s, g)."""
-        return np.log(self.spike_weights)[:, None] + np.log(self.size_weights)[None, :]
+        """(s, g, f)."""
+        s, g, f = (np.log(w) for w in (self.spike_weights, self.size_weights, self.form_weights))
+        out: Array = s[:, None, None] + g[None, :, None] + f[None, None, :]
+        return out
 
 
-SPIKES = np.array([0.0, 0.1, 0.25])
+@dataclass(frozen=True)
+class Cell:
+    """One point of the grid."""
+
+    spike: float
+    size: float
+    form: float
+
+
+SPIKES = np.array([0.0, 0.1, 0.2])
 SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
-KNOWN = Grid(SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25, 0.5]), np.array([0.4, 0.3, 0.2, 0.1]))
+FORMS, FORM_WEIGHTS = np.array([0.0, 0.03, 0.1, 0.25]), np.array([0.3, 0.3, 0.25, 0.15])
+KNOWN = Grid(
+    SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25, 0.5]), np.array([0.4, 0.3, 0.2, 0.1]), FORMS, FORM_WEIGHTS
+)
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
-LARGE = Grid(SPIKES, SPIKE_WEIGHTS, np.array([0.5, 1.0, 2.0, 4.0]), np.array([0.25, 0.25, 0.25, 0.25]))
+LARGE = Grid(
+    SPIKES, SPIKE_WEIGHTS, np.array([0.5, 1.0, 2.0, 4.0]), np.array([1, 1, 1, 1]) / 4, np.array([0.0]), np.array([1.0])
+)
 """For the hypothesis that something outside the catalogue is at work."""
 
 
@@ -56,28 +75,31 @@ class Weighed:
 
     log_evidence: float
     cells: Array
-    """(s, g) log evidence with the weights of the grid, before they are summed."""
+    """(s, g, f) log evidence with the weights of the grid, before they are summed."""
 
-    @property
-    def share(self) -> Array:
-        """(s, g) posterior over the grid."""
-        out: Array = np.exp(self.cells - self.log_evidence)
-        return out
+    def peak(self, grid: Grid) -> Cell:
+        """The most probable point of the grid it was weighed on."""
+        i, j, k = np.unravel_index(int(np.argmax(self.cells)), self.cells.shape)
+        return Cell(float(grid.spikes[i]), float(grid.sizes[j]), float(grid.forms[k]))
 
 
-def weigh(reduced: Sequence[Reduced], grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
-    """Log evidence of hypotheses.
+def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
+    """Log evidence of hypotheses in one linear problem.
 
-    `reduced` holds one problem for each size of the grid. A named parameter's prior is a normal cut at its bounds; the
-    spikes are left uncut (they are narrow and stand for small errors of either sign).
+    A named parameter's prior is a normal cut at its bounds; the spikes are left uncut (they are narrow and stand for
+    small errors of either sign).
     """
     masks = np.array([parameters.mask(h) for h in named])
     low, high = parameters.low, parameters.high
-    cells = np.empty((len(masks), len(grid.spikes), len(grid.sizes)))
+    if not linear.form.shape[1]:
+        grid = replace(grid, forms=np.zeros(1), form_weights=np.ones(1))
+    cells = np.empty((len(masks), *grid.log_weights.shape))
+    reduced = linear.reductions(grid.sizes, grid.forms)
     for i, spike in enumerate(grid.spikes):
         variance = np.where(masks, 1.0, spike**2 * parameters.sizes)
-        for j, problem in enumerate(reduced):
-            cells[:, i, j] = problem.log_evidence(variance) + _cut(problem, variance, masks, low, high)
+        for j, row in enumerate(reduced):
+            for k, problem in enumerate(row):
+                cells[:, i, j, k] = problem.log_evidence(variance) + _cut(problem, variance, masks, low, high)
     cells += grid.log_weights
     return [Weighed(float(logsumexp(c)), c) for c in cells]
 
@@ -109,8 +131,3 @@ def _log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:
     upper, lower = log_ndtr(b), log_ndtr(a)
     out: Array = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12)))
     return out
-
-
-def weigh_at(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
-    """The same, starting from a linear problem."""
-    return weigh(linear.reductions(grid.sizes), grid, parameters, named)

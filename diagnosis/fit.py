@@ -1,4 +1,4 @@
-"""The most probable parameters under one hypothesis: Gauss-Newton with bounds, the discrepancy integrated out."""
+"""The most probable parameters under one hypothesis: Levenberg-Marquardt within bounds, the discrepancy integrated out."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ CLOSE = 0.05
 """Steps shorter than this, in prior standard deviations, end the search: evidence changes by far less."""
 GAIN = 0.02
 """Steps that lower the cost by less end the search."""
-SHORTEST = 0.1
-"""Share of a step below which it is no longer shortened."""
+DAMPINGS = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0)
+"""Added to the curvature, as shares of its diagonal, until a step lowers the cost."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class Fit:
 def fit(problem: Problem, variance: Array, size: float, start: Array | Fit, rounds: int = ROUNDS) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
-    `variance` (p,) of the effects in units of their scale, `size` of the discrepancy. Effects of variance 0 stay where
-    the start has them.
+    `variance` (p,) of the effects in units of their scale, `size` of the discrepancy. Effects of variance 0 are left
+    out, wherever the start has them.
     """
     p = problem.parameters
     scale = np.where(p.of_effect, 0.0, p.sd)
@@ -55,24 +55,29 @@ def fit(problem: Problem, variance: Array, size: float, start: Array | Fit, roun
         theta = np.clip(start, p.lower, p.upper)
         predicted, slope = problem.forward.linearise(theta)
     cost = weigh.cost(predicted) + _distance(theta, p.mean, scale)
+    left_out = scale == 0
+    if (theta != p.mean)[left_out].any():
+        cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
+    damping = 0
     for _ in range(rounds):
-        step = _goal(problem, weigh, theta, predicted, slope, scale) - theta
-        if np.max(np.abs(step / p.sd)[scale > 0], initial=0.0) < CLOSE:
+        local = _Local(problem, weigh, theta, predicted, slope, scale)
+        if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < CLOSE:
             break
-        share, tried, reached = 1.0, theta, np.inf
-        while share > SHORTEST:
-            tried = np.clip(theta + share * step, p.lower, p.upper)
+        tried, reached = theta, np.inf
+        while damping < len(DAMPINGS):
+            tried = local.goal(DAMPINGS[damping])
             reached = weigh.cost(problem.forward.predict(tried)) + _distance(tried, p.mean, scale)
-            if reached <= cost:
+            if reached <= cost and np.isfinite(reached):
                 break
-            share *= 0.4
-        if not reached <= cost:
+            damping += 1
+        if damping == len(DAMPINGS):
             break
         gained, theta, cost = cost - reached, tried, reached
         predicted, slope = problem.forward.linearise(theta)
         if gained < GAIN:
             break
-    goal = _goal(problem, weigh, theta, predicted, slope, scale)
+        damping = max(damping - 2, 0)
+    goal = _Local(problem, weigh, theta, predicted, slope, scale).goal(0.0)
     promised = weigh.cost(predicted + slope @ (goal - theta)) + _distance(goal, p.mean, scale)
     return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost, max(cost - promised, 0.0))
 
@@ -106,20 +111,30 @@ class _Weigher:
         return 0.5 * float(missed @ self.without(missed))
 
 
-def _goal(problem: Problem, weigh: _Weigher, theta: Array, predicted: Array, slope: Array, scale: Array) -> Array:
-    """Where the linear problem around theta has its optimum within the bounds (k,)."""
-    p = problem.parameters
-    free = np.flatnonzero(scale > 0)
-    columns = problem.noise.whiten(slope[:, free] * scale[free])
-    missed = problem.noise.whiten(problem.observed - predicted)
-    pulled = weigh.without(columns)
-    curve = np.eye(free.size) + columns.T @ pulled
-    here = (theta - p.mean)[free] / scale[free]
-    score = pulled.T @ missed + (columns.T @ pulled) @ here
-    low, high = (p.lower - p.mean)[free] / scale[free], (p.upper - p.mean)[free] / scale[free]
-    goal = theta.copy()
-    goal[free] = p.mean[free] + scale[free] * _bounded(curve, score, low, high)
-    return goal
+class _Local:
+    """The linear problem around parameters (k,), in which optima are quick to find."""
+
+    def __init__(
+        self, problem: Problem, weigh: _Weigher, theta: Array, predicted: Array, slope: Array, scale: Array
+    ) -> None:
+        p = self._p = problem.parameters
+        free = self._free = np.flatnonzero(scale > 0)
+        self._scale, self._rest = scale, np.where(scale > 0, theta, p.mean)
+        columns = problem.noise.whiten(slope[:, free] * scale[free])
+        missed = problem.noise.whiten(problem.observed - predicted - slope @ (self._rest - theta))
+        pulled = weigh.without(columns)
+        self._here = (theta - p.mean)[free] / scale[free]
+        self._curve = np.eye(free.size) + columns.T @ pulled
+        self._score = pulled.T @ missed + (columns.T @ pulled) @ self._here
+        self._low, self._high = (p.lower - p.mean)[free] / scale[free], (p.upper - p.mean)[free] / scale[free]
+
+    def goal(self, damping: float) -> Array:
+        """Optimum (k,) within the bounds, kept near theta by a damping; what has no scale is at its mean."""
+        kept = damping * np.diag(self._curve)
+        x = _bounded(self._curve + np.diag(kept), self._score + kept * self._here, self._low, self._high)
+        goal = self._rest.copy()
+        goal[self._free] = self._p.mean[self._free] + self._scale[self._free] * x
+        return goal
 
 
 def _bounded(curve: Array, score: Array, low: Array, high: Array) -> Array:

@@ -2,12 +2,13 @@
 
 Around a point the measured states are taken as
 
-    y = A theta + N u + g D w + e,     e ~ N(0, I),  u ~ N(0, I),  w ~ N(0, I),  theta_j ~ N(0, v_j)
+    y = A theta + N u + g D w + f F z + e,     e, u, w, z ~ N(0, I),  theta_j ~ N(0, v_j)
 
 after whitening by the noise and after every column has been scaled by its prior. theta are the catalogue's effects in
-units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g. u and w are integrated out by
-algebra, once a size g; what is left is a small problem in theta alone in which any choice of the variances v (which
-effects are present, how narrow the others are held) costs one small factorisation.
+units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z what the named effects' laws may
+get wrong, of size f. u, w and z are integrated out by algebra, once a pair of sizes; what is left is a small problem in
+theta alone in which any choice of the variances v (which effects are present, how narrow the others are held) costs one
+small factorisation.
 """
 
 from __future__ import annotations
@@ -35,28 +36,36 @@ class Linear:
     """(n, m) D, for a discrepancy of size 1."""
     log_noise: float
     """Sum of the logarithms of the noise's standard deviations (half its log determinant)."""
+    form: Array
+    """(n, f) F, for laws that are wrong by all of what they do; no columns where nothing is named."""
 
     def __post_init__(self) -> None:
         n = len(self.observed)
-        for name in ("effects", "nuisance", "discrepancy"):
+        for name in ("effects", "nuisance", "discrepancy", "form"):
             value: Array = getattr(self, name)
             if value.ndim != 2 or len(value) != n:
                 raise ValueError(f"{name}: shape {value.shape}, must be ({n}, columns)")
 
-    def reductions(self, sizes: Array) -> list[Reduced]:
-        """The problem in theta alone, for each size (s,) of the discrepancy."""
-        q, m = self.nuisance.shape[1], self.discrepancy.shape[1]
-        other = np.hstack([self.nuisance, self.discrepancy])
+    def reductions(self, sizes: Array, forms: Array) -> list[list[Reduced]]:
+        """The problem in theta alone, for each size (s,) of the discrepancy and (f,) of the laws' errors."""
+        blocks = [self.nuisance, self.discrepancy, self.form]
+        wide = [b.shape[1] for b in blocks]
+        other = np.hstack(blocks)
         known = np.column_stack([self.effects, self.observed])
         own = known.T @ known
         across, within = other.T @ known, other.T @ other
-        made = []
-        for size in np.asarray(sizes, float):
-            scale = np.concatenate([np.ones(q), np.full(m, size)])
-            kept = slice(0, q) if size == 0 else slice(None)
-            gram = np.outer(scale, scale)[kept, kept] * within[kept, kept]
-            made.append(self._reduced(own, scale[kept, None] * across[kept], gram))
-        return made
+
+        def at(size: float, form: float) -> Reduced:
+            scale = np.repeat([1.0, size, form], wide)
+            kept = np.flatnonzero(scale)
+            gram = scale[kept, None] * within[np.ix_(kept, kept)] * scale[kept]
+            return self._reduced(own, scale[kept, None] * across[kept], gram)
+
+        return [[at(float(size), float(form)) for form in forms] for size in sizes]
+
+    def reduced(self, size: float, form: float) -> Reduced:
+        """The same for one size each."""
+        return self.reductions(np.array([size]), np.array([form]))[0][0]
 
     def _reduced(self, own: Array, across: Array, within: Array) -> Reduced:
         n, p = self.effects.shape

@@ -88,14 +88,12 @@ def _covariance(problem: Problem, c: Candidate) -> Array:
     """Posterior covariance (k, k) of all parameters of the base problem under a candidate."""
     p = problem.parameters
     scale = p.sd.copy()
-    scale[p.of_effect] *= np.sqrt(p.variance(c.named, c.spike))
+    scale[p.of_effect] *= np.sqrt(p.variance(c.named, c.cell.spike))
     linear = c.fit.linear
     own = p.of_effect
-    tolerances = int((~own).sum())
     ours = np.empty((len(linear.observed), len(scale)))
-    # Columns of nuisance beyond the parameters' own stand for what the named effects' laws may get wrong.
-    ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance[:, :tolerances]
-    every = np.hstack([ours, linear.nuisance[:, tolerances:], c.size * linear.discrepancy])
+    ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance
+    every = np.hstack([ours, c.cell.form * linear.form, c.cell.size * linear.discrepancy])
     inverse = np.linalg.inv(np.eye(every.shape[1]) + every.T @ every)[: len(scale), : len(scale)]
     out: Array = scale[:, None] * inverse * scale[None, :]
     return out
@@ -132,7 +130,7 @@ def _predictions(
         pressure = p.floor.pressure * slope[:, names["pressure_offset.offset"]]
         row = forward.observations.row
         total += np.where(row[:, None] == row[None, :], np.outer(pressure, pressure), 0.0)
-        total += max(c.size, 0.25) ** 2 * smooth @ smooth.T + np.diag(white**2)
+        total += max(c.cell.size, 0.25) ** 2 * smooth @ smooth.T + np.diag(white**2)
         made.append(_Prediction(mean, np.asarray(np.linalg.cholesky(total), np.float64)))
     return made
 

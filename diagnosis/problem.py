@@ -19,12 +19,8 @@ from .noise import Noise
 Array = NDArray[np.float64]
 
 
-FORM = 0.1
-"""Share of what an effect does that its law in the catalogue may get wrong, smoothly over the states."""
-
-
 AFTER = 0.3
-"""Of that error, the part that may also lie where the catalogue's law does nothing, such as what a memory leaves behind."""
+"""Of a law's error, the part that may also lie where the law does nothing, such as what a memory leaves behind."""
 
 
 class Forward(Protocol):
@@ -129,19 +125,21 @@ class Problem:
         scaled = self.noise.whiten(slope * p.sd)
         shift = scaled @ ((theta - p.mean) / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
-        return Linear(observed, scaled[:, own], scaled[:, ~own], self.whitened_discrepancy, self.noise.log_sd)
+        none = np.zeros((len(observed), 0))
+        return Linear(observed, scaled[:, own], scaled[:, ~own], self.whitened_discrepancy, self.noise.log_sd, none)
 
     def loosened(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
-        """The linear problem when each named effect's law is known to `FORM` of what the effect does at theta."""
+        """The linear problem with columns for what each named effect's law may get wrong, smoothly over the states; a
+        coefficient of 1 is all of what the effect does at theta."""
         columns = []
         for effect in named:
             without = theta.copy()
             without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
-                columns.append(self.noise.whiten(FORM * done[:, None] * self.alike))
-                columns.append(AFTER * FORM * self.noise.whiten(self.discrepancy * self._typical(done)))
-        return replace(linear, nuisance=np.hstack([linear.nuisance, *columns])) if columns else linear
+                columns.append(self.noise.whiten(done[:, None] * self.alike))
+                columns.append(AFTER * self.noise.whiten(self.discrepancy * self._typical(done)))
+        return replace(linear, form=np.hstack(columns)) if columns else linear
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""

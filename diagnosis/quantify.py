@@ -56,7 +56,7 @@ def baseline_model(p: Prepared, calibrated: Fit) -> Model:
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
     """The model of a hypothesis: named effects wide, the others within their tolerance."""
-    return Model(p.problem.parameters.variance(c.named, c.spike), c.size, c.fit)
+    return Model(p.problem.parameters.variance(c.named, c.cell.spike), c.cell.size, c.fit)
 
 
 def unseen_error(p: Prepared, model: Model, fold: Ints) -> Array:

@@ -16,14 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, Weighed, weigh_at
+from .evidence import KNOWN, LARGE, NONE, Cell, Grid, Hypothesis, Weighed, weigh
 from .fit import Fit, fit
 from .problem import Problem
 
 Array = NDArray[np.float64]
 
-START_SPIKE, START_SIZE = 0.1, 0.25
-"""Spike and discrepancy with which the first fits are made."""
+START = Cell(spike=0.1, size=0.25, form=0.1)
+"""With which the first fits are made."""
+
+
+UNFINISHED = 0.5
+"""A search that promises to lower the cost by more is not at its end."""
 
 
 BEGIN = 0.6
@@ -45,6 +49,8 @@ class Extent:
     pairs: int = 5
     """Leading pairs that are followed."""
     triples: int = 2
+    finish: int = 8
+    """Leading hypotheses that are searched to the end."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +60,8 @@ class Candidate:
     named: Hypothesis
     weighed: Weighed
     fit: Fit
-    spike: float
-    """The most probable cell of the grid: spike, and size of the discrepancy."""
-    size: float
+    cell: Cell
+    """The most probable point of the grid."""
     unknown: bool = False
 
     @property
@@ -84,7 +89,20 @@ class Search:
         pairs = self._grow(singles[: self.extent.parents], self.extent.pairs)
         if pairs and pairs[0].log_evidence > singles[0].log_evidence + 2.0:
             self._grow(pairs[: self.extent.parents], self.extent.triples)
+        self._finish()
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
+
+    def _finish(self) -> None:
+        """Leading hypotheses whose search was cut short are searched to the end."""
+        for _ in range(self.extent.finish):
+            best = max(c.log_evidence for c in self.found.values())
+            open_ = [c for c in self.found.values() if c.promised > best - 3.0 and c.fit.short > UNFINISHED]
+            if not open_:
+                return
+            c = max(open_, key=lambda c: c.promised)
+            further = self._polished(c, 6)
+            done = replace(further, fit=replace(further.fit, short=min(further.fit.short, UNFINISHED)))
+            self.found[c.named] = done if done.fit.cost < c.fit.cost else replace(c, weighed=replace(c.weighed, log_evidence=c.log_evidence), fit=replace(c.fit, short=0.0))
 
     def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
         """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
@@ -92,23 +110,23 @@ class Search:
         `shares` are the prior weights of the leading hypotheses among themselves; evidence is divided by the
         temperature, prior weights are not.
         """
-        beside = [weigh_at(c.fit.linear, LARGE, self.problem.parameters, [c.named])[0] for c in leading]
+        beside = [weigh(c.fit.linear, LARGE, self.problem.parameters, [c.named])[0] for c in leading]
         terms = np.array([w.log_evidence for w in beside]) / temperature + np.log(np.array(shares) / np.sum(shares))
         i = int(np.argmax(terms))
         total = replace(beside[i], log_evidence=temperature * float(logsumexp(terms)))
-        return Candidate(leading[i].named, total, leading[i].fit, *_peak(beside[i], LARGE), unknown=True)
+        return Candidate(leading[i].named, total, leading[i].fit, beside[i].peak(LARGE), unknown=True)
 
     def _none(self) -> Candidate:
-        fitted = self._fit(NONE, START_SPIKE, START_SIZE, self.problem.parameters.mean, 3)
+        fitted = self._fit(NONE, START, self.problem.parameters.mean, 3)
         first = self._weigh(NONE, fitted)
-        return self._weigh(NONE, self._fit(NONE, first.spike, first.size, fitted, 5))
+        return self._weigh(NONE, self._fit(NONE, first.cell, fitted, 5))
 
     def _singles(self) -> list[Candidate]:
         """Every single effect weighed around none; what looks promising there, or cannot be judged there, followed."""
         p, extent = self.problem.parameters, self.extent
         singles: list[Hypothesis] = [(e,) for e in p.ids]
-        around = weigh_at(self.none.fit.linear, self.grid, p, singles)
-        here = {h: Candidate(h, w, self.none.fit, *_peak(w, self.grid)) for h, w in zip(singles, around, strict=True)}
+        around = weigh(self.none.fit.linear, self.grid, p, singles)
+        here = {h: Candidate(h, w, self.none.fit, w.peak(self.grid)) for h, w in zip(singles, around, strict=True)}
         order = sorted(singles, key=lambda h: -here[h].log_evidence)
         first = set(order[: extent.screen]) | {h for h in singles if self._curved(h)}
         found = {h: self._screened(h) if h in first else here[h] for h in singles}
@@ -128,7 +146,7 @@ class Search:
         """A step or two from each starting point; the best by evidence at the point reached."""
         near = self._weigh(named, self.none.fit)
         rounds = 2 if self._curved(named) else 1
-        tried = [self._weigh(named, self._fit(named, near.spike, near.size, s, rounds)) for s in self._starts(named)]
+        tried = [self._weigh(named, self._fit(named, near.cell, s, rounds)) for s in self._starts(named)]
         return max(tried, key=lambda c: c.log_evidence)
 
     def _starts(self, named: Hypothesis) -> list[Array | Fit]:
@@ -156,17 +174,17 @@ class Search:
         return tuple(v for v in given if v) or (BEGIN * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)
 
     def _polished(self, c: Candidate, rounds: int) -> Candidate:
-        return self._weigh(c.named, self._fit(c.named, c.spike, c.size, c.fit, rounds))
+        return self._weigh(c.named, self._fit(c.named, c.cell, c.fit, rounds))
 
     def _grow(self, parents: Sequence[Candidate], follow: int) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
         grown: dict[Hypothesis, Candidate] = {}
         for parent in parents:
             children = self._children(parent)
-            weighed = weigh_at(parent.fit.linear, self.grid, self.problem.parameters, children)
+            weighed = weigh(parent.fit.linear, self.grid, self.problem.parameters, children)
             for named, found in zip(children, weighed, strict=True):
                 if named not in grown or grown[named].log_evidence < found.log_evidence:
-                    grown[named] = Candidate(named, found, parent.fit, *_peak(found, self.grid))
+                    grown[named] = Candidate(named, found, parent.fit, found.peak(self.grid))
         leading = sorted(grown.values(), key=lambda c: -c.promised)
         for c in leading[:follow]:
             grown[c.named] = self._polished(c, 2)
@@ -182,15 +200,11 @@ class Search:
         more: Iterable[str] = (e for e in ids if e not in parent.named)
         return [tuple(sorted((*parent.named, e), key=ids.index)) for e in more]
 
-    def _fit(self, named: Hypothesis, spike: float, size: float, start: Array | Fit, rounds: int) -> Fit:
-        return fit(self.problem, self.problem.parameters.variance(named, spike), size, start, rounds)
+    def _fit(self, named: Hypothesis, cell: Cell, start: Array | Fit, rounds: int) -> Fit:
+        return fit(self.problem, self.problem.parameters.variance(named, cell.spike), cell.size, start, rounds)
 
     def _weigh(self, named: Hypothesis, fitted: Fit) -> Candidate:
         loose = self.problem.loosened(fitted.linear, fitted.theta, fitted.predicted, named)
-        found = weigh_at(loose, self.grid, self.problem.parameters, [named])[0]
-        return Candidate(named, found, replace(fitted, linear=loose), *_peak(found, self.grid))
+        found = weigh(loose, self.grid, self.problem.parameters, [named])[0]
+        return Candidate(named, found, replace(fitted, linear=loose), found.peak(self.grid))
 
-
-def _peak(found: Weighed, grid: Grid) -> tuple[float, float]:
-    i, j = np.unravel_index(int(np.argmax(found.cells)), found.cells.shape)
-    return float(grid.spikes[i]), float(grid.sizes[j])

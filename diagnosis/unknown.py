@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from .evidence import KNOWN, LARGE, weigh_at
+from .evidence import KNOWN, LARGE, weigh
 from .linear import Linear
 from .problem import Problem
 from .search import Candidate
@@ -49,14 +49,16 @@ class Signs:
 def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
     """Look for all four around the best hypothesis; `trial`, `kind` (n,) of each measured value."""
     linear = best.fit.linear
-    beside = weigh_at(linear, LARGE, problem.parameters, [best.named])[0]
-    both = np.concatenate([best.weighed.cells, beside.cells + np.log(LARGE_SHARE)], axis=1)
+    beside = weigh(linear, LARGE, problem.parameters, [best.named])[0]
+    cells = [np.logaddexp.reduce(w.cells, axis=2) for w in (best.weighed, beside)]
+    both = np.concatenate([cells[0], cells[1] + np.log(LARGE_SHARE)], axis=1)
     weight = np.exp(both - both.max())
     sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
-    variance = problem.parameters.variance(best.named, best.spike)
-    plain = _Gaussian(linear, variance, 0.0)
-    within = _Gaussian(linear, variance, max(best.size, LEAST_DISCREPANCY))
+    variance = problem.parameters.variance(best.named, best.cell.spike)
+    form = best.cell.form
+    plain = _Gaussian(linear, variance, 0.0, form)
+    within = _Gaussian(linear, variance, max(best.cell.size, LEAST_DISCREPANCY), form)
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
         value, n = within.surprise(trial == t)
@@ -82,8 +84,8 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
 class _Gaussian:
     """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
 
-    def __init__(self, linear: Linear, variance: Array, size: float) -> None:
-        blocks = [linear.effects * np.sqrt(variance), linear.nuisance]
+    def __init__(self, linear: Linear, variance: Array, size: float, form: float) -> None:
+        blocks = [linear.effects * np.sqrt(variance), linear.nuisance, form * linear.form]
         if size:
             blocks.append(size * linear.discrepancy)
         self._x = np.hstack(blocks)

@@ -27,7 +27,9 @@ def _time_offset(q: Quantities, v: Values) -> None:
 
 def _pressure_offset(q: Quantities, v: Values) -> None:
     share = np.where(q.design.used, 1.0, v["idle"][..., None])
-    q.pressure = q.pressure + v["offset"][..., None] * share * ~q.design.stiffness[:, None]
+    shifted = q.pressure + v["offset"][..., None] * share * ~q.design.stiffness[:, None]
+    # A regulator without a pump for vacuum cannot go below ambient.
+    q.pressure = np.where(v["offset"][..., None] < 0, np.maximum(shifted, np.minimum(q.pressure, 0.0)), shifted)
 
 
 def _pressure_deadband(q: Quantities, v: Values) -> None:
@@ -68,10 +70,10 @@ SPECS = (
     EffectSpec(
         id="pressure_offset",
         stage="actuation",
-        equation="P = P_read + p0 in the chambers in use, share i p0 in the vented ones",
+        equation="P = P_read + p0, not below ambient, in the chambers in use, share i p0 in the vented ones",
         parameters=(
             Parameter("offset", "Pa", 5e3, -40e3, 40e3),
-            Parameter("idle", "1", 0.5, 0.0, 1.0, role="shape"),
+            Parameter("idle", "1", 1.0, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
         ),
         law=Law(before=_pressure_offset),
         citation="zero error of a gauge",

@@ -54,7 +54,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: Array) -> None:
         bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
         axial = modulus * area + blend * (body * area + spine * core - modulus * area)
         lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
-        share = body * second / bend
+        share = silicone_share(q, bend)
     for element, parts in ((INNER, (bend, axial, lateral, share)), (OUTER, (body * second, body * area, None, 1.0))):
         stiff, pull, side, silicone = parts
         across = ratio * body * area if side is None else side
@@ -65,6 +65,19 @@ def _sections(q: Quantities, shear: ShearSpine, out: Array) -> None:
         out[..., element + at.SERIES] = silicone * q.bend_softening * robot.outer_radius**2
         out[..., element + at.SERIES + 1] = silicone * q.strain_softening
         out[..., element + at.SERIES + 2] = silicone * 0.5 * q.strain_softening
+
+
+def silicone_share(q: Quantities, bend: Array) -> Array:
+    """(v, n) share of the bending stiffness `bend` (N m^2) of the part with spine that is the silicone's.
+
+    Mixed by volume, silicone brings in its share of the volume; as a composite all of itself.
+    """
+    if q.robot.spine is None:
+        return np.ones((1, 1))
+    area, core = body_area(q.robot), math.pi * q.robot.spine.radius**2
+    volume = area / (area + core)
+    out: Array = (volume + q.area_moments * (1 - volume)) * q.body_modulus * body_second_moment(q.robot) / bend
+    return out
 
 
 def _actuation(q: Quantities, out: Array) -> None:
@@ -81,8 +94,6 @@ def _actuation(q: Quantities, out: Array) -> None:
     out[..., at.TIP_FORCE + 2] = total
     out[..., at.TIP_MOMENT] = mx
     out[..., at.TIP_MOMENT + 1] = my
-    # The channel's tangent leans by c times the radius: a torque about the axis.
-    out[..., at.TIP_MOMENT + 2] = q.twist * arm**2 * total
     if not q.twist.any():
         return
     bottom = np.zeros((1, 1))

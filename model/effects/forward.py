@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.catalogue import CATALOGUE
-from model.effects.compose import INNER, OUTER, rows
+from model.effects.compose import INNER, OUTER, rows, silicone_share
 from model.effects.design import Columns, Design, with_rest
 from model.effects.history import DRIVES, History, add_rest, drive, loading_path
 from model.effects.observation import Noise, measured, observations
@@ -193,10 +193,12 @@ class ForwardModel:
 
     def _memory(self, q: Quantities, built: Array, driven: Array, spread: Spread) -> Array:
         """(v, full, DRIVES) rest curvature and strain of all laws with memory."""
+        silicone, whole = silicone_share(q, built[..., INNER + at.BEND]), np.ones((*built.shape[:2], 4))
         history = History(
             q, self._path, driven,
             np.stack([built[..., INNER + at.BEND], built[..., OUTER + at.BEND]], axis=-1),
             np.stack([built[..., INNER + at.STRETCH + 2], built[..., OUTER + at.STRETCH + 2]], axis=-1),
+            np.concatenate([np.repeat(np.broadcast_to(silicone, built.shape[:2])[..., None], 4, axis=2), whole], axis=2),
             np.zeros((1, len(self._full), DRIVES)),
         )  # fmt: skip
         for i, source in enumerate(self._table.sources):

@@ -1,8 +1,9 @@
 """Effects that remember: friction that opposes a change of shape, and a material that follows late.
 
 Both are driven by the elastic rod, that is by the curvature and axial strain the same rod has without memory, and
-answer with a rest curvature and a rest strain. A trial starts from rest, at its own state of zero pressure. Between
-two readings the drive stays, ramps linearly for |dP| / rate and stays again for the hold time of the later reading.
+answer with a rest curvature and a rest strain. A trial starts at its own state of zero pressure: friction is released
+with the vacuum, and what the silicone has not yet recovered from the trial before fades in the time between. Between two
+readings the drive stays, ramps linearly for |dP| / rate and stays again for the hold time of the later reading.
 """
 
 from __future__ import annotations
@@ -42,14 +43,15 @@ class Path:
     stay: Array
     ramp: Array
     hold: Array
-    """(k,) s each."""
+    """(k,) s each; before a trial the time since the one before is stayed at rest, inf where the table has no times."""
 
 
 def loading_path(design: Design, rest_of: Order) -> Path:
     """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
     before, after, first, stay, ramp, hold = [], [], [], [], [], []
+    time = np.nan
     for k in range(len(design.trial_id)):
-        last, pressure, time, begins = int(rest_of[k]), np.zeros(design.pressure.shape[1]), np.nan, True
+        last, pressure, begins = int(rest_of[k]), np.zeros(design.pressure.shape[1]), True
         for row in np.flatnonzero((design.trial == k) & ~design.stiffness).tolist():
             change = float(np.abs(design.pressure[row] - pressure).max())
             rate = float(design.rate[row])
@@ -63,7 +65,7 @@ def loading_path(design: Design, rest_of: Order) -> Path:
             before.append(last)
             after.append(row)
             first.append(begins)
-            stay.append(max(gap - up - rest, 0.0) if gap > 0 else 0.0)
+            stay.append(max(gap - up - rest, 0.0) if gap > 0 else np.inf if begins else 0.0)
             ramp.append(up)
             hold.append(rest)
             last, pressure, time, begins = row, design.pressure[row], float(design.t[row]), False
@@ -89,6 +91,8 @@ class History:
     """(v, n, 2) N m^2 of the two parts."""
     axial_stiffness: Array
     """(v, n, 2) N of the two parts."""
+    silicone: Array
+    """(v, n, DRIVES) share of each part's stiffness that is the silicone's; the spine does not creep."""
     rest: Array
     """(v, n, DRIVES) what is added to the rest curvatures and strains, in the order of the drive."""
 
@@ -148,14 +152,16 @@ def _lag(
     time: float, out: Array,
 ) -> None:  # fmt: skip
     """A first-order follower of a piecewise linear drive, exactly."""
-    follower = np.zeros(drive.shape[2])
+    follower, resting = np.zeros(drive.shape[2]), np.zeros(drive.shape[2])
     for v in range(drive.shape[0]):
+        follower[:], resting[:] = 0.0, 0.0
         for k in range(before.size):
             kept, faded, settled = np.exp(-stay[k] / time), np.exp(-ramp[k] / time), np.exp(-hold[k] / time)
             for c in range(follower.size):
                 start, end = drive[v, before[k], c], drive[v, after[k], c]
                 if first[k]:
-                    follower[c] = start
+                    follower[c] += start - resting[c]
+                    resting[c] = start
                 x = start + (follower[c] - start) * kept
                 if ramp[k] > 0.0:
                     behind = (end - start) / ramp[k] * time

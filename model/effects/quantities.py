@@ -51,6 +51,8 @@ class Quantities:
     """Blend 0..1 from the spine's table of moduli to one modulus with low shear stiffness."""
     shear_lag: Array
     """0: sections of that spine turn with the wall; 1: they are free to lag."""
+    shear_mix: Array
+    """Power of the mean that blends the two: 1 as if side by side, -1 in series."""
     bend_softening: Array
     """Factor a of hyperelastic D = 1 + a (k r)^2 + b e, k r curvature times outer radius."""
     strain_softening: Array
@@ -108,6 +110,7 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         area_moments=each(0.0),
         shear_blend=each(0.0),
         shear_lag=each(0.0),
+        shear_mix=each(0.0),
         bend_softening=each(0.0),
         strain_softening=each(0.0),
         tip_force=np.zeros((1, 1, 3)),

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 SHORTEST = 1e-3
 """m; keeps the laws finite where there is no spine."""
+LEAST_POWER = 1e-4
+"""A mean of this power is as good as the geometric one."""
 UNJAMMED = 0.02
 """Share of the nominal vacuum that stands for granules without vacuum: they still pack under the sleeve's tension."""
 
@@ -76,10 +78,19 @@ def moduli(q: Quantities, shear: ShearSpine) -> tuple[Array, Array, Array]:
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     engaged = shear.modulus * (1 + q.shear_lag * (shear.engaged(q.spine_length) - 1))
     jammed = q.spine_stiffness * jamming(q)
-    within = jammed * (table + q.shear_blend * (engaged - table))
-    sideways = jammed * (ratio * table + q.shear_blend * (shear.shear - ratio * table))
-    bare = jammed * (table + q.shear_blend * (shear.apparent(q.spine_length) - table))
+    within = jammed * _blend(q, table, engaged)
+    sideways = jammed * _blend(q, ratio * table, np.asarray(shear.shear))
+    bare = jammed * _blend(q, table, shear.apparent(q.spine_length))
     return within, sideways, bare
+
+
+def _blend(q: Quantities, table: Array, other: Array) -> Array:
+    """Mean of power `shear_mix` with weight `shear_blend` on the other modulus."""
+    if not q.shear_blend.any():
+        return table
+    power = np.where(np.abs(q.shear_mix) < LEAST_POWER, LEAST_POWER, q.shear_mix)
+    out: Array = table * (1 + q.shear_blend * ((other / table) ** power - 1)) ** (1 / power)
+    return out
 
 
 def jamming(q: Quantities) -> Array:

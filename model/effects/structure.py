@@ -36,9 +36,9 @@ def _spine_slip(h: History, v: Values) -> None:
 
 
 def _viscoelastic(h: History, v: Values) -> None:
-    """A Zener solid, to first order in the amplitude: what has not yet relaxed is missing from the strain."""
+    """A Zener solid, to first order in the amplitude: what has not yet relaxed is missing from curvature and strain."""
     for name, time in (("fast", FAST), ("slow", SLOW)):
-        h.add(-v[name][..., None] * h.lag(time))
+        h.add(-v[name][..., None] * h.silicone * h.lag(time))
 
 
 def _hyperelastic(q: Quantities, v: Values) -> None:
@@ -57,6 +57,7 @@ def _area_moment(q: Quantities, v: Values) -> None:
 def _spine_shear(q: Quantities, v: Values) -> None:
     q.shear_blend = q.shear_blend + v["blend"]
     q.shear_lag = q.shear_lag + v["lag"]
+    q.shear_mix = q.shear_mix + v["mix"]
 
 
 def _vacuum_leak(q: Quantities, v: Values) -> None:
@@ -95,7 +96,7 @@ SPECS = (
     EffectSpec(
         id="viscoelastic",
         stage="material",
-        equation="k = k_e - sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5 s and 25 s; axial strain alike",
+        equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5 s and 25 s, s the silicone's share of EI",
         parameters=(
             Parameter("fast", "1", 0.035, 0.0, 0.4, sign="positive"),
             Parameter("slow", "1", 0.035, 0.0, 0.4, sign="positive"),
@@ -137,10 +138,12 @@ SPECS = (
     EffectSpec(
         id="spine_shear",
         stage="structure",
-        equation="E_s = (1 - w) E_table + w E0 (1 - l (1 - eta(L_s))), G_s to kappa G; bare: 1/E = 1/E0 + 3 I / (kappa G A L^2)",
+        equation="E_s = mean(E_table, E0 (1 - l (1 - eta(L_s)))), G_s to kappa G; bare: 1/E = 1/E0 + 3 I / (kappa G A L^2); "
+        "mean: (1 - w, w) of power m, from side by side (1) to in series (-1)",
         parameters=(
             Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
-            Parameter("lag", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
+            Parameter("lag", "1", 0.5, 0.0, 1.0, role="shape"),
+            Parameter("mix", "1", 1.0, -1.5, 1.5, role="shape", starts=(-1.0, 1.0)),
         ),
         law=Law(before=_spine_shear),
         citation="Timoshenko, Phil. Mag. 41 (1921)",

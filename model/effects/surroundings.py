@@ -9,6 +9,8 @@ import numpy as np
 from model.effects.quantities import Quantities
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
+STIFFENED = 0.1
+"""rad, turn of a mount at which stiffening of 1 has halved its compliance."""
 PLANE = 0.07
 """m from the axis to the obstacle, before its shape parameter."""
 
@@ -38,7 +40,11 @@ def _base_tilt(q: Quantities, v: Values) -> None:
 
 
 def _base_compliance(q: Quantities, v: Values) -> None:
-    q.base_compliance = q.base_compliance + v["give"]
+    # How far the mount gives under what is known beforehand, the chambers' moment, sets its working point.
+    arm = q.robot.chambers.path_radius * q.area_factor * q.robot.chambers.area * q.pressure
+    moment = np.hypot((np.sin(q.azimuth) * arm).sum(-1), (np.cos(q.azimuth) * arm).sum(-1))
+    turned = v["give"] * (1 - v["relief"]) * moment
+    q.base_compliance = q.base_compliance + v["give"] / (1 + v["stiffening"] * turned / STIFFENED)
     q.base_relief = q.base_relief + v["relief"]
     q.clamp_root = q.clamp_root + v["give"]
 
@@ -100,10 +106,12 @@ SPECS = (
     EffectSpec(
         id="base_compliance",
         stage="boundary",
-        equation="R(0) = exp((C (m(0) - l m_chambers))^), about x and y; l = 1: the chambers' ends pull on the mount alike",
+        equation="R(0) = exp((C (m(0) - l m_ch))^), about x and y; l = 1: the chambers' ends pull on the mount alike; "
+        "C = c / (1 + h c (1 - l) m_ch / 0.1 rad)",
         parameters=(
             Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),
             Parameter("relief", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
+            Parameter("stiffening", "1", 0.5, 0.0, 3.0, role="shape"),
         ),
         law=Law(before=_base_compliance),
         citation="elastic clamp",

@@ -38,11 +38,12 @@ def _area(q: Quantities, v: Values) -> None:
 
 
 def _modulus(q: Quantities, v: Values) -> None:
-    q.body_modulus = q.body_modulus * (1 + v["excess"])
+    """Beside what an effect adds, not times it: then the two trade along a straight line."""
+    q.body_modulus = q.body_modulus + q.robot.youngs_modulus * v["excess"]
 
 
 def _density(q: Quantities, v: Values) -> None:
-    q.density = q.density * (1 + v["excess"])
+    q.density = q.density + q.robot.density * v["excess"]
 
 
 def _length(q: Quantities, v: Values) -> None:
@@ -118,12 +119,13 @@ JAMMING = Source(
 def sources(
     design: Design, catalogue: tuple[EffectSpec, ...], area: Literal["one", "per_length"]
 ) -> tuple[Source, ...]:
-    """Everything that has parameters, in the order of the parameter table: effects, calibration, tolerances."""
+    """Everything that has parameters, in the order of the parameter table: effects, tolerances,
+    calibration, those of each trial."""
     found = [Source(spec, "effect") for spec in catalogue]
     moved = bool((~design.stiffness).any())
+    found += ALWAYS if moved else ALWAYS[:2]
     if moved:
         found.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
-    found += ALWAYS if moved else ALWAYS[:2]
     if (design.spine_length > 0).any():
         found += BY_TRIAL
         spined = design.vacuum[design.spine_length > 0]
