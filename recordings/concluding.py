@@ -30,6 +30,11 @@ SLOW_BACK = 1.0
 """These streams are polled seldom and hardly change while a state is read: a reading whose time is fixed takes those
 of the last second (s) before its end, one sample is enough."""
 
+AVERAGED = {
+    "/pressure": ("measured",), "/spine": ("length",), "/vacuum": ("absolute",), "/force": ("raw", "zero"), "/arm": ("tcp_pose",),
+}  # fmt: skip
+"""What must be a number in every sample that is averaged; of the tip only tracked samples count."""
+
 
 def conclude(streams: Streams, state: State) -> TrialRow | None:
     """Read a state: its row, or None while samples are missing that may still come.
@@ -78,6 +83,7 @@ def _row(streams: Streams, state: State, span: Span) -> TrialRow:
                 f"{len(found)} usable samples of {topic} from {starts[topic]:.2f} to {span.t1:.2f} s, needed {needed}; "
                 "check the instrument's rate, or average longer"
             )
+        _demand_numbers(topic, found)
     measured: dict[str, Estimate] = {}
     pressures = state.targets
     if (pressure := samples.get("/pressure")) is not None:
@@ -118,6 +124,17 @@ def _row(streams: Streams, state: State, span: Span) -> TrialRow:
         deflection=value.get("deflection"),
         sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
     )
+
+
+def _demand_numbers(topic: str, samples: Samples) -> None:
+    """Raises NotSettled when a sample holds NaN or an infinite value: an average that leaves it out would hide a fault."""
+    for name in AVERAGED.get(topic, ()):
+        bad = ~np.isfinite(samples[name].reshape(len(samples), -1)).all(axis=1)
+        if bad.any():
+            raise NotSettled(
+                f"{topic}: {name} is no number in {int(bad.sum())} of {len(samples)} samples, first at "
+                f"{samples['t'][bad][0]:.2f} s; check the instrument and its line"
+            )
 
 
 def _each(estimate: Estimator, samples: Samples, field: str) -> list[Estimate]:

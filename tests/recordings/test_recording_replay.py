@@ -216,6 +216,17 @@ def test_too_few_samples_in_a_fixed_window_are_told() -> None:
         conclude(filled(Run().messages()), state(Window(delay=1.0, average=0.2, min_samples=8)))
 
 
+@pytest.mark.parametrize(("topic", "field"), [("/arm", 2), ("/force", 0)])
+def test_a_sample_that_is_no_number_is_told_and_not_averaged_away(topic: str, field: int) -> None:
+    sent = list(Run().messages())
+    at = next(i for i, (name, t, _) in enumerate(sent) if name == topic and t > PUSH.t_start + 1.2)
+    values = list(sent[at][2])
+    values[field] = (math.nan,) * 6
+    sent[at] = (topic, sent[at][1], tuple(values))
+    with pytest.raises(NotSettled, match=f"{topic}: .*no number in 1 of"):
+        conclude(filled(iter(sent)), PUSH)
+
+
 def test_states_survive_as_text_exactly() -> None:
     for asked in STATES.values():
         assert State.from_json(asked.to_json()) == asked
