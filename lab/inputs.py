@@ -77,8 +77,17 @@ def _folder(path: Path) -> tuple[Robot, Table]:
     return load(path / "robot.yaml", Robot), read_csv(path / "trials.csv")
 
 
+def attached(recording: Recording, name: str) -> str:
+    """The text of an attached file; raises ConfigError when there is none, or it is no text."""
+    try:
+        return recording.attachments[name].decode("utf-8")
+    except KeyError:
+        raise ConfigError(f"{recording.path}: has no {name} attached") from None
+    except UnicodeDecodeError as e:
+        raise ConfigError(f"{recording.path}: the attached {name} is not a text file") from e
+
+
 def _robot_of(recording: Recording) -> Robot:
-    robot = recording.attachments.get("robot.yaml")
-    if robot is None:
+    if "robot.yaml" not in recording.attachments:
         raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
-    return check(parse_yaml(robot.decode(), f"{recording.path}:robot.yaml"), Robot)
+    return check(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"), Robot)

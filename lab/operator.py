@@ -17,6 +17,9 @@ MOUNTS = {
     "spine": "mount the bare spine at the stiffness stand",
 }
 
+LONGEST_ANSWER = 65536
+"""Characters of one line that a program may answer."""
+
 
 class Console:
     """Asks the person to prepare and waits for Enter; where nobody can type, says what it takes for granted."""
@@ -68,7 +71,7 @@ class Program:
         try:
             with socket.create_connection(self.address, timeout=self.within) as connection:
                 connection.sendall(json.dumps(question).encode() + b"\n")
-                line = connection.makefile().readline()
+                line = connection.makefile().readline(LONGEST_ANSWER)
             answer = json.loads(line)
         except (OSError, ValueError) as e:
             raise ProtocolError(

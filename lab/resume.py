@@ -15,6 +15,7 @@ from recordings.reader import Recording
 from recordings.trials import Table
 
 from .config import ConfigError
+from .inputs import attached
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,9 @@ def find(run: Path) -> Broken:
     journal = run if run.suffix == ".journal" else _journal_of(run)
     progress = read(journal)
     names = list(progress.recordings)
-    if len(names) > 1 and not (journal.parent / names[-1][0]).exists() and max(progress.done, default=0) < names[-1][1]:
+    if len(names) > 1 and not _beside(journal, names[-1][0]).exists() and max(progress.done, default=0) < names[-1][1]:
         names.pop()  # the crash came before the file was there
-    recordings = [_open(journal.parent / name, progress.campaign) for name, _ in names]
+    recordings = [_open(_beside(journal, name), progress.campaign) for name, _ in names]
     rows = merged(recordings)
     held = {trial: sum(row.trial == trial for row in rows) for trial in progress.done}
     finished = 0
@@ -51,7 +52,7 @@ def find(run: Path) -> Broken:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
         journal, progress, finished, Table(tuple(row for row in rows if row.trial <= finished)),
-        first.attachments["protocol.yaml"].decode(), first.attachments["robot.yaml"],
+        attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
     )  # fmt: skip
 
 
@@ -59,7 +60,14 @@ def _journal_of(run: Path) -> Path:
     name = Recording.open(run, truncated=True).metadata.get("campaign", {}).get("journal")
     if name is None:
         raise ConfigError(f"{run}: does not name a journal; runs that were recorded without one cannot be resumed")
-    return run.parent / name
+    return _beside(run, name)
+
+
+def _beside(file: Path, name: str) -> Path:
+    """A file that another one names; ConfigError when it lies elsewhere."""
+    if Path(name).name != name:
+        raise ConfigError(f"{file}: names {name!r}, which is no file beside it")
+    return file.parent / name
 
 
 def _open(path: Path, campaign: str) -> Recording:

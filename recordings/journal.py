@@ -20,9 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+from .bounded import read_bounded
 from .errors import BadJournal, WriteFailed
 
 VERSION = 1
+LARGEST = 20_000_000
+"""Bytes of a journal; a state has some 30."""
 
 
 @dataclass(frozen=True)
@@ -133,9 +136,6 @@ def read(path: Path) -> Progress:
 
 
 def _lines(path: Path) -> Iterator[dict[str, int | str]]:
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise BadJournal(f"{path}: cannot be read: {error.strerror}") from error
+    text = read_bounded(path, LARGEST, BadJournal)
     for line in text[: text.rfind(b"\n") + 1].splitlines():
         yield json.loads(line)

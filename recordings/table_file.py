@@ -10,12 +10,15 @@ import os
 import tempfile
 from pathlib import Path
 
+from .bounded import read_bounded
 from .errors import BadTable
 from .states import BRANCHES, PROTOCOLS, SPECIMENS
 from .trials import INTEGERS, TEXTS, Cell, Table, TrialRow, column_order
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
 
+LARGEST = 20_000_000
+"""Bytes of a table; a row has some 300, and a campaign some thousands of rows."""
 LOWEST_PRESSURE, HIGHEST_PRESSURE = -100e3, 2e6
 """Pa gauge: no chamber can be below vacuum, none of silicone lives above."""
 LONGEST = 5.0
@@ -58,11 +61,9 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     naming file, line, column, value, unit and limit when a required column or value is missing or cannot be right.
     """
     path = Path(path)
+    data = read_bounded(path, LARGEST, BadTable)
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            lines = list(csv.reader(file))
-    except OSError as error:
-        raise BadTable(f"{path}: cannot be read: {error.strerror}") from error
+        lines = list(csv.reader(io.StringIO(data.decode("utf-8-sig"), newline="")))
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadTable(f"{path}: is not a text table: {error}") from error
     if not lines:

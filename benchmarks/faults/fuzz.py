@@ -1,4 +1,4 @@
-"""`python -m benchmarks.faults.fuzz`: mutated rig, robot and protocol files and recordings; each gives a result or a clear error.
+"""`python -m benchmarks.faults.fuzz`: mutated configuration, tables, journals, recordings: each gives a result or a clear error.
 
 Anything else than the package's own error counts as a crash and is printed with the seed that makes it again.
 """
@@ -6,6 +6,7 @@ Anything else than the package's own error counts as a crash and is printed with
 from __future__ import annotations
 
 import argparse
+import contextlib
 import random
 import resource
 import sys
@@ -17,6 +18,8 @@ from pathlib import Path
 
 from lab.config import ConfigError, Source, check, parse_yaml
 from lab.example import paper_robot
+from lab.inputs import read_case
+from lab.resume import find
 from lab.rig_file import RigFile
 from model.errors import ModelError
 from model.robot import Robot
@@ -67,6 +70,15 @@ chambers: [9, 1, 2]
 reading: settled
 rate: 25 kPa/s
 settle: {band: 1.5 kPa, still: 1.5 s}
+"""
+TABLE = """trial,step,protocol,repeat,branch,t,spine_length,p1,p2,p3,tip_mass,roll_deg,x,y,z,qw,qx,qy,qz,sd_x
+1,1,bending,1,load,3.5,0.05,0.0,0.0,0.0,0.053,0,0.001,0.0,0.39,1,0,0,0,0.0001
+1,2,bending,1,load,9.25,0.05,50000.0,50000.0,50000.0,0.053,0,0.051,0.001,0.37,0.99,0,0.1,0,0.0001
+"""
+JOURNAL = """{"journal": 1, "campaign": "c", "protocol": "bending"}
+{"recording": "gone.mcap", "first_trial": 1}
+{"trial": 1, "step": 1}
+{"trial": 1, "done": 5}
 """
 
 
@@ -140,15 +152,31 @@ def sources(recording: Path | None) -> list[tuple[str, Callable[[random.Random],
         ("rig.yaml", yaml(RIG, RigFile)), ("robot.yaml", yaml(paper_robot().read_text(), Robot)),
         ("bending.yaml", yaml(PROTOCOL, Bending)), ("stiffness.yaml", yaml("lengths: [5 cm]\nsteps: 3\n", Stiffness)),
     ]  # fmt: skip
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    (folder / "case").mkdir()
+    (folder / "case" / "robot.yaml").write_bytes(paper_robot().read_bytes())
+
+    def table(rng: random.Random) -> None:
+        text = mutated_text(TABLE, rng).encode("utf-8", "surrogatepass")
+        (folder / "case" / "trials.csv").write_bytes(mutated_bytes(text, rng) if rng.random() < 0.3 else text)
+        read_case([folder / "case"])
+
+    def journal(rng: random.Random) -> None:
+        (folder / "fuzzed.journal").write_bytes(mutated_bytes(mutated_text(JOURNAL, rng).encode(), rng))
+        find(folder / "fuzzed.journal")
+
+    found += [("trials.csv", table), ("journal", journal)]
     if recording is not None:
         whole = recording.read_bytes()
-        place = Path(tempfile.mkdtemp(prefix="fuzz-")) / "fuzzed.mcap"
+        place = folder / "fuzzed.mcap"
 
         def read(rng: random.Random) -> None:
             place.write_bytes(mutated_bytes(whole, rng))
             opened = Recording.open(place, truncated=rng.random() < 0.5)
             table_of(opened)
             replay_states(opened)
+            with contextlib.suppress(ConfigError):  # the robot of the recording kept for the tests is none
+                read_case([place])
 
         found += [("recording", read)] * 2
     return found

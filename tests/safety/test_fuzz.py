@@ -10,6 +10,12 @@ import pytest
 
 from benchmarks.faults.fuzz import EXPECTED, sources
 from lab.config import ConfigError, read_yaml
+from lab.inputs import read_case
+from lab.resume import find
+from recordings.errors import BadJournal, BadTable
+from recordings.journal import read as read_journal
+from recordings.table_file import read_csv
+from recordings.writer import Recorder
 
 RECORDING = Path(__file__).parent.parent / "recordings" / "data" / "bending-schema-1.mcap"
 KINDS = sources(RECORDING)
@@ -25,13 +31,12 @@ def test_a_mutated_file_gives_a_result_or_a_clear_error(kind: int) -> None:
 
 @pytest.mark.parametrize("seed", [7018, 7943, 9971])
 def test_an_attachment_of_impossible_length_is_damage(seed: int) -> None:
-    name, go = KINDS[seed % len(KINDS)]
-    assert name == "recording"
+    go = dict(KINDS)["recording"]
     with contextlib.suppress(*EXPECTED):
         go(random.Random(seed))
 
 
-def test_a_device_or_a_huge_file_is_not_read_as_configuration(tmp_path: Path) -> None:
+def test_a_device_or_a_huge_file_is_not_read_as_configuration_table_or_journal(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not a file"):
         read_yaml(Path("/dev/zero"))
     huge = tmp_path / "rig.yaml"
@@ -39,3 +44,25 @@ def test_a_device_or_a_huge_file_is_not_read_as_configuration(tmp_path: Path) ->
         file.truncate(2**33)
     with pytest.raises(ConfigError, match="bytes"):
         read_yaml(huge)
+    for place, why in ((Path("/dev/zero"), "not a file"), (huge, "more than")):
+        with pytest.raises(BadTable, match=why):
+            read_csv(place)
+        with pytest.raises(BadJournal, match=why):
+            read_journal(place)
+
+
+@pytest.mark.parametrize("name", ["../other.journal", "/etc/other.journal", "sub/other.journal"])
+def test_a_journal_names_no_recording_elsewhere(tmp_path: Path, name: str) -> None:
+    journal = tmp_path / "a.journal"
+    journal.write_text(
+        f'{{"journal": 1, "campaign": "c", "protocol": "bending"}}\n{{"recording": "{name}", "first_trial": 1}}\n'
+    )
+    with pytest.raises(ConfigError, match="no file beside it"):
+        find(journal)
+
+
+def test_an_attached_robot_that_is_no_text_is_told(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18, attachments={"robot.yaml": b"\xff\xfe\x00"}):
+        pass
+    with pytest.raises(ConfigError, match="robot.yaml is not a text file"):
+        read_case([tmp_path / "a.mcap"])
