@@ -134,7 +134,7 @@ class _Local:
         x = _bounded(self._curve + np.diag(kept), self._score + kept * self._here, self._low, self._high)
         goal = self._rest.copy()
         goal[self._free] = self._p.mean[self._free] + self._scale[self._free] * x
-        return goal
+        return np.clip(goal, self._p.lower, self._p.upper)
 
 
 def _bounded(curve: Array, score: Array, low: Array, high: Array) -> Array:

@@ -10,7 +10,7 @@ from model.effects.quantities import Quantities
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 STIFFENED = 0.1
-"""rad, turn of a mount at which stiffening of 1 has halved its compliance."""
+"""rad, turn of a mount at which stiffening of 3 has halved its compliance."""
 PLANE = 0.07
 """m from the axis to the obstacle, before its shape parameter."""
 
@@ -44,7 +44,7 @@ def _base_compliance(q: Quantities, v: Values) -> None:
     arm = q.robot.chambers.path_radius * q.area_factor * q.robot.chambers.area * q.pressure
     moment = np.hypot((np.sin(q.azimuth) * arm).sum(-1), (np.cos(q.azimuth) * arm).sum(-1))
     turned = v["give"] * (1 - v["relief"]) * moment
-    q.base_compliance = q.base_compliance + v["give"] / (1 + v["stiffening"] * turned / STIFFENED)
+    q.base_compliance = q.base_compliance + v["give"] / np.sqrt(1 + v["stiffening"] * (turned / STIFFENED) ** 2)
     q.base_relief = q.base_relief + v["relief"]
     q.clamp_root = q.clamp_root + v["give"]
 
@@ -107,11 +107,11 @@ SPECS = (
         id="base_compliance",
         stage="boundary",
         equation="R(0) = exp((C (m(0) - l m_ch))^), about x and y; l = 1: the chambers' ends pull on the mount alike; "
-        "C = c / (1 + h c (1 - l) m_ch / 0.1 rad)",
+        "C = c / sqrt(1 + h (c (1 - l) m_ch / 0.1 rad)^2)",
         parameters=(
             Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),
             Parameter("relief", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
-            Parameter("stiffening", "1", 0.5, 0.0, 3.0, role="shape"),
+            Parameter("stiffening", "1", 1.0, 0.0, 10.0, role="shape"),
         ),
         law=Law(before=_base_compliance),
         citation="elastic clamp",
