@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from .apart import Apart, apart
 from .case import PRESSURE_GAP, States
+from .evidence import NONE, Hypothesis
 from .fit import Fit, fit
 from .posterior import UNKNOWN, Posterior, posterior, prior
 from .prepare import Prepared
@@ -55,15 +57,16 @@ def attribute(p: Prepared) -> Found:
     """Weigh the catalogue against the data."""
     search = Search(p.problem)
     candidates = search.run()
+    found = search.found
     effects = len(p.problem.parameters.ids)
     own = tempering(bool((p.labels.kind == 1).any()), bool((p.states.branch < 0).any()))
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
     weighed = posterior(candidates, unknown, effects, own.temperature)
-    best = search.found[next(h for h, _ in weighed.ranking if h != UNKNOWN)]
+    best = search.whole(found[next(h for h, _ in weighed.ranking if h != UNKNOWN)])
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)
     decision = decide(weighed, own, sign.outlier_trial is not None, _enough(p.states))
-    return Found(p, weighed, search.none, best, _calibrated(p), sign, decision, _apart(p, search, weighed, best), own)
+    return Found(p, weighed, found[NONE], best, _calibrated(p), sign, decision, _apart(p, found, weighed, best), own)
 
 
 def _enough(s: States) -> bool:
@@ -76,13 +79,13 @@ def _calibrated(p: Prepared) -> Fit:
     return fit(p.problem, np.zeros(len(parameters.scale)), 0.0, parameters.mean)
 
 
-def _apart(p: Prepared, search: Search, weighed: Posterior, best: Candidate) -> Apart:
+def _apart(p: Prepared, found: Mapping[Hypothesis, Candidate], weighed: Posterior, best: Candidate) -> Apart:
     """Separations of all single effects: at the fitted size where an effect carries weight, else at its scale."""
     parameters = p.problem.parameters
     size = np.ones(len(parameters.scale))
     for effect in parameters.ids:
         if weighed.of_effect(effect) > WORTH:
             mask = parameters.mask((effect,))
-            size[mask] = (search.found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
+            size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
     reduced = best.fit.linear.reduced(max(best.cell.size, LEAST_DISCREPANCY), best.cell.form)
     return apart(reduced, parameters, parameters.ids, size, best.cell.spike)

@@ -46,6 +46,14 @@ class Grid:
         out: Array = s[:, None, None] + g[None, :, None] + f[None, None, :]
         return out
 
+    def part(self, loose: bool) -> Grid:
+        """The part in which all other effects are present within their tolerance, or the one in which they are absent.
+
+        The weights of both sum to one together.
+        """
+        kept = (self.spikes > 0) == loose
+        return replace(self, spikes=self.spikes[kept], spike_weights=self.spike_weights[kept])
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -56,7 +64,7 @@ class Cell:
     form: float
 
 
-SPIKES = np.array([0.0, 0.1, 0.2])
+SPIKES = np.array([0.0, 0.08, 0.16])
 SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
 FORMS, FORM_WEIGHTS = np.array([0.0, 0.03, 0.1, 0.25]), np.array([0.3, 0.3, 0.25, 0.15])
 KNOWN = Grid(

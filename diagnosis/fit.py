@@ -39,21 +39,33 @@ class Fit:
     """By how much the linear problem promises a lower cost than was reached: 0 at the most probable point."""
 
 
-def fit(problem: Problem, variance: Array, size: float, start: Array | Fit, rounds: int = ROUNDS) -> Fit:
+def fit(
+    problem: Problem, variance: Array, size: float, start: Array | Fit, rounds: int = ROUNDS, frozen: Fit | None = None
+) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
     `variance` (p,) of the effects in units of their scale, `size` of the discrepancy. Effects of variance 0 are left
-    out, wherever the start has them.
+    out, wherever the start has them, and the slope of the result has nothing for them. With `frozen`, derivatives by
+    effects of a variance below 1 are those of that fit.
     """
     p = problem.parameters
     scale = np.where(p.of_effect, 0.0, p.sd)
     scale[p.of_effect] = np.sqrt(variance) * p.sd[p.of_effect]
     weigh = _Weigher(problem, size)
+    known = np.zeros((len(problem.observed), len(scale))) if frozen is None else frozen.slope
+    anew = np.flatnonzero((scale > 0) if frozen is None else (scale == p.sd))
+
+    def linearised(theta: Array) -> tuple[Array, Array]:
+        predicted, columns = problem.forward.linearise(theta, anew.tolist())
+        slope = known.copy()
+        slope[:, anew] = columns
+        return predicted, slope
+
     if isinstance(start, Fit):
         theta, predicted, slope = start.theta, start.predicted, start.slope
     else:
         theta = np.clip(start, p.lower, p.upper)
-        predicted, slope = problem.forward.linearise(theta)
+        predicted, slope = linearised(theta)
     cost = weigh.cost(predicted) + _distance(theta, p.mean, scale)
     left_out = scale == 0
     if (theta != p.mean)[left_out].any():
@@ -73,7 +85,7 @@ def fit(problem: Problem, variance: Array, size: float, start: Array | Fit, roun
         if damping == len(DAMPINGS):
             break
         gained, theta, cost = cost - reached, tried, reached
-        predicted, slope = problem.forward.linearise(theta)
+        predicted, slope = linearised(theta)
         if gained < GAIN:
             break
         damping = max(damping - 2, 0)

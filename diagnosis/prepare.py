@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -98,9 +98,9 @@ class Kept:
             # A trial step that throws a rod far off: as good as no equilibrium.
             return np.full(int(self._kept.sum()), np.nan)
 
-    def linearise(self, theta: Array) -> tuple[Array, Array]:
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Predicted values that are kept, and their derivatives."""
-        predicted, slope = self._forward.linearise(theta)
+        predicted, slope = self._forward.linearise(theta, columns)
         return predicted[self._kept], slope[self._kept]
 
 

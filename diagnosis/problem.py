@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -29,8 +30,8 @@ class Forward(Protocol):
     def predict(self, theta: Array) -> Array:
         """Predicted values (n,) at parameters (k,)."""
 
-    def linearise(self, theta: Array) -> tuple[Array, Array]:
-        """Predicted values (n,) and their derivatives (n, k)."""
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """Predicted values (n,) and their derivatives (n, k), by some of the parameters where columns are given."""
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """Which hypotheses are weighed, and where each is linearised: none, all single effects, guided pairs and triples.
 
 Effects are not linear at full size, so each hypothesis is weighed in the linear problem around its own most probable
-point. Screening is cheap: every single effect is tried from two or three points (absent, full size up, full size down)
-with one step each; only the leading ones are followed to the end. Pairs grow from the leading singles, triples from the
-leading pairs, as long as naming one more effect pays for its prior.
+point; twice, because a robot that is otherwise perfect and one whose every other effect is a little off have their most
+probable points far apart. The two evidences add up. Screening is cheap: the leading single effects are tried with two
+steps each; only the best of them are followed to the end. Pairs grow from the leading singles, triples from the leading
+pairs, as long as naming one more effect pays for its prior.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from .problem import Problem
 
 Array = NDArray[np.float64]
 
-START = Cell(spike=0.1, size=0.25, form=0.1)
-"""With which the first fits are made."""
+HELD, START_SIZE = 0.1, 0.25
+"""Spike with which loose fits are made, and the discrepancy of the first of them."""
 
 
 UNFINISHED = 0.5
@@ -38,8 +39,8 @@ BEGIN = 0.6
 class Extent:
     """How far the search goes."""
 
-    screen: int = 8
-    """Singles, leading around none, that are followed with most derivatives kept."""
+    screen: int = 6
+    """Singles, leading around none in each way, that are followed with most derivatives kept."""
     polish: int = 4
     """Leading singles that are followed to their most probable point with all derivatives computed anew."""
     within: float = 8.0
@@ -62,6 +63,8 @@ class Candidate:
     fit: Fit
     cell: Cell
     """The most probable point of the grid."""
+    loose: bool
+    """Fitted with every other effect free within its tolerance; else with all others absent."""
     unknown: bool = False
 
     @property
@@ -75,13 +78,32 @@ class Candidate:
         return self.promised - self.fit.short
 
 
+def _evidence(c: Candidate) -> float:
+    return c.log_evidence
+
+
 class Search:
     """Weighs hypotheses of one problem, keeping what it has found."""
 
     def __init__(self, problem: Problem, grid: Grid = KNOWN, extent: Extent | None = None) -> None:
-        self.problem, self.grid, self.extent = problem, grid, extent or Extent()
-        self.none = self._none()
-        self.found: dict[Hypothesis, Candidate] = {NONE: self.none}
+        self.problem, self.extent = problem, extent or Extent()
+        self._grids = {loose: grid.part(loose) for loose in (False, True)}
+        self._tried: dict[tuple[Hypothesis, bool], Candidate] = {}
+        calibrated = self._fit(NONE, False, START_SIZE, problem.parameters.mean, 4)
+        self._keep(self._weigh(NONE, self._whole(calibrated), False))
+        fitted = self._weigh(NONE, self._fit(NONE, True, START_SIZE, self._tried[NONE, False].fit, 3), True)
+        self._keep(self._weigh(NONE, self._fit(NONE, True, fitted.cell.size, fitted.fit, 5), True))
+
+    @property
+    def found(self) -> dict[Hypothesis, Candidate]:
+        """All hypotheses weighed; each stands with its better fit and the evidence of both."""
+        out: dict[Hypothesis, Candidate] = {}
+        for named in dict.fromkeys(h for h, _ in self._tried):
+            both = [c for loose in (False, True) if (c := self._tried.get((named, loose))) is not None]
+            best = max(both, key=_evidence)
+            total = float(logsumexp([c.log_evidence for c in both]))
+            out[named] = replace(best, weighed=replace(best.weighed, log_evidence=total + best.fit.short))
+        return out
 
     def run(self) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first."""
@@ -92,49 +114,42 @@ class Search:
         self._finish()
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
-    def _finish(self) -> None:
-        """Leading hypotheses whose search was cut short are searched to the end."""
-        for _ in range(self.extent.finish):
-            best = max(c.log_evidence for c in self.found.values())
-            open_ = [c for c in self.found.values() if c.promised > best - 3.0 and c.fit.short > UNFINISHED]
-            if not open_:
-                return
-            c = max(open_, key=lambda c: c.promised)
-            further = self._polished(c, 6)
-            done = replace(further, fit=replace(further.fit, short=min(further.fit.short, UNFINISHED)))
-            self.found[c.named] = done if done.fit.cost < c.fit.cost else replace(c, weighed=replace(c.weighed, log_evidence=c.log_evidence), fit=replace(c.fit, short=0.0))
-
     def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
         """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
 
         `shares` are the prior weights of the leading hypotheses among themselves; evidence is divided by the
         temperature, prior weights are not.
         """
-        beside = [weigh(c.fit.linear, LARGE, self.problem.parameters, [c.named])[0] for c in leading]
+        p = self.problem.parameters
+        beside = [weigh(c.fit.linear, LARGE.part(c.loose), p, [c.named])[0] for c in leading]
         terms = np.array([w.log_evidence for w in beside]) / temperature + np.log(np.array(shares) / np.sum(shares))
         i = int(np.argmax(terms))
         total = replace(beside[i], log_evidence=temperature * float(logsumexp(terms)))
-        return Candidate(leading[i].named, total, leading[i].fit, beside[i].peak(LARGE), unknown=True)
+        c = leading[i]
+        return replace(c, weighed=total, cell=beside[i].peak(LARGE.part(c.loose)), unknown=True)
 
-    def _none(self) -> Candidate:
-        fitted = self._fit(NONE, START, self.problem.parameters.mean, 3)
-        first = self._weigh(NONE, fitted)
-        return self._weigh(NONE, self._fit(NONE, first.cell, fitted, 5))
+    def whole(self, c: Candidate) -> Candidate:
+        """The same candidate with derivatives by all parameters, those of absent effects included."""
+        return replace(c, fit=self._loosened(c.named, self._whole(c.fit)))
 
     def _singles(self) -> list[Candidate]:
         """Every single effect weighed around none; what looks promising there, or cannot be judged there, followed."""
         p, extent = self.problem.parameters, self.extent
         singles: list[Hypothesis] = [(e,) for e in p.ids]
-        around = weigh(self.none.fit.linear, self.grid, p, singles)
-        here = {h: Candidate(h, w, self.none.fit, w.peak(self.grid)) for h, w in zip(singles, around, strict=True)}
-        order = sorted(singles, key=lambda h: -here[h].log_evidence)
-        first = set(order[: extent.screen]) | {h for h in singles if self._curved(h)}
-        found = {h: self._screened(h) if h in first else here[h] for h in singles}
-        for c in sorted(found.values(), key=lambda c: -c.promised)[: extent.polish]:
-            if c.promised > max(x.log_evidence for x in found.values()) - extent.within:
-                found[c.named] = self._polished(c, 4)
-        self.found |= found
-        return sorted(found.values(), key=lambda c: -c.log_evidence)
+        curved = {h for h in singles if self._curved(h)}
+        here = {loose: self._weigh_around(self._tried[NONE, loose].fit, singles, loose) for loose in (False, True)}
+        leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[: extent.screen]}
+        for loose in (False, True):
+            for h in singles:
+                self._keep(self._screened(h, loose) if h in curved | leading else here[loose][h])
+        for c in sorted(self._of(1), key=lambda c: -c.promised)[: extent.polish]:
+            if c.promised > max(map(_evidence, self._of(1))) - extent.within:
+                self._keep(max(c, self._polished(c, 4), key=_evidence))
+        return sorted(self._of(1), key=lambda c: -c.log_evidence)
+
+    def _of(self, count: int) -> list[Candidate]:
+        """What was tried of so many effects."""
+        return [c for (named, _), c in self._tried.items() if len(named) == count]
 
     def _curved(self, named: Hypothesis) -> bool:
         """Whether an effect acts one way only, or has several points to begin at."""
@@ -142,25 +157,29 @@ class Search:
         own = [i for i, e in enumerate(p.effects) if e in named]
         return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
 
-    def _screened(self, named: Hypothesis) -> Candidate:
-        """A step or two from each starting point; the best by evidence at the point reached."""
-        near = self._weigh(named, self.none.fit)
-        rounds = 2 if self._curved(named) else 1
-        tried = [self._weigh(named, self._fit(named, near.cell, s, rounds)) for s in self._starts(named)]
-        return max(tried, key=lambda c: c.log_evidence)
+    def _screened(self, named: Hypothesis, loose: bool) -> Candidate:
+        """Two steps from each starting point; the best by evidence at the point reached."""
+        none = self._tried[NONE, loose]
+        frozen, starts = none.fit if loose else None, self._starts(named, none.fit)
+        if loose:
+            starts.append(self._tried[named, False].fit.theta)
+        tried = [
+            self._weigh(named, self._fit(named, loose, none.cell.size, start, 2, frozen), loose) for start in starts
+        ]
+        return max(tried, key=_evidence)
 
-    def _starts(self, named: Hypothesis) -> list[Array | Fit]:
+    def _starts(self, named: Hypothesis, none: Fit) -> list[Array | Fit]:
         """Where a search begins: the fit of none; for an effect that acts one way only, well within its range instead.
 
         Around zero, where such an effect ends, the small errors allowed to all the others can take its place.
         """
-        p, here = self.problem.parameters, self.none.fit.theta
+        p = self.problem.parameters
         if not self._curved(named):
-            return [self.none.fit]
+            return [none]
         own = [i for i, e in enumerate(p.effects) if e in named]
         points: list[Array | Fit] = []
         for values in itertools.product(*(self._begin(i) for i in own)):
-            point = here.copy()
+            point = none.theta.copy()
             point[own] = values
             points.append(point)
         return points
@@ -174,37 +193,67 @@ class Search:
         return tuple(v for v in given if v) or (BEGIN * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)
 
     def _polished(self, c: Candidate, rounds: int) -> Candidate:
-        return self._weigh(c.named, self._fit(c.named, c.cell, c.fit, rounds))
+        return self._weigh(c.named, self._fit(c.named, c.loose, c.cell.size, c.fit, rounds), c.loose)
 
     def _grow(self, parents: Sequence[Candidate], follow: int) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
-        grown: dict[Hypothesis, Candidate] = {}
+        grown: dict[tuple[Hypothesis, bool], Candidate] = {}
         for parent in parents:
-            children = self._children(parent)
-            weighed = weigh(parent.fit.linear, self.grid, self.problem.parameters, children)
-            for named, found in zip(children, weighed, strict=True):
-                if named not in grown or grown[named].log_evidence < found.log_evidence:
-                    grown[named] = Candidate(named, found, parent.fit, found.peak(self.grid))
+            around = parent.fit if parent.loose else self._whole(parent.fit)
+            loosened = self._loosened(parent.named, around)
+            for named, c in self._weigh_around(loosened, self._children(parent), parent.loose).items():
+                key = (named, parent.loose)
+                if key not in grown or grown[key].log_evidence < c.log_evidence:
+                    grown[key] = c
         leading = sorted(grown.values(), key=lambda c: -c.promised)
-        for c in leading[:follow]:
-            grown[c.named] = self._polished(c, 2)
+        followed = {(c.named, c.loose): self._polished(c, 2) for c in leading[:follow]}
         # What was not followed is taken to lose as much as what was.
-        typical = float(np.median([c.promised - grown[c.named].promised for c in leading[:follow]]))
-        for c in leading[follow:]:
-            grown[c.named] = replace(c, weighed=replace(c.weighed, log_evidence=c.promised - max(typical, 0.0)))
-        self.found |= grown
-        return sorted(grown.values(), key=lambda c: -c.log_evidence)
+        typical = max(float(np.median([c.promised - followed[c.named, c.loose].promised for c in leading[:follow]])), 0.0)
+        for c in leading:
+            lost = replace(c.weighed, log_evidence=c.promised - typical)
+            self._keep(followed.get((c.named, c.loose)) or replace(c, weighed=lost))
+        return sorted((self._tried[key] for key in grown), key=lambda c: -c.log_evidence)
+
+    def _finish(self) -> None:
+        """Leading hypotheses whose search was cut short are searched to the end."""
+        for _ in range(self.extent.finish):
+            best = max(map(_evidence, self._tried.values()))
+            cut = [c for c in self._tried.values() if c.promised > best - self.extent.within and c.fit.short > UNFINISHED]
+            if not cut:
+                return
+            c = max(cut, key=lambda c: c.promised)
+            reached = max(c, self._polished(c, 6), key=_evidence)
+            # What the end of the search still promises is not counted again.
+            settled = replace(reached.weighed, log_evidence=reached.log_evidence)
+            self._keep(replace(reached, weighed=settled, fit=replace(reached.fit, short=0.0)))
 
     def _children(self, parent: Candidate) -> list[Hypothesis]:
         ids = self.problem.parameters.ids
         more: Iterable[str] = (e for e in ids if e not in parent.named)
         return [tuple(sorted((*parent.named, e), key=ids.index)) for e in more]
 
-    def _fit(self, named: Hypothesis, cell: Cell, start: Array | Fit, rounds: int) -> Fit:
-        return fit(self.problem, self.problem.parameters.variance(named, cell.spike), cell.size, start, rounds)
+    def _fit(
+        self, named: Hypothesis, loose: bool, size: float, start: Array | Fit, rounds: int, frozen: Fit | None = None
+    ) -> Fit:
+        variance = self.problem.parameters.variance(named, HELD * loose)
+        return fit(self.problem, variance, size, start, rounds, frozen)
 
-    def _weigh(self, named: Hypothesis, fitted: Fit) -> Candidate:
-        loose = self.problem.loosened(fitted.linear, fitted.theta, fitted.predicted, named)
-        found = weigh(loose, self.grid, self.problem.parameters, [named])[0]
-        return Candidate(named, found, replace(fitted, linear=loose), found.peak(self.grid))
+    def _whole(self, f: Fit) -> Fit:
+        """The same fit with the derivatives by all parameters."""
+        predicted, slope = self.problem.forward.linearise(f.theta)
+        return replace(f, slope=slope, linear=self.problem.linear(f.theta, predicted, slope))
 
+    def _loosened(self, named: Hypothesis, f: Fit) -> Fit:
+        return replace(f, linear=self.problem.loosened(f.linear, f.theta, f.predicted, named))
+
+    def _weigh_around(self, f: Fit, named: Sequence[Hypothesis], loose: bool) -> dict[Hypothesis, Candidate]:
+        """Hypotheses in the linear problem of a fit that was made for another."""
+        grid = self._grids[loose]
+        found = weigh(f.linear, grid, self.problem.parameters, named)
+        return {h: Candidate(h, w, f, w.peak(grid), loose) for h, w in zip(named, found, strict=True)}
+
+    def _weigh(self, named: Hypothesis, fitted: Fit, loose: bool) -> Candidate:
+        return self._weigh_around(self._loosened(named, fitted), [named], loose)[named]
+
+    def _keep(self, c: Candidate) -> None:
+        self._tried[c.named, c.loose] = c

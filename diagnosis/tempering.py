@@ -23,10 +23,10 @@ class Tempering:
 PRELIMINARY = "preliminary: set by hand on twelve clean development cases with tip, orientation and unload branch"
 
 TABLE: dict[str, Tempering] = {
-    "tip": Tempering(2.0, 0.5, PRELIMINARY),
-    "tip, orientation": Tempering(2.0, 0.5, PRELIMINARY),
-    "tip, unload": Tempering(2.0, 0.5, PRELIMINARY),
-    "tip, orientation, unload": Tempering(2.0, 0.5, PRELIMINARY),
+    "tip": Tempering(1.0, 0.5, PRELIMINARY),
+    "tip, orientation": Tempering(1.0, 0.5, PRELIMINARY),
+    "tip, unload": Tempering(1.0, 0.5, PRELIMINARY),
+    "tip, orientation, unload": Tempering(1.0, 0.5, PRELIMINARY),
 }
 """By what the data set holds."""
 

@@ -49,7 +49,8 @@ class Signs:
 def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
     """Look for all four around the best hypothesis; `trial`, `kind` (n,) of each measured value."""
     linear = best.fit.linear
-    beside = weigh(linear, LARGE, problem.parameters, [best.named])[0]
+    large = LARGE.part(best.loose)
+    beside = weigh(linear, large, problem.parameters, [best.named])[0]
     cells = [np.logaddexp.reduce(w.cells, axis=2) for w in (best.weighed, beside)]
     both = np.concatenate([cells[0], cells[1] + np.log(LARGE_SHARE)], axis=1)
     weight = np.exp(both - both.max())

@@ -55,6 +55,7 @@ def _chamber_azimuth(q: Quantities, v: Values) -> None:
 
 def _chamber_twist(q: Quantities, v: Values) -> None:
     q.twist = q.twist + v["winding"]
+    q.twist_growth = q.twist_growth + v["growth"]
 
 
 SPECS = (
@@ -114,8 +115,11 @@ SPECS = (
     EffectSpec(
         id="chamber_twist",
         stage="actuation",
-        equation="azimuth_i(s) = azimuth_i + c s: m_act(s) = Rz(c s) m_act(0), torque c r^2 sum P A",
-        parameters=(Parameter("winding", "rad/m", 0.35, -3.0, 3.0),),
+        equation="azimuth_i(s) = azimuth_i + phi(s), phi = c s (1 + g s / L): m_act(s) = Rz(phi) m_act(0)",
+        parameters=(
+            Parameter("winding", "rad/m", 0.35, -3.0, 3.0),
+            Parameter("growth", "1", 0.3, -0.9, 0.9, role="shape"),
+        ),
         law=Law(before=_chamber_twist),
         citation="Rucker & Webster, IEEE T-RO 27 (2011), loads of routed actuators; here for pressure",
         seen_best_in="tip out of the plane and tip orientation, over pressure",

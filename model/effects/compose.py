@@ -83,12 +83,13 @@ def silicone_share(q: Quantities, bend: Array) -> Array:
 def _actuation(q: Quantities, out: Array) -> None:
     """Forces P A e3 at the tip (eq. 4); where the chambers wind, the moment turns with them along the arc.
 
-    With azimuth az + c s the internal moment of actuation at s is the one at the base turned by c s. The tip carries
-    that at s = L, and the difference is a rest curvature, expanded to third order in c (s - L).
+    With azimuth az + c s (1 + g s / L) the internal moment of actuation at s is the one at the base turned so far. The
+    tip carries that at s = L, and the difference is a rest curvature, expanded to third order in s over an element.
+    A cut across the body meets the pressure at right angles however the chambers lean, so there is no torque.
     """
     push = q.pressure * q.area_factor * q.robot.chambers.area
     arm = q.robot.chambers.path_radius
-    azimuth = q.azimuth + (q.twist * q.length)[..., None]
+    azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]
     total = push.sum(axis=-1)
     mx, my = arm * (np.sin(azimuth) * push).sum(-1), -arm * (np.cos(azimuth) * push).sum(-1)
     out[..., at.TIP_FORCE + 2] = total
@@ -100,11 +101,13 @@ def _actuation(q: Quantities, out: Array) -> None:
     for element in (INNER, OUTER):
         long = out[..., element + at.LENGTH]
         stiff = out[..., element + at.BEND]
-        a0, a1 = q.twist * (bottom - q.length), q.twist * long
-        # cos(a0 + a1 x) - 1 and sin(a0 + a1 x) about a0 to third order in x.
+        growth = q.twist_growth / q.length
+        a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
+        a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
+        # cos(a0 + a1 x + a2 x^2) - 1 and the sine about a0 to third order in x.
         c, s = np.cos(a0), np.sin(a0)
-        cosine = (c - 1, -s * a1, -c * a1**2 / 2, s * a1**3 / 6)
-        sine = (s, c * a1, -s * a1**2 / 2, -c * a1**3 / 6)
+        cosine = (c - 1, -s * a1, -s * a2 - c * a1**2 / 2, -c * a1 * a2 + s * a1**3 / 6)
+        sine = (s, c * a1, c * a2 - s * a1**2 / 2, -s * a1 * a2 - c * a1**3 / 6)
         for power in range(4):
             column = element + (at.REST_CURVATURE if power == 0 else at.RISE + 3 * (power - 1))
             out[..., column] += (cosine[power] * mx - sine[power] * my) / stiff

@@ -31,6 +31,8 @@ class Quantities:
     """(v, n, chambers) rad at the base, roll included."""
     twist: Array
     """rad/m, the chambers wind about the axis."""
+    twist_growth: Array
+    """1; the azimuth grows by c s (1 + g s / L)."""
     body_modulus: Array
     """Pa; the shear modulus keeps its ratio to it."""
     density: Array
@@ -52,7 +54,7 @@ class Quantities:
     shear_lag: Array
     """0: sections of that spine turn with the wall; 1: they are free to lag."""
     shear_mix: Array
-    """Power of the mean that blends the two: 1 as if side by side, -1 in series."""
+    """Power, plus one, of the mean that blends the two: 0 compliances in series, 2 stiffnesses side by side."""
     bend_softening: Array
     """Factor a of hyperelastic D = 1 + a (k r)^2 + b e, k r curvature times outer radius."""
     strain_softening: Array
@@ -100,6 +102,7 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         area_factor=np.broadcast_to(area_factor[None, :, None], (1, n, chambers.size)),
         azimuth=(chambers[None, :] + design.roll[:, None])[None],
         twist=each(0.0),
+        twist_growth=each(0.0),
         body_modulus=each(robot.youngs_modulus),
         density=each(robot.density),
         length=each(robot.length),

@@ -85,10 +85,11 @@ def moduli(q: Quantities, shear: ShearSpine) -> tuple[Array, Array, Array]:
 
 
 def _blend(q: Quantities, table: Array, other: Array) -> Array:
-    """Mean of power `shear_mix` with weight `shear_blend` on the other modulus."""
+    """Mean of power `shear_mix` - 1 with weight `shear_blend` on the other modulus."""
     if not q.shear_blend.any():
         return table
-    power = np.where(np.abs(q.shear_mix) < LEAST_POWER, LEAST_POWER, q.shear_mix)
+    power = q.shear_mix - 1
+    power = np.where(np.abs(power) < LEAST_POWER, LEAST_POWER, power)
     out: Array = table * (1 + q.shear_blend * ((other / table) ** power - 1)) ** (1 / power)
     return out
 

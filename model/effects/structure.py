@@ -8,10 +8,10 @@ from model.effects.history import History
 from model.effects.quantities import Quantities
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
-SLIP_YIELD = 0.04
+SLIP_YIELD = 0.12
 """1/m, change of curvature at which friction is half spent, before its shape parameter."""
-YIELDS = np.array([0.5, 1.0, 2.0, 4.0])
-"""Spread of the sliding elements about it: a core slides in patches."""
+YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
+"""Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
 GRIP = 0.10
 """m from the spine's end over which friction builds up (shear lag)."""
 FAST, SLOW = 5.0, 25.0
@@ -139,11 +139,11 @@ SPECS = (
         id="spine_shear",
         stage="structure",
         equation="E_s = mean(E_table, E0 (1 - l (1 - eta(L_s)))), G_s to kappa G; bare: 1/E = 1/E0 + 3 I / (kappa G A L^2); "
-        "mean: (1 - w, w) of power m, from side by side (1) to in series (-1)",
+        "mean: (1 - w, w) of power m - 1, from compliances in series (m = 0) to side by side (2)",
         parameters=(
             Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
             Parameter("lag", "1", 0.5, 0.0, 1.0, role="shape"),
-            Parameter("mix", "1", 1.0, -1.5, 1.5, role="shape", starts=(-1.0, 1.0)),
+            Parameter("mix", "1", 1.0, -0.5, 2.5, role="shape", starts=(0.0, 2.0)),
         ),
         law=Law(before=_spine_shear),
         citation="Timoshenko, Phil. Mag. 41 (1921)",
@@ -152,7 +152,7 @@ SPECS = (
     EffectSpec(
         id="spine_slip",
         stage="structure",
-        equation="m_f = -m phi(L_s) mean_j s_j, s_j sliding elements with yield curvatures k_y (1/2, 1, 2, 4); axial m_f / r",
+        equation="m_f = -m phi(L_s) mean_j s_j, s_j sliding elements with yield curvatures k_y (1/8, 1/2, 2, 8); axial m_f / r",
         parameters=(
             Parameter("moment", "N m", 0.15, 0.0, 1.5, sign="positive"),
             Parameter("stroke", "ln", 0.7, -2.5, 2.5, role="shape"),

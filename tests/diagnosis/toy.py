@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,11 +78,12 @@ class ToyForward:
     def predict(self, theta: Array) -> Array:
         return self.linearise(theta)[0]
 
-    def linearise(self, theta: Array) -> tuple[Array, Array]:
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         t = theta[self._square]
         slope = self.slope.copy()
         slope[:, self._square] *= 1 + 0.4 * t
-        return self.base + self.slope @ theta + 0.2 * t**2 * self.slope[:, self._square], slope
+        predicted = self.base + self.slope @ theta + 0.2 * t**2 * self.slope[:, self._square]
+        return predicted, slope if columns is None else slope[:, list(columns)]
 
 
 def toy_problem(seed: int, truth: dict[str, float], sd: float = 0.3 * MM, clutter: float = 0.0) -> Problem:

@@ -74,11 +74,11 @@ def slope_at(y: Array, force: Array, row: Array, e: int, x: float, out: Array) -
         for _ in range(SERIES_ROUNDS):
             # Newton on d - 1 - g(a bend / d^2) - b e = 0 and e + c e^2 + coupled / d^2 - pull = 0.
             w = 1.0 / (d * d)
-            x = a * bend * w
-            levelled = 1.0 / (1.0 - 2.0 * min(x, 0.0))
-            first = d - 1.0 - x * levelled - b * strain
+            level = a * bend * w
+            levelled = 1.0 / (1.0 - 2.0 * min(level, 0.0))
+            first = d - 1.0 - level * levelled - b * strain
             second = strain + c * strain * strain + coupled * w - pull
-            by_d = 1.0 + 2.0 * x * levelled * levelled / d
+            by_d = 1.0 + 2.0 * level * levelled * levelled / d
             mixed, by_e = -2.0 * coupled * w / d, 1.0 + 2.0 * c * strain
             scale = 1.0 / (by_d * by_e + b * mixed)
             d -= scale * (by_e * first + b * second)
