@@ -116,8 +116,8 @@ class _Both:
         """Both campaigns' values, reference first."""
         return np.concatenate([p.forward.predict(t) for p, t in zip(self._parts, self._split(theta), strict=True)])
 
-    def linearise(self, theta: Array) -> tuple[Array, Array]:
-        """The same with derivatives by common parameters, the later campaign's own, and its changes."""
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """The same with derivatives by common parameters, the later campaign's own, and its changes, or some of them."""
         first, second = self._split(theta)
         y0, s0 = self._parts[0].forward.linearise(first)
         y1, s1 = self._parts[1].forward.linearise(second)
@@ -127,7 +127,7 @@ class _Both:
             slope[len(y0) :, j] = s1[:, i]
         slope[len(y0) :, self._k : self._k + len(self._own)] = s1[:, self._own]
         slope[len(y0) :, self._k + len(self._own) :] = s1[:, self._change]
-        return np.concatenate([y0, y1]), slope
+        return np.concatenate([y0, y1]), slope if columns is None else slope[:, list(columns)]
 
 
 def _joined(before: Prepared, after: Prepared) -> Problem:

@@ -77,6 +77,12 @@ LARGE = Grid(
 """For the hypothesis that something outside the catalogue is at work."""
 
 
+DOMINANT = 0.3
+"""Share of its scale that an effect must have to be named: less is what the tolerances of all effects stand for."""
+LEAST = 1e-12
+"""Share below which a normal counts as lying wholly among the small sizes."""
+
+
 @dataclass(frozen=True)
 class Weighed:
     """A hypothesis in the linear problem it was weighed in."""
@@ -94,11 +100,10 @@ class Weighed:
 def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
     """Log evidence of hypotheses in one linear problem.
 
-    A named parameter's prior is a normal cut at its bounds; the spikes are left uncut (they are narrow and stand for
-    small errors of either sign).
+    A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `DOMINANT`; the
+    spikes are left uncut (they are narrow and stand for small errors of either sign).
     """
     masks = np.array([parameters.mask(h) for h in named])
-    low, high = parameters.low, parameters.high
     if not linear.form.shape[1]:
         grid = replace(grid, forms=np.zeros(1), form_weights=np.ones(1))
     cells = np.empty((len(masks), *grid.log_weights.shape))
@@ -107,27 +112,45 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
         variance = np.where(masks, 1.0, spike**2 * parameters.sizes)
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
-                cells[:, i, j, k] = problem.log_evidence(variance) + _cut(problem, variance, masks, low, high)
+                cells[:, i, j, k] = problem.log_evidence(variance) + _cut(problem, variance, masks, parameters)
     cells += grid.log_weights
     return [Weighed(float(logsumexp(c)), c) for c in cells]
 
 
-def _cut(problem: Reduced, variance: Array, masks: NDArray[np.bool_], low: Array, high: Array) -> Array:
-    """What the bounds of the named parameters add to the log evidence (h,), each parameter taken by itself."""
-    bounded = np.isfinite(low) | np.isfinite(high)
+def _cut(problem: Reduced, variance: Array, masks: NDArray[np.bool_], parameters: Parameters) -> Array:
+    """What the bounds of the named parameters, and that a named effect is no small one, add to the log evidence (h,).
+
+    Each parameter is taken by itself.
+    """
     added = np.zeros(len(masks))
-    rows = np.flatnonzero((masks & bounded).any(axis=1))
+    rows = np.flatnonzero(masks.any(axis=1))
     if not rows.size:
         return added
-    prior = _log_mass(np.zeros_like(low), np.ones_like(low), low, high)
     root = np.sqrt(variance[rows])
-    inner = np.eye(len(low)) + root[:, :, None] * problem.information * root[:, None, :]
+    inner = np.eye(masks.shape[1]) + root[:, :, None] * problem.information * root[:, None, :]
     covariance = root[:, :, None] * np.linalg.inv(inner) * root[:, None, :]
     mean = covariance @ problem.score
     sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300))
-    gain = _log_mass(mean, sd, low, high) - prior
-    added[rows] = np.where(masks[rows] & bounded, gain, 0.0).sum(axis=1)
+    here = _allowed(mean, sd, masks[rows], parameters)
+    before = _allowed(np.zeros_like(mean), np.ones_like(sd), masks[rows], parameters)
+    added[rows] = here - before
     return added
+
+
+def _allowed(mean: Array, sd: Array, masks: NDArray[np.bool_], parameters: Parameters) -> Array:
+    """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named."""
+    low, high = parameters.low, parameters.high
+    within = _log_mass(mean, sd, low, high)
+    total = np.where(masks, within, 0.0).sum(axis=1)
+    small = _log_mass(mean, sd, np.maximum(low, -DOMINANT), np.minimum(high, DOMINANT)) - within
+    of_size = np.where(parameters.sizes, small, 0.0)
+    for effect in parameters.ids:
+        own = parameters.mask((effect,))
+        named = masks[:, own].any(axis=1)
+        # Small only where all its sizes are.
+        outside = np.log(np.maximum(1 - np.exp(np.minimum(of_size[:, own].sum(axis=1), 0.0)), LEAST))
+        total += np.where(named, outside, 0.0)
+    return total
 
 
 def _log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:

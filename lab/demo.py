@@ -20,6 +20,7 @@ from .compare import comparison
 from .compare import sheet as error_sheet
 from .console import Screen, out
 from .demo_report import Seal, write
+from .diagnose import Outputs, diagnose
 from .fakes import write_rig
 from .fit import calibrate
 from .fit import sheet as fit_sheet
@@ -36,7 +37,8 @@ WITHHELD = (
 )  # fmt: skip
 """Effects that a demo may hide."""
 STIFFNESS = ["steps=6", "min_samples=30"]
-BENDING = ["repeats=1", "unload=true", "settle.min_samples=6"]
+BENDING = ["repeats=2", "unload=true", "settle.min_samples=6"]
+"""Two repeats: the fewest from which a cause may be named."""
 
 
 def draw(seed: int) -> Seal:
@@ -85,6 +87,8 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     before = story.step("lab compare: the paper's parameters", lambda: comparison(case))
     after = story.step("lab compare: calibrated", lambda: comparison(Case(fit.robot, case.table)))
     out.print(error_sheet(before.table))
+    answers = Outputs(json=folder / "diagnosis.json", report=folder / "diagnosis.html", protocols=folder / "next")
+    story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers, None))
     page = story.step("Report", lambda: write(folder, case, files, fit, before, after, equal, seal))
     out.print(f"{page}")
     out.print(f"\nThe seal: {seal.text}")

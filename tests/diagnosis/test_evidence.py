@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from diagnosis.evidence import Grid, weigh_at
+from diagnosis.evidence import DOMINANT, Grid, weigh
 from diagnosis.linear import Linear
 from diagnosis.noise import Noise
 from diagnosis.problem import Parameters
 
 RNG = np.random.default_rng(7)
+NO_FORM = (np.array([0.0]), np.array([1.0]))
+ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]), *NO_FORM)
 
 
 def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
-    return Linear(RNG.normal(size=n), RNG.normal(size=(n, p)), RNG.normal(size=(n, q)), RNG.normal(size=(n, m)), 1.7)
+    columns = [RNG.normal(size=(n, k)) for k in (p, q, m)]
+    return Linear(RNG.normal(size=n), *columns, 1.7, np.zeros((n, 0)))
 
 
 def parameters(p: int, lower: float = -np.inf) -> Parameters:
@@ -36,39 +41,51 @@ def dense_log_evidence(linear: Linear, variance: np.ndarray, size: float) -> flo
 def test_log_evidence_equals_the_gaussian_marginal_likelihood(size: float, variance: list[float]) -> None:
     linear = small_problem()
     v = np.array(variance)
-    got = linear.reductions(np.array([size]))[0].log_evidence(v)
+    got = linear.reduced(size, 0.0).log_evidence(v)
     assert got == pytest.approx(dense_log_evidence(linear, v, size), abs=1e-9)
 
 
-def test_a_bounded_effect_is_weighed_with_the_prior_cut_at_its_bound() -> None:
+def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_noise_do() -> None:
+    plain, columns = small_problem(), RNG.normal(size=(12, 2))
+    wrong = replace(plain, form=columns)
+    noisy = replace(plain, nuisance=np.hstack([plain.nuisance, 0.3 * columns]))
+    v = np.ones(3)
+    assert wrong.reduced(0.5, 0.3).log_evidence(v) == pytest.approx(float(noisy.reduced(0.5, 0.0).log_evidence(v)))
+
+
+@pytest.mark.parametrize("lower", [0.0, -np.inf])
+def test_a_named_effect_is_weighed_with_the_prior_within_its_bounds_and_off_small_sizes(lower: float) -> None:
     a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
-    linear = Linear(y, a, np.zeros((8, 0)), np.zeros((8, 0)), 0.0)
+    linear = Linear(y, a, *(np.zeros((8, 0)) for _ in range(2)), 0.0, np.zeros((8, 0)))
 
     def joint(theta: float) -> float:
-        return float(norm.pdf(y - a[:, 0] * theta).prod() * 2 * norm.pdf(theta))
+        return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta))
 
-    exact = np.log(quad(joint, 0, 10)[0])
-    one = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]))
-    found = weigh_at(linear, one, parameters(1, lower=0.0), [("e0",)])[0]
+    sides = [(DOMINANT, 10.0)] + ([(-10.0, -DOMINANT)] if lower < 0 else [])
+    prior = sum(norm.cdf(high) - norm.cdf(low) for low, high in sides)
+    exact = np.log(sum(quad(joint, low, high)[0] for low, high in sides) / prior)
+    found = weigh(linear, ONE, parameters(1, lower=lower), [("e0",)])[0]
     assert found.log_evidence == pytest.approx(exact, abs=1e-6)
 
 
 def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     linear = small_problem()
-    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]))
-    found = weigh_at(linear, grid, parameters(3), [("e1",)])[0]
+    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
+    found = weigh(linear, grid, parameters(3), [()])[0]
     cells = [
-        w * v * np.exp(dense_log_evidence(linear, np.array([k**2, 1.0, k**2]), g))
+        w * v * np.exp(dense_log_evidence(linear, np.full(3, k**2), g))
         for k, w in zip(grid.spikes, grid.spike_weights, strict=True)
         for g, v in zip(grid.sizes, grid.size_weights, strict=True)
     ]
     assert found.log_evidence == pytest.approx(np.log(sum(cells)), abs=1e-9)
-    assert found.share.sum() == pytest.approx(1.0)
+    assert found.log_evidence == pytest.approx(
+        np.logaddexp(*(weigh(linear, grid.part(loose), parameters(3), [()])[0].log_evidence for loose in (False, True)))
+    )
 
 
 def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
     linear, v = small_problem(), np.array([1.0, 0.04, 0.04])
-    mean, covariance = linear.reductions(np.array([0.5]))[0].posterior(v)
+    mean, covariance = linear.reduced(0.5, 0.0).posterior(v)
     n, d = linear.nuisance, 0.5 * linear.discrepancy
     noise = np.eye(12) + n @ n.T + d @ d.T
     exact = np.linalg.inv(linear.effects.T @ np.linalg.solve(noise, linear.effects) + np.diag(1 / v))
