@@ -25,6 +25,7 @@ from lab.pulse import Listener
 from lab.rig import Rig
 from lab.rig_file import load_rig
 from recordings.reader import Recording
+from recordings.writer import Recorder
 
 
 @pytest.fixture
@@ -189,12 +190,15 @@ def test_waiting_for_a_person_is_no_hang(small: House) -> None:
         rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
 
 
-def test_a_clipped_setpoint_is_returned_and_told(small: House, rig: Rig) -> None:
-    told: list[str] = []
-    rig.actuators._on_event = lambda event: told.append(event.text)
-    got = rig.actuators.call("pressure", "set", (300e3, 0.0, 0.0))
-    assert got[0] < 299e3
-    assert until(lambda: any("clipped" in text for text in told), 2.0)
+def test_a_clipped_setpoint_is_returned_and_logged_in_the_recording(small: House, rig: Rig, tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
+        rig.record_to(recorder)
+        got = rig.actuators.call("pressure", "set", (300e3, 0.0, 0.0))
+        assert got[0] < 299e3
+        assert until(lambda: recorder.counts()["/log"].generated > 1, 2.0)  # the first line is the recorder's own
+        rig.record_to(None)
+    (line,) = [line.text for line in Recording.open(tmp_path / "a.mcap").log if "clipped" in line.text]
+    assert "asked 300.0" in line
 
 
 def test_a_second_program_cannot_take_the_rig(small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
