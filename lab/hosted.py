@@ -25,8 +25,8 @@ from .instruments import CONFIGS, make
 PING_PERIOD = 0.1
 SILENT_AFTER = 0.6
 """Host seconds without a word from the guard after which the instrument is stopped."""
-CALL_WITHIN, OPEN_WITHIN = 5.0, 25.0
-"""Host seconds; longer than the driver's own time-outs together."""
+CALL_WITHIN, OPEN_WITHIN = 5.0, 20.0
+"""Host seconds; longer than the longest of the driver's own time-outs. Connecting to a sound arm takes two or three."""
 STOP_WITHIN = 1.5
 """Host seconds for a stop; after that the host is killed and the instrument's own watchdog stops it."""
 
