@@ -65,6 +65,11 @@ class Hosted:
         """See UR5.standing."""
         return bool(self._ask("standing", (), CALL_WITHIN))
 
+    def glance(self) -> bool:
+        """See UR5.glance; in a new process where the last one has ended."""
+        self._start()
+        return bool(self._ask("glance", (), CALL_WITHIN))
+
     def close(self) -> None:
         """Disconnect and end the process."""
         with contextlib.suppress(InstrumentError):

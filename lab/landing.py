@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, NotReady
 
 from .rig_file import Safe
 
@@ -140,10 +140,19 @@ def _stop_arm(driver: Any) -> None:
     try:
         driver.stop()
     except Exception:
-        if not driver.standing():
+        if not _at_rest(driver):
             raise
 
 
+def _at_rest(driver: Any) -> bool:
+    """By the state that the driver receives; by a look from outside when its connection has ended: after a stop by the
+    arm's own safety system it cannot be opened again before a person has cleared that."""
+    try:
+        return bool(driver.standing())
+    except NotReady:
+        return bool(driver.glance())
+
+
 def _standing(driver: Any) -> tuple[bool, str]:
-    standing = driver.standing()
+    standing = _at_rest(driver)
     return standing, "at rest" if standing else "moving"
