@@ -23,11 +23,12 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.rod --json out/rod.json
 	$(BIN)/python -m benchmarks.recording --json out/recording.json
 
-# The whole fault matrix, then kills, signals, fuzz and soak: some hours on two processors.
+# The whole fault matrix, then kills, signals, fuzz and soak: an hour and a half on two processors.
 faults: $(READY)
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
 	$(BIN)/python -m benchmarks.faults.kills --count 50
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
+	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal INT
 	$(BIN)/python -m benchmarks.faults.fuzz --recording tests/recordings/data/bending-schema-1.mcap
 	$(BIN)/python -m benchmarks.faults.soak
 

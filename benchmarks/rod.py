@@ -60,7 +60,8 @@ def kernel_seconds(rods: Rods, rounds: int) -> tuple[float, float]:
 
     def call() -> None:
         group.solve_direct(
-            rods.values, form.head, form.block, None, None, 0, at.divisions, at.close, memory, False, out
+            rods.values, form.head, form.block, None, None, 0, at.divisions, at.close, np.zeros((0, 1), np.int64), memory, False,
+            out
         )  # fmt: skip
 
     return measure(call, rounds, time.perf_counter)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from model.batch import RodBatch
 from model.statics import Form, Rods, Solution, rods
 
 Array = NDArray[np.float64]
@@ -72,3 +73,42 @@ def split(found: Rods, parts: int) -> Rods:
 def tips_of(solution: Solution) -> Array:
     """Tips (n, 3) m of rods that were all solved."""
     return solution.trusted().tip
+
+
+def wild_rods(n: int, seed: int) -> Rods:
+    """Random robots far beyond the paper's: E +-30 %, to 450 kPa, any spine length, tip forces to 5 N sideways."""
+    r = np.random.default_rng(seed)
+    spine, pressure = r.uniform(0, 0.395, n) * (r.random(n) < 0.85), r.uniform(0, 450e3, n)
+    body = BODY * r.uniform(0.7, 1.3, n)
+    own = (0.318 + (4.389 - 0.318) * (spine - 0.05) / 0.25) * 1e6
+    mixed = np.where(spine > 0, (AREA * BODY + SPINE_AREA * own) / (AREA + SPINE_AREA), BODY) * r.uniform(0.7, 1.3, n)
+    azimuth = np.deg2rad([-40.0, 0.0, 40.0]) + r.uniform(0, 2 * np.pi, n)[:, None]
+    push = (pressure * CHAMBER)[:, None]
+    angle, size, zero = r.uniform(0, 2 * np.pi, n), r.uniform(0, 5, n), np.zeros(n)
+    modulus = np.stack([mixed, body], 1)[:, :, None]
+    return rods(
+        Form(elements=2),
+        n,
+        length=np.stack([spine, LENGTH - spine], 1),
+        bend_stiffness=modulus * np.array([SECOND, SECOND, 2 * SECOND]),
+        stretch_stiffness=modulus * np.array([AREA / 3, AREA / 3, AREA]),
+        tip_force=np.stack([zero, zero, 3 * push[:, 0]], 1),
+        tip_moment=np.stack([PATH * (np.sin(azimuth) * push).sum(1), -PATH * (np.cos(azimuth) * push).sum(1), zero], 1),
+        dead_force=np.stack([size * np.cos(angle), size * np.sin(angle), 0.053 * GRAVITY * r.uniform(0, 3, n)], 1),
+        load=np.stack([zero, zero, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n)], 1)[:, None, :],
+    )
+
+
+def as_batch(found: Rods) -> RodBatch:
+    """The same rods for the slow converged solver, which knows two elements of one weight."""
+    return RodBatch(
+        length=found.whole_length,
+        joint=found.field("length")[:, 0].copy(),
+        stretch_stiffness=found.field("stretch_stiffness").copy(),
+        bend_stiffness=found.field("bend_stiffness").copy(),
+        tip_force=found.field("tip_force").copy(),
+        tip_moment=found.field("tip_moment").copy(),
+        dead_force=found.field("dead_force").copy(),
+        weight=found.field("load")[:, 0].copy(),
+        rest_curvature=np.zeros((len(found), 3)),
+    )

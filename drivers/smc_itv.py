@@ -11,11 +11,12 @@ import contextlib
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from .chambers import ChamberMap
-from .errors import BadReply, DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
+from .errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from .interfaces import Clock, Identity, PressureSample
 from .pressure_limits import PressureLimits
 from .serial_line import SerialLine, show
@@ -25,6 +26,10 @@ END = b"\r\n"
 STEPS = 1023
 """Counts at full scale."""
 OUT_OF_RANGE, UNKNOWN_COMMAND = b"OUT OF RANGE", b"UNKNOWN COMMAND"
+MARK = b"WHO"
+"""Not a command: answered by UNKNOWN COMMAND, and by that known from every other answer."""
+QUIET = 1.2
+"""Host seconds of silence on a line after which answers that are owed no longer come."""
 VENTED = 5e3
 """Pa; `close` waits for all channels to fall below this,"""
 VENT_WAIT = 0.5
@@ -63,6 +68,21 @@ class Config(BaseModel):
         return self
 
 
+@dataclass
+class _Behind:
+    """A line on which an answer was not in time: it may still come, and would pass for that of a later request.
+
+    The next request is followed by a mark; the answer right before the mark's is its own. When that fails too, the line
+    is `held` until it has been quiet: a new set-point goes out, once, and counts as not confirmed; nothing else does.
+    """
+
+    held: bool = False
+    told: bytes = b""
+    """The set-point that went out last while it was held."""
+    last: float = 0.0
+    """When the line was last used, host time."""
+
+
 class SmcItv:
     """Pressure regulators (see `PressureRegulators`), one channel a port."""
 
@@ -77,6 +97,7 @@ class SmcItv:
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._counts = [0] * self.channels
         self._polled_at = 0.0
+        self._behind: dict[int, _Behind] = {}
         self._highest = int(config.max_pressure / config.full_scale * STEPS)
 
     @property
@@ -158,7 +179,7 @@ class SmcItv:
 
     # -- opening
     def _recognise(self) -> None:
-        answers, errors = self._ask_each(dict.fromkeys(range(self.channels), b"WHO"))
+        answers, errors = self._ask_each(dict.fromkeys(range(self.channels), MARK))
         found = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
         found |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
         for channel, what in found.items():
@@ -177,6 +198,7 @@ class SmcItv:
     def _disconnect(self) -> None:
         for line in self._lines:
             line.close()
+        self._behind.clear()
 
     def _need_open(self) -> None:
         if not all(line.is_open for line in self._lines):
@@ -227,17 +249,61 @@ class SmcItv:
         errors: dict[int, InstrumentError] = {}
         for channel, request in requests.items():
             try:
-                self._lines[channel].flush()
-                self._lines[channel].write(request + END)
+                self._send(channel, request)
             except InstrumentError as e:
                 errors[channel] = e
+        asked = sorted(requests.keys() - errors.keys())
+        self._mark([channel for channel in asked if channel in self._behind])
         deadline = time.monotonic() + self.config.timeout
-        for channel in sorted(requests.keys() - errors.keys()):
+        for channel in asked:
             try:
-                answers[channel] = self._lines[channel].read_until(END, max(0.01, deadline - time.monotonic()))
+                answers[channel] = self._answer(channel, deadline)
             except InstrumentError as e:
                 errors[channel] = e
+                self._behind[channel] = _Behind(held=channel in self._behind, last=time.monotonic())
         return answers, errors
+
+    def _send(self, channel: int, request: bytes) -> None:
+        """Raises NoReply when the answer could not be told from others; a set-point goes out all the same."""
+        line, state = self._lines[channel], self._behind.get(channel)
+        if state is not None and state.held:
+            now = time.monotonic()
+            if line.read_some():
+                state.last = now
+            state.held = now - state.last < QUIET
+            if state.held:
+                if request.startswith(b"SET") and request != state.told:
+                    state.told = request
+                    line.write(request + END)
+                raise NoReply(
+                    self.name,
+                    f"answers on {self.config.ports[channel]} come late or not at all, and cannot be told apart until it "
+                    f"has been quiet for {QUIET:g} s; check its cable and adapter",
+                )
+        line.flush()
+        line.write(request + END)
+
+    def _mark(self, channels: Sequence[int]) -> None:
+        if channels:
+            time.sleep(self.config.poll_interval)  # a unit may not take two lines at once
+        for channel in channels:
+            with contextlib.suppress(InstrumentError):  # reading tells
+                self._lines[channel].write(MARK + END)
+
+    def _answer(self, channel: int, deadline: float) -> bytes:
+        """The answer to the last request. Raises NoReply, BadReply."""
+        line, answer = self._lines[channel], b""
+        while True:
+            text = line.read_until(END, max(0.01, deadline - time.monotonic()))
+            if channel not in self._behind:
+                return text
+            if text == UNKNOWN_COMMAND:
+                break
+            answer = text
+        if not answer:
+            raise NoReply(self.name, f"the answer on {self.config.ports[channel]} was lost; check its cable")
+        del self._behind[channel]
+        return answer
 
     def _refusal(self, channel: int, request: bytes, answer: bytes) -> BadReply:
         hint = {

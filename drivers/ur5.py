@@ -238,6 +238,13 @@ class UR5:
         except StaleReading as error:
             raise NoReply(self.name, f"{error.message}; look whether the arm stands") from error
 
+    def glance(self) -> bool:
+        """True when one look at the controller's state shows the arm standing; needs no `open` and takes no control.
+
+        Raises Unreachable, WrongDevice.
+        """
+        return _slow(ur5_wire.snapshot(self.name, self.config.host, self.config.timeout).tcp_speed)
+
     # -- checks
     def _opened(self) -> ControlThread:
         if self._control is None:
@@ -343,8 +350,12 @@ class UR5:
 
 
 def _still(sample: ArmSample) -> bool:
-    speed = sample.tcp_speed
-    return max(map(abs, speed[:3])) < STILL_SPEED and max(map(abs, speed[3:])) < STILL_TURNING
+    return _slow(sample.tcp_speed)
+
+
+def _slow(speed: Vector6) -> bool:
+    """A number that is none is not slow."""
+    return all(abs(v) < STILL_SPEED for v in speed[:3]) and all(abs(v) < STILL_TURNING for v in speed[3:])
 
 
 def _millimetres(pose: Vector6) -> str:

@@ -13,23 +13,25 @@ import struct
 from dataclasses import dataclass
 
 from .errors import Unreachable, WrongDevice
-from .interfaces import Identity
+from .interfaces import Identity, Vector6
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
 _VERSION, _CONTROLLER, _OUTPUTS, _START, _TEXT, _DATA = b"VvOSMU"
 _RATE = 10.0
 """Hz, of the one package that is waited for."""
 _HEADER = struct.Struct(">HB")
-_FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I"}
+_FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I", "VECTOR6D": "6d"}
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What the controller said of itself: PolyScope version, robot mode and safety bits as RTDE defines them."""
+    """What the controller said of itself: PolyScope version, robot mode and safety bits as RTDE defines them, and the
+    speed of the TCP (m/s, rad/s)."""
 
     version: tuple[int, int, int, int]
     robot_mode: int
     safety_bits: int
+    tcp_speed: Vector6
 
 
 def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
@@ -48,7 +50,7 @@ def snapshot(name: str, host: str, timeout: float) -> Snapshot:
 
     `timeout` is for each answer, s of host time. Raises Unreachable, WrongDevice.
     """
-    names = ("robot_mode", "safety_status_bits")
+    names = ("robot_mode", "safety_status_bits", "actual_TCP_speed")
     with connect(name, host, RTDE_PORT, timeout) as line:
         rtde = _Rtde(name, f"{host}:{RTDE_PORT}", line)
         if rtde.ask(_VERSION, struct.pack(">H", 2), 1) != b"\x01":
@@ -66,7 +68,8 @@ def snapshot(name: str, host: str, timeout: float) -> Snapshot:
                 name, f"{host}:{RTDE_PORT} sends {len(data)} bytes of data instead of {layout.size}; check the line"
             )
         values = layout.unpack(data)
-    return Snapshot((version[0], version[1], version[2], version[3]), int(values[1]), int(values[2]))
+    speed = (values[3], values[4], values[5], values[6], values[7], values[8])
+    return Snapshot((version[0], version[1], version[2], version[3]), int(values[1]), int(values[2]), speed)
 
 
 class _Rtde:

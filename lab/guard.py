@@ -52,6 +52,8 @@ class Owned:
     drivers: dict[str, Any] = field(default_factory=dict)
     opened: list[str] = field(default_factory=list)
     locks: dict[str, threading.Lock] = field(default_factory=dict)
+    busy: set[str] = field(default_factory=set)
+    """Those to which a command that energises is on its way."""
 
 
 class Guard:
@@ -70,7 +72,7 @@ class Guard:
             if config is not None:
                 self.own.drivers[name] = self._make(name, config)
                 self.own.locks[name] = threading.Lock()
-        self.landing = Landing(self.rig.safe, self.own.drivers, self.rig.clock.speed)
+        self.landing = Landing(self.rig.safe, self.own.drivers, self.rig.clock.speed, self.own.busy.__contains__)
         self.running = True
         self.energised = False
         self.landed = ""
@@ -123,13 +125,18 @@ class Guard:
         if name not in self.own.drivers or method not in COMMANDS[name]:
             raise ValueError(f"{name}.{method} is not a command of this rig")
         with self.own.locks[name]:
-            if (name, method) in ENERGISING:
-                self._energise()
-            if (name, method) == ("pressure", "set"):
-                return self._set_pressure(*args)
             if (name, method) == ("pressure", "vent"):
                 self.judge.told = None
-            return getattr(self.own.drivers[name], method)(*args)
+            if (name, method) not in ENERGISING:
+                return getattr(self.own.drivers[name], method)(*args)
+            self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
+            try:
+                self._energise()
+                if name == "pressure":
+                    return self._set_pressure(*args)
+                return getattr(self.own.drivers[name], method)(*args)
+            finally:
+                self.own.busy.discard(name)
 
     def open(self, name: str) -> Identity:
         """Connect one instrument."""

@@ -25,8 +25,8 @@ from .instruments import CONFIGS, make
 PING_PERIOD = 0.1
 SILENT_AFTER = 0.6
 """Host seconds without a word from the guard after which the instrument is stopped."""
-CALL_WITHIN, OPEN_WITHIN = 5.0, 25.0
-"""Host seconds; longer than the driver's own time-outs together."""
+CALL_WITHIN, OPEN_WITHIN = 5.0, 20.0
+"""Host seconds; longer than the longest of the driver's own time-outs. Connecting to a sound arm takes two or three."""
 STOP_WITHIN = 1.5
 """Host seconds for a stop; after that the host is killed and the instrument's own watchdog stops it."""
 
@@ -64,6 +64,11 @@ class Hosted:
     def standing(self) -> bool:
         """See UR5.standing."""
         return bool(self._ask("standing", (), CALL_WITHIN))
+
+    def glance(self) -> bool:
+        """See UR5.glance; in a new process where the last one has ended."""
+        self._start()
+        return bool(self._ask("glance", (), CALL_WITHIN))
 
     def close(self) -> None:
         """Disconnect and end the process."""

@@ -23,8 +23,8 @@ from drivers.interfaces import ArmSample, Identity, Sink
 
 from .clock import RigClock
 
-OPEN_WITHIN, CLOSE_WITHIN = 20.0, 5.0
-"""Host seconds; longer than the driver's own time-outs together."""
+OPEN_WITHIN, CLOSE_WITHIN = 10.0, 5.0
+"""Host seconds. A sound controller sends its state within one or two; the library itself waits without end."""
 LONGEST_BATCH = 50
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, NotReady
 
 from .rig_file import Safe
 
@@ -56,11 +56,19 @@ class SafeReport:
 class Landing:
     """Lands the actuators of one rig by its policy."""
 
-    def __init__(self, policy: Safe, drivers: Mapping[str, Any], speed: float) -> None:
-        """`speed` of the rig's clock: `policy.within` is rig time."""
+    def __init__(
+        self,
+        policy: Safe,
+        drivers: Mapping[str, Any],
+        speed: float,
+        busy: Callable[[str], bool] = lambda name: False,
+    ) -> None:
+        """`speed` of the rig's clock: `policy.within` is rig time. `busy`: whether a command that was let through before
+        the landing is still on its way to an instrument."""
         self._policy = policy
         self._drivers = drivers
         self._within = max(LEAST_TIME, policy.within / speed)
+        self._busy = busy
 
     def land(self, names: Sequence[str], keep_vacuum: bool) -> SafeReport:
         """Stop these instruments; returns when each is confirmed or its time is over. Never raises."""
@@ -80,20 +88,26 @@ class Landing:
         return SafeReport(tuple(results.get(name, SafeStep(name, False, hung)) for name in order))
 
     def _one(self, name: str, sent: threading.Event, results: dict[str, SafeStep]) -> None:
-        """Stop one instrument, then read it until it is safe."""
+        """Stop one instrument, then read it until it is safe.
+
+        A stop that overtook a command on its way proves nothing: it is sent again until none was.
+        """
         stop, is_safe = self._ways(name)
         deadline = time.monotonic() + self._within
-        taken, again_at = False, 0.0
+        taken, overtook, again_at = False, True, 0.0
         while True:
             confirmed = False
             try:
-                if time.monotonic() >= again_at:
+                if overtook or time.monotonic() >= again_at:
+                    before = self._busy(name)
                     stop()
-                    taken, again_at = True, time.monotonic() + AGAIN
+                    taken, overtook, again_at = True, before, time.monotonic() + AGAIN
                     sent.set()
                 confirmed, text = is_safe()
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
                 text = str(e) if taken else f"did not take the stop: {e}"
+            if overtook and confirmed:
+                confirmed, text = False, f"{text}, but an earlier command does not come back"
             if confirmed or time.monotonic() > deadline:
                 results[name] = SafeStep(name, confirmed, text)
                 return
@@ -140,10 +154,19 @@ def _stop_arm(driver: Any) -> None:
     try:
         driver.stop()
     except Exception:
-        if not driver.standing():
+        if not _at_rest(driver):
             raise
 
 
+def _at_rest(driver: Any) -> bool:
+    """By the state that the driver receives; by a look from outside when its connection has ended: after a stop by the
+    arm's own safety system it cannot be opened again before a person has cleared that."""
+    try:
+        return bool(driver.standing())
+    except NotReady:
+        return bool(driver.glance())
+
+
 def _standing(driver: Any) -> tuple[bool, str]:
-    standing = driver.standing()
+    standing = _at_rest(driver)
     return standing, "at rest" if standing else "moving"

@@ -112,8 +112,10 @@ def _positive(q: Quaternion) -> Quaternion:
 
 
 def from_rotation_vector(vector: Sequence[float]) -> Quaternion:
-    """Quaternion (w, x, y, z) of a rotation vector (rad)."""
+    """Quaternion (w, x, y, z) of a rotation vector (rad); ValueError for one that is none or beyond all measure."""
     angle = math.sqrt(math.fsum(c * c for c in vector))
+    if not angle < math.inf:
+        raise ValueError(f"{tuple(vector)} is no rotation")
     if angle == 0:
         return (1.0, 0.0, 0.0, 0.0)
     scale = math.sin(angle / 2) / angle

@@ -163,7 +163,10 @@ def _markers(estimate: Estimator, tip: Samples) -> tuple[tuple[float, float, flo
 
 def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:
     """Force on the specimen along the push (N) and the TCP's way along it from the origin (m)."""
-    tcp = mean_quaternion([from_rotation_vector(pose) for pose in arm["tcp_pose"][:, 3:].tolist()])
+    try:
+        tcp = mean_quaternion([from_rotation_vector(pose) for pose in arm["tcp_pose"][:, 3:].tolist()])
+    except ValueError as error:
+        raise NotSettled(f"orientation on /arm: {error}; check the network to the arm's controller") from error
     in_tcp = turned_back(tcp, probe.direction)
     in_sensor = turned_back(from_rotation_vector(probe.sensor_rotation), in_tcp)
     wrench = force["raw"] - force["zero"]

@@ -21,8 +21,8 @@ SPEED = 20.0
 HANG = 12.0
 """Host seconds from the fault to the end of the experiment: the protocols' longest time-out is 131 s of rig time, 6.6 s
 here; a pause may ask for 2 s more, a driver's own time-outs come to 3 s."""
-CONNECT_HANG = 25.0
-"""The same while connecting, where all instruments are tried: the arm's library alone waits 2.5, 5 and 6 s."""
+CONNECT_HANG = 31.0
+"""The same while connecting, where all instruments are tried: the arm's state has 10 s, its motion 20 s, to come."""
 TIME_OUTS = {"pressure": 0.5, "spine": 0.3, "valve": 0.5, "gauge": 0.5, "force": 0.5}
 """s; longer than the drivers' own, since fakes and lab share the processors of one host."""
 LANDING = 5.0

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects import layout as at
 from model.effects.quantities import Quantities
-from model.effects.shooting import layout as at
 from model.effects.spine import ShearSpine, moduli
 from model.section import annulus_second_moment, body_area, body_second_moment
 

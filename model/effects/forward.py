@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
 from model.effects.compose import INNER, OUTER, rows, silicone_share
 from model.effects.design import Columns, Design, with_rest
@@ -17,13 +18,13 @@ from model.effects.observation import Noise, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import readings
-from model.effects.shooting import layout as at
-from model.effects.solver import Solved, differentiate, integration_steps, solve, straight
+from model.effects.solver import Solved, differentiate, integration_steps, solve
 from model.effects.spec import EffectSpec
 from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import sources
 from model.errors import BadCondition
 from model.robot import Robot
+from model.statics import Solution
 
 Array = NDArray[np.float64]
 
@@ -93,11 +94,11 @@ class ForwardModel:
             for k, p in enumerate(self.parameters)
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         ]
-        self._start: Array | None = None
+        self._start: Solution | None = None
         nominal = rows(self._baseline, self._shear, 1)[0, self._in_bare]
         self._steps = integration_steps(nominal)
         first = self._solved(np.zeros(len(self.parameters)))
-        self._start = np.where(first.bare.ok[:, None], first.bare.unknowns, straight(robot.length))
+        self._start = first.bare.solution
         side = first.final.result[first.final.ok, :2].sum(axis=0)
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)
@@ -181,7 +182,7 @@ class ForwardModel:
         if remembers:
             changed = final.rows.copy()
             add_rest(changed[None], rest[:, self._moved])
-            final = solve(changed, self._arcs, final.steps, final.unknowns)
+            final = solve(changed, self._arcs, final.steps, final.solution)
         return _At(theta, q, built, bare, driven, rest, final, remembers)
 
     def _prediction(self, here: _At) -> Array:

@@ -14,10 +14,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects import layout as at
 from model.effects.design import Design
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
-from model.effects.shooting import layout as at
 from model.rotation import multiply
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects import layout as at
 from model.effects.design import Design
 from model.effects.quantities import Quantities
-from model.effects.shooting import layout as at
 from model.effects.spine import ShearSpine, moduli
 from model.rotation import from_vector, multiply, to_base
 from model.section import annulus_second_moment, body_area, body_second_moment

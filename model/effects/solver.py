@@ -1,24 +1,30 @@
 """The one place where the forward model asks for equilibria: rows in, results and their derivatives out.
 
-Another solver takes over by offering `solve` and `differentiate` on rows laid out as in `layout`.
+Rows and columns of results are laid out as in `layout`; the work is done by `model.statics`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.shooting import layout as at
-from model.effects.shooting import sensitivities, solve_rows
+from model import statics
+from model.effects import layout as at
+from model.rotation import multiply
 
 Array = NDArray[np.float64]
+Steps = NDArray[np.int64]
 
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of two radians."""
-PROBE = 1e-6
-"""Share of a direction by which a pass is probed; directions are a prior width long, so this is small in all units."""
+ACCURACY = statics.Accuracy(divisions=DIVISIONS, close=1e-10)
+NEAR_MARGIN = 0.02
+"""Margin to buckling with which a solution is trusted that began at a trusted one close by."""
+FAR = math.cos(0.5 * 0.8)
+"""Cosine of half the angle (0.8 rad) by which its tip may have turned since."""
 
 
 @dataclass(frozen=True)
@@ -26,25 +32,28 @@ class Solved:
     """Equilibria of n rows."""
 
     rows: Array
+    """(n, WIDTH)."""
     arcs: Array
-    steps: NDArray[np.int64]
-    shot: Array
-    """(n, columns + 6) results and, behind them, what is left of the misses; NaN where no equilibrium was found."""
-    ok: NDArray[np.bool_]
-    unknowns: Array
-    """(n, 43) quaternion and position of the tip and the Jacobian of the misses: where a solve nearby starts."""
+    """(k,) m."""
+    steps: Steps
+    solution: statics.Solution
+    """Where a solve nearby starts."""
+    result: Array
+    """(n, columns); NaN where no equilibrium was found."""
 
     @property
-    def result(self) -> Array:
-        """(n, columns) as in `layout`."""
-        return self.shot[:, :-6]
+    def ok(self) -> NDArray[np.bool_]:
+        """(n,) which were solved."""
+        return self.solution.ok
 
     def take(self, keep: slice) -> Solved:
         """Some of the rows."""
-        return Solved(self.rows[keep], self.arcs, self.steps[keep], self.shot[keep], self.ok[keep], self.unknowns[keep])
+        s = self.solution
+        part = statics.Solution(s.values[keep], s.status[keep], s.memory[keep])
+        return Solved(self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep])
 
 
-def integration_steps(rows: Array) -> NDArray[np.int64]:
+def integration_steps(rows: Array) -> Steps:
     """(n, 2) integration steps of the elements of nominal rows.
 
     They stay the same while parameters change, so that results are smooth in the parameters.
@@ -54,24 +63,69 @@ def integration_steps(rows: Array) -> NDArray[np.int64]:
     return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
 
-def solve(rows: Array, arcs: Array, steps: NDArray[np.int64], start: Array | None = None) -> Solved:
-    """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is `unknowns` of a solution nearby."""
-    n = len(rows)
-    shot, unknowns = np.zeros((n, at.MARKERS + 3 * len(arcs) + 6)), np.zeros((n, 43))
-    given: Array = unknowns if start is None else np.ascontiguousarray(start)
-    kept = np.ascontiguousarray(rows)
-    ok = solve_rows(kept, arcs, steps, given.copy(), start is not None, shot, unknowns)
-    return Solved(kept, arcs, steps, shot, ok, unknowns)
+def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None = None) -> Solved:
+    """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is the solution of rows nearby."""
+    rods = _rods(rows)
+    if start is None:
+        solution = statics.solve(rods, ACCURACY, remember=True, steps=steps)
+    else:
+        solution = _go_on(rods, steps, start)
+    found = statics.stations(rods, solution, _places(rods, arcs, base=True), ACCURACY, steps)
+    result = np.empty((len(rows), at.MARKERS + 3 * len(arcs)))
+    result[:, at.TIP : at.TIP + 3] = solution.tip
+    result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
+    result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
+    result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
+    result[:, at.STRAIN : at.STRAIN + 2] = statics.strains(rods, solution, ACCURACY, steps)
+    result[:, at.MARKERS :] = found.position[:, 2:].reshape(len(rows), 3 * len(arcs))
+    return Solved(rows, arcs, steps, solution, result)
+
+
+def _go_on(rods: statics.Rods, steps: Steps, start: statics.Solution) -> statics.Solution:
+    """Solve from a solution close by; a tip that turned far may have snapped, and is solved from nothing."""
+    found = statics.solve(rods, ACCURACY, start=start, remember=True, steps=steps, least_margin=NEAR_MARGIN)
+    turned = np.abs(np.sum(found.orientation * start.orientation, axis=1)) < FAR
+    if not turned.any():
+        return found
+    again = statics.solve(rods[turned], ACCURACY, remember=True, steps=steps[turned])
+    found.values[turned], found.memory[turned] = again.values, again.memory
+    status = found.status.copy()
+    status[turned] = again.status
+    return replace(found, status=status)
 
 
 def differentiate(solved: Solved, directions: Array) -> Array:
     """(p, n, columns) change of the results along `directions` (p, n, WIDTH)."""
-    out = np.zeros((len(directions), *solved.result.shape))
-    along = np.ascontiguousarray(directions)
-    sensitivities(solved.rows, solved.arcs, solved.steps, solved.shot, solved.unknowns, along, PROBE, out)
+    rods, result = _rods(solved.rows), solved.result
+    along = np.ascontiguousarray(directions.transpose(1, 0, 2))
+    places = _places(rods, solved.arcs, base=False)
+    d = statics.sensitivities(
+        rods, solved.solution, along, ACCURACY, arc_lengths=places, strain=True, attached=1, steps=solved.steps
+    )
+    out = np.empty((len(directions), *result.shape))
+    out[..., at.TIP : at.TIP + 3] = d.tip.swapaxes(0, 1)
+    for column, turn in ((at.ORIENTATION, d.rotation), (at.JOINT, d.turn[:, :, 0]), (at.BASE, d.base_rotation)):
+        out[..., column : column + 4] = _turned(result[:, column : column + 4], turn.swapaxes(0, 1))
+    out[..., at.STRAIN : at.STRAIN + 2] = d.strain.swapaxes(0, 1)
+    out[..., at.MARKERS :] = d.position[:, :, 1:].swapaxes(0, 1).reshape(*out.shape[:2], 3 * len(solved.arcs))
     return out
 
 
-def straight(length: float) -> Array:
-    """(43,) where to begin with a rod of which nothing is known."""
-    return np.concatenate([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, length], np.eye(6).ravel()])
+def _turned(q: Array, turn: Array) -> Array:
+    """Change of quaternions q (n, 4) with small turns (p, n, 3) from the left."""
+    whole = np.concatenate([np.zeros((*turn.shape[:-1], 1)), 0.5 * turn], axis=-1)
+    return multiply(whole, np.broadcast_to(q, whole.shape))
+
+
+def _rods(rows: Array) -> statics.Rods:
+    values = np.array(rows, order="C")
+    for element in range(at.FORM.elements):
+        values[:, at.ELEMENTS + element * at.ELEMENT_WIDTH + at.REST_STRAIN + 2] += 1.0
+    return statics.Rods(at.FORM, values)
+
+
+def _places(rods: statics.Rods, arcs: Array, base: bool) -> Array:
+    """(n, 1 + k or 2 + k) m: the base, the spine's end and the arc lengths, these no farther than the tip."""
+    inner = rods.field("length")[:, :1]
+    given = np.minimum(arcs[None, :], rods.whole_length[:, None])
+    return np.concatenate([np.zeros_like(inner), inner, given] if base else [inner, given], axis=1)

@@ -6,7 +6,7 @@ drop_stale_kernels()
 
 from model.statics.problem import Form, Rods, blank, rods  # noqa: E402
 from model.statics.sensitivity import Sensitivities, sensitivities  # noqa: E402
-from model.statics.shape import Stations, energy, stations  # noqa: E402
+from model.statics.shape import Stations, energy, stations, strains  # noqa: E402
 from model.statics.solver import DEFAULT, FINE, Accuracy, Solution, solve  # noqa: E402
 
 __all__ = [
@@ -24,4 +24,5 @@ __all__ = [
     "sensitivities",
     "solve",
     "stations",
+    "strains",
 ]

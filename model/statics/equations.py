@@ -17,7 +17,9 @@ Equilibrium and kinematics (eq. 1 and 2 of the paper: p' = R v, R' = R u^, n' = 
 A hyperelastic section has the stored energy, per length, of elastic bending curvatures k1, k2 and axial strain e
     W = Q (1 + a Q / (2 B) + b e) / 2 + EA e^2 (1 + 2 c e / 3) / 2,   Q = EIxx k1^2 + EIyy k2^2,  B^2 = EIxx EIyy
 (for EIxx = EIyy simply Q / B = curvature squared), so that its moment and axial force are
-    m_i = EI_i k_i D,   D = 1 + a Q / B + b e,   n3 = EA (e + c e^2) + b Q / 2
+    m_i = EI_i k_i D,   D = 1 + g(a Q / B) + b e,   n3 = EA (e + c e^2) + b Q / 2
+where g(x) = x; a section that softens (x < 0) has g(x) = x / (1 - 2 x) and as energy the integral of it, so that it
+never carries less moment the more it is bent.
 """
 
 from __future__ import annotations
@@ -30,11 +32,15 @@ from numpy.typing import NDArray
 from model.statics.algebra import Quaternion, State, Vector, add, along, cross, product, times, turned_back
 from model.statics.jit import inline
 from model.statics.lanes import vector_of
+from model.statics.record import keep, keep_softness
 
 Array = NDArray[np.float64]
 
 Section = tuple[Vector, Vector, Vector, Vector]
 """1 / K_bt, 1 / K_se, u*, v*."""
+
+Places = tuple[int, int]
+"""Where in `series` and `rises` the terms of the element are."""
 
 SERIES_ROUNDS = 5
 """Newton rounds on D and e; from the linear values they reach rounding where the section law has a solution nearby."""
@@ -42,14 +48,28 @@ SERIES_ROUNDS = 5
 
 @inline
 def slope(
-    y: State, force: Vector, section: Section, z: float, rises: Array | None, series: Array | None, e: int, l: int
+    y: State,
+    force: Vector,
+    section: Section,
+    z: float,
+    rises: Array | None,
+    series: Array | None,
+    at: Places,
+    l: int,
+    stages: Array | None,
+    i: int,
 ) -> State:
-    """dy/dt of the state (q, m, r) under the internal force N (mount frame), at the share z of element e of lane l."""
+    """dy/dt of the state (q, m, r) under the internal force N (mount frame), at the share z of an element of lane l.
+
+    Where `stages` is given, what goes on here is written down as its stage i.
+    """
     q = (y[0], y[1], y[2], y[3])
     m = (y[4], y[5], y[6])
     r = (y[7], y[8], y[9])
     n = turned_back(q, force)
-    u, v = strains(m, n, section, z, rises, series, e, l)
+    u, v = strains(m, n, section, z, rises, series, at, l, stages, i)
+    if stages is not None:
+        keep(stages, i, q, m, n, u, v, l)
     dq = turning(q, u)
     dm = add(cross(u, m), cross(v, n))
     dr = add(cross(u, r), v)
@@ -70,24 +90,28 @@ def strains(
     z: float,
     rises: Array | None,
     series: Array | None,
-    e: int,
+    at: Places,
     l: int,
+    stages: Array | None,
+    i: int,
 ) -> tuple[Vector, Vector]:
     """u and v of a section that carries m and n (section frame).
 
-    `series` holds a, b, c of each element; `rises` the coefficients of z, z^2, z^3 of u* over each element, z = 0 at
+    `series` holds a, b, c of each element from at[0] on; `rises`, from at[1] on, the coefficients of z, z^2, z^3 of u*, z = 0 at
     its base end .. 1 at its tip end. None means that no rod has such terms and costs nothing.
     """
     flex, give, rest, straight = section
     u, v = times(flex, m), times(give, n)
     if series is not None:
-        stiffer, strain = softened(u, m, v[2], flex, give, vector_of(series, 3 * e, l))
+        stiffer, strain = softened(u, m, v[2], flex, give, vector_of(series, at[0], l))
+        if stages is not None:
+            keep_softness(stages, i, m, n, stiffer, strain, flex, give, vector_of(series, at[0], l), l)
         u = (u[0] / stiffer, u[1] / stiffer, u[2])
         v = (v[0], v[1], strain)
     if rises is not None:
-        rest = along(rest, z, vector_of(rises, 9 * e, l))
-        rest = along(rest, z * z, vector_of(rises, 9 * e + 3, l))
-        rest = along(rest, z * z * z, vector_of(rises, 9 * e + 6, l))
+        rest = along(rest, z, vector_of(rises, at[1], l))
+        rest = along(rest, z * z, vector_of(rises, at[1] + 3, l))
+        rest = along(rest, z * z * z, vector_of(rises, at[1] + 6, l))
     return add(u, rest), add(v, straight)
 
 
@@ -100,11 +124,13 @@ def softened(u: Vector, m: Vector, strain: float, flex: Vector, give: Vector, se
     coupled = 0.5 * b * energy * give[2]
     d, e = 1.0, strain
     for _ in range(SERIES_ROUNDS):
-        # Newton on D - 1 - a Q / B - b e = 0 and e + c e^2 + b Q / (2 EA) - n3 / EA = 0 with Q = (m . u) / D^2.
+        # Newton on D - 1 - g(a Q / B) - b e = 0 and e + c e^2 + b Q / (2 EA) - n3 / EA = 0 with Q = (m . u) / D^2.
         w = 1.0 / (d * d)
-        first = d - 1.0 - bending * w - b * e
+        x = bending * w
+        level = 1.0 / (1.0 - 2.0 * min(x, 0.0))
+        first = d - 1.0 - x * level - b * e
         second = e + c * e * e + coupled * w - strain
-        first_d = 1.0 + 2.0 * bending * w / d
+        first_d = 1.0 + 2.0 * x * level * level / d
         second_d = -2.0 * coupled * w / d
         second_e = 1.0 + 2.0 * c * e
         scale = 1.0 / (first_d * second_e + b * second_d)

@@ -12,6 +12,7 @@ from model.statics.jit import inline, kernel, routine
 from model.statics.lanes import (
     CARRY,
     ELEMENT,
+    HELD,
     JACOBIAN,
     LANES,
     LARGEST,
@@ -21,10 +22,12 @@ from model.statics.lanes import (
     TIP,
     TURN,
     WHOLE,
+    Counts,
     M,
     N,
     Q,
     cut,
+    fixed_cut,
     gather_elements,
     gather_ends,
     new_work,
@@ -50,8 +53,9 @@ AT_TIP, AT_ORIENTATION, AT_FORCE, AT_MOMENT = 0, 3, 7, 10
 AT_MISS, AT_MARGIN, AT_LARGEST, AT_FRACTION = 13, 14, 15, 16
 """What is left of the base's miss (rad, lengths), margin to buckling, largest moment (N m), share of load."""
 RESULT = 17
-MEMORY = 23
-"""What a warm start needs: orientation (4), Jacobian (9), carry (9), largest moment (N m)."""
+MEMORY, MEMORY_SPRINGS = 23, 62
+"""What a warm start needs: orientation (4), Jacobian (9), carry (9), largest moment (N m). With springs both matrices
+are for six unknowns (36, 18), and the position (3) comes behind the orientation."""
 
 COARSE_DIVISIONS = 1.0
 """Steps of a coarse pass along the whole rod: one an element, as a rule."""
@@ -108,6 +112,7 @@ def solve_direct(
     springs: int,
     divisions: float,
     close: float,
+    steps: Counts,
     memory: Array,
     warm: bool,
     out: Array,
@@ -115,8 +120,8 @@ def solve_direct(
     """Solve every row of `rods` (see `layout`) and write a row of `out`.
 
     `rises` (9 elements LANES) and `series` (3 elements LANES) are room for such terms, or None when there are none;
-    no two threads may share them. `memory` (n or 0 rows) is read when `warm` and always written. Rows that did not
-    converge have an AT_MISS that is not below `close`.
+    no two threads may share them. `steps` (n or 0 rows) fixes the fine steps. `memory` (n or 0 rows) is read when
+    `warm` and always written. Rows that did not converge have an AT_MISS that is not below `close`.
     """
     n = rods.shape[0]
     work = new_work()
@@ -129,7 +134,7 @@ def solve_direct(
             gather_ends(rods, first + l, head, block, work, l)
             gather_elements(rods, first + l, head, block, elements, rises, series, l)
         if warm:
-            recall(memory, first, work, active)
+            recall(memory, first, work, springs, active)
         else:
             cut(work, elements, parts, COARSE_DIVISIONS, active)
             first_guess(work, elements, rises, series, parts, active)
@@ -138,6 +143,8 @@ def solve_direct(
             for l in range(active):
                 work[LARGEST * LANES + l] = math.sqrt(work[PEAK * LANES + l])
         cut(work, elements, parts, divisions, active)
+        if steps.shape[0] > 0:
+            fixed_cut(steps, first, parts, active)
         evaluate(work, elements, rises, series, parts, springs, 1.0, active)
         improve(work, elements, rises, series, parts, springs, active, close, ROUNDS)
         newton_turn(work, springs, active)
@@ -145,32 +152,42 @@ def solve_direct(
         for l in range(active):
             write_result(work, springs, out, first + l, l)
         if memory.shape[0] > 0:
-            remember(work, memory, first, active)
+            remember(work, memory, first, springs, active)
 
 
 @inline
-def recall(memory: Array, first: int, work: Array, active: int) -> None:
-    """Start from the orientation and the Jacobians of an earlier solve; its largest moment sets the steps."""
+def recall(memory: Array, first: int, work: Array, springs: int, active: int) -> None:
+    """Start from the pose and the Jacobians of an earlier solve; its largest moment sets the steps."""
+    shift, unknowns = (3, 6) if springs > 0 else (0, 3)
+    jacobian, carry = 4 + shift, 4 + shift + unknowns * unknowns
     for l in range(active):
         row = first + l
         for k in range(4):
             work[(TIP + k) * LANES + l] = memory[row, k]
-        for r in range(3):
-            for c in range(3):
-                work[(JACOBIAN + 6 * r + c) * LANES + l] = memory[row, 4 + 3 * r + c]
-                work[(CARRY + 6 * r + c) * LANES + l] = memory[row, 13 + 3 * r + c]
-        work[LARGEST * LANES + l] = memory[row, 22]
+        for k in range(shift):
+            work[(HELD + k) * LANES + l] = memory[row, 4 + k]
+        for c in range(unknowns):
+            for r in range(unknowns):
+                work[(JACOBIAN + 6 * r + c) * LANES + l] = memory[row, jacobian + unknowns * r + c]
+            for r in range(3):
+                work[(CARRY + 6 * r + c) * LANES + l] = memory[row, carry + unknowns * r + c]
+        work[LARGEST * LANES + l] = memory[row, carry + 3 * unknowns]
 
 
 @inline
-def remember(work: Array, memory: Array, first: int, active: int) -> None:
+def remember(work: Array, memory: Array, first: int, springs: int, active: int) -> None:
     """Keep what `recall` reads."""
+    shift, unknowns = (3, 6) if springs > 0 else (0, 3)
+    jacobian, carry = 4 + shift, 4 + shift + unknowns * unknowns
     for l in range(active):
         row = first + l
         for k in range(4):
             memory[row, k] = work[(TIP + k) * LANES + l]
-        for r in range(3):
-            for c in range(3):
-                memory[row, 4 + 3 * r + c] = work[(JACOBIAN + 6 * r + c) * LANES + l]
-                memory[row, 13 + 3 * r + c] = work[(CARRY + 6 * r + c) * LANES + l]
-        memory[row, 22] = work[LARGEST * LANES + l]
+        for k in range(shift):
+            memory[row, 4 + k] = work[(HELD + k) * LANES + l]
+        for c in range(unknowns):
+            for r in range(unknowns):
+                memory[row, jacobian + unknowns * r + c] = work[(JACOBIAN + 6 * r + c) * LANES + l]
+            for r in range(3):
+                memory[row, carry + unknowns * r + c] = work[(CARRY + 6 * r + c) * LANES + l]
+        memory[row, carry + 3 * unknowns] = work[LARGEST * LANES + l]

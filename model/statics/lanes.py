@@ -15,6 +15,7 @@ from model.statics.algebra import Quaternion, Vector, dot
 from model.statics.jit import inline, routine
 from model.statics.layout import (
     BASE_COMPLIANCE,
+    BASE_RELIEF,
     BASE_TURN,
     BEND,
     HEAD,
@@ -37,7 +38,7 @@ ELEMENT = 18
 """Quantities of one element in `elements`: length, 1/K_bt (3), 1/K_se (3), u* (3), v* (3), load (3), |u*|, and the
 parts it wants to be cut into."""
 REST, PARTS = 16, 17
-MOST_SPRINGS = 2
+MOST_SPRINGS = 3
 
 # The quantities in `work`, one array for all so that nothing has to be counted or checked for overlap on the way.
 Q, M, R, N, PEAK = 0, 4, 7, 10, 13
@@ -57,7 +58,9 @@ WRENCH, BASE, COMPLIANCE, SHARE, WHOLE = 106, 118, 122, 125, 126
 """Follower force and moment, dead force and moment (12), base quaternion (4), compliance (3), share of load, length."""
 LARGEST, THRUST = 127, 128
 """Largest moment of the coarse solution, N m, and about the largest force, N."""
-SPRINGS = 129
+RELIEF = 129
+"""Share of the follower loads' moment that the base's compliance does not feel."""
+SPRINGS = 130
 WORK = SPRINGS + MOST_SPRINGS * SPRING
 
 
@@ -118,6 +121,7 @@ def gather_ends(rods: Array, row: int, head: int, block: int, work: Array, lane:
     put_quaternion(work, BASE, lane, (w, half * x, half * y, half * z))
     for k in range(3):
         work[(COMPLIANCE + k) * LANES + lane] = rods[row, BASE_COMPLIANCE + k]
+    work[RELIEF * LANES + lane] = rods[row, BASE_RELIEF]
     work[SHARE * LANES + lane] = 1.0
     whole = whole_length(rods, row, head, block)
     work[WHOLE * LANES + lane] = whole
@@ -160,6 +164,16 @@ def copy_terms(rods: Array, row: int, o: int, terms: Array | None, k: int, count
     if terms is not None:
         for j in range(count):
             terms[(k + j) * LANES + lane] = rods[row, o + j]
+
+
+@routine
+def fixed_cut(steps: Counts, first: int, parts: Counts, active: int) -> None:
+    """`parts` (tip first) from `steps` (n, elements base to tip): the most that any rod of the group is to have."""
+    for e in range(parts.size):
+        most = 1
+        for l in range(active):
+            most = max(most, steps[first + l, parts.size - 1 - e])
+        parts[e] = most
 
 
 FINEST = 5.0

@@ -15,7 +15,9 @@ BASE_TURN = 12
 """Rotation vector (rad) that turns the mount frame into the unloaded base."""
 BASE_COMPLIANCE = 15
 """rad / (N m): how far the base turns with the moment on it, about each axis of the mount frame."""
-HEAD = 18
+BASE_RELIEF = 18
+"""Share (1) of the moment of the follower loads that the compliance of the base does not feel."""
+HEAD = 19
 
 SPRING_DIRECTION, SPRING_STIFFNESS, SPRING_ORIGIN, SPRING_SOFTNESS = 0, 3, 4, 5
 """Unit direction e (mount frame), N/m, where along e it starts to pull (m), width of a one-sided start (m)."""

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from model.statics.algebra import Quaternion, along, dot, product, scaled, times, turned, turned_back
+from model.statics.algebra import Quaternion, add, along, cross, dot, product, scaled, times, turned, turned_back
+from model.statics.equations import Places
 from model.statics.jit import inline, routine
 from model.statics.lanes import (
     BASE,
@@ -18,6 +19,7 @@ from model.statics.lanes import (
     MISS,
     PEAK,
     PLACE,
+    RELIEF,
     SHARE,
     SPRINGS,
     TIP,
@@ -60,7 +62,7 @@ def evaluate(
             z = 1.0 + j * dz
             if active == LANES:
                 for l in range(LANES):
-                    advance(work, elements, rises, series, e, z, dz, l, dead)
+                    advance(work, elements, rises, series, e * ELEMENT, (3 * e, 9 * e), z, dz, l, dead, None)
             else:
                 for l in range(active):
                     advance_alone(work, elements, rises, series, e, z, dz, l, dead)
@@ -82,7 +84,7 @@ def advance_alone(
     dead: float,
 ) -> None:
     """As `advance`, compiled once without vectors."""
-    advance(work, elements, rises, series, e, z, dz, l, dead)
+    advance(work, elements, rises, series, e * ELEMENT, (3 * e, 9 * e), z, dz, l, dead, None)
 
 
 @inline
@@ -128,17 +130,18 @@ def advance(
     elements: Array,
     rises: Array | None,
     series: Array | None,
-    e: int,
+    o: int,
+    at: Places,
     z: float,
     dz: float,
     l: int,
     dead: float,
+    stages: Array | None,
 ) -> None:
-    """One step of lane l within element e, from the place z by dz (a negative share of the element)."""
+    """One step of lane l within the element at o, from the place z by dz (a negative share of the element)."""
     q, m, r = quaternion_of(work, Q, l), vector_of(work, M, l), vector_of(work, R, l)
     y = (q[0], q[1], q[2], q[3], m[0], m[1], m[2], r[0], r[1], r[2])
     force = vector_of(work, N, l)
-    o = e * ELEMENT
     h = -dz * elements[o * LANES + l]
     section = (
         vector_of(elements, o + 1, l),
@@ -147,7 +150,7 @@ def advance(
         vector_of(elements, o + 10, l),
     )
     load = scaled(dead * work[SHARE * LANES + l], vector_of(elements, o + 13, l))
-    y = step(y, force, load, h, section, z, dz, rises, series, e, l)
+    y = step(y, force, load, h, section, z, dz, rises, series, at, l, stages)
     put_quaternion(work, Q, l, (y[0], y[1], y[2], y[3]))
     put(work, M, l, (y[4], y[5], y[6]))
     put(work, R, l, (y[7], y[8], y[9]))
@@ -175,6 +178,20 @@ def read_base(work: Array, active: int) -> None:
         scale = math.copysign(4.0 / (1.0 + abs(e[0])), e[0])
         put(work, MISS, l, (scale * e[1] - give[0], scale * e[2] - give[1], scale * e[3] - give[2]))
         put(work, PLACE, l, turned(q, vector_of(work, R, l)))
+    for l in range(active):
+        if work[RELIEF * LANES + l] != 0.0:
+            relieve(work, l)
+
+
+@routine
+def relieve(work: Array, l: int) -> None:
+    """Take back the share RELIEF of what the compliance made of the moment of the follower loads about the base."""
+    share = work[RELIEF * LANES + l] * work[SHARE * LANES + l]
+    q = quaternion_of(work, TIP, l)
+    force, moment = turned(q, vector_of(work, WRENCH, l)), turned(q, vector_of(work, WRENCH + 3, l))
+    carried = add(moment, cross(vector_of(work, PLACE, l), force))
+    give = times(carried, vector_of(work, COMPLIANCE, l))
+    put(work, MISS, l, along(vector_of(work, MISS, l), share, give))
 
 
 @inline

@@ -25,6 +25,7 @@ _PER_ROD = {
     "dead_moment": (layout.DEAD_MOMENT, 3),
     "base_turn": (layout.BASE_TURN, 3),
     "base_compliance": (layout.BASE_COMPLIANCE, 3),
+    "base_relief": (layout.BASE_RELIEF, 1),
 }
 _PER_SPRING = {
     "spring_direction": (layout.SPRING_DIRECTION, 3),
@@ -42,7 +43,7 @@ _PER_ELEMENT = {
 }
 _HYPERELASTIC = {"series": (layout.SERIES, 3)}
 _GRADED = {"curvature_rise": (layout.RISE, 9)}
-MOST_SPRINGS = 2
+MOST_SPRINGS = 3
 
 
 @dataclass(frozen=True)
@@ -96,10 +97,10 @@ class Form:
         return found
 
     def view(self, values: Array, name: str) -> Array:
-        """The field `name` of rows (..., width) as a view: (..., k), (..., springs[, k]) or (..., elements[, k])."""
+        """The field `name` of rows (..., width) as a view: (...[, k]), (..., springs[, k]) or (..., elements[, k])."""
         if name in _PER_ROD:
             at, size = _PER_ROD[name]
-            return values[..., at : at + size]
+            return values[..., at] if size == 1 else values[..., at : at + size]
         if name in self._spring_fields():
             first, count, each = layout.HEAD, self.springs, layout.SPRING
             at, size = _PER_SPRING[name]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.statics.algebra import State, Vector, along, plus
-from model.statics.equations import Section, slope
+from model.statics.equations import Places, Section, slope
 from model.statics.jit import inline
 
 Array = NDArray[np.float64]
@@ -35,11 +35,12 @@ def step(
     dz: float,
     rises: Array | None,
     series: Array | None,
-    e: int,
+    at: Places,
     l: int,
+    stages: Array | None,
 ) -> State:
     """The state a distance h nearer to the base; `force` (N) at the start grows by `load` (N/m) on the way and
-    z, the place within element e of lane l, by dz."""
+    z, the place within the element, by dz. Stages are written down where there is room for them in `stages`."""
     z2, z3, z5, z7 = z + C2 * dz, z + C3 * dz, z + C5 * dz, z + dz
     f2, f3, f5, f7 = (
         along(force, C2 * h, load),
@@ -47,16 +48,16 @@ def step(
         along(force, C5 * h, load),
         along(force, h, load),
     )
-    k1 = slope(y, force, section, z, rises, series, e, l)
-    k2 = slope(plus(y, A21 * h, k1), f2, section, z2, rises, series, e, l)
-    k3 = slope(plus(y, A32 * h, k2), f3, section, z3, rises, series, e, l)
+    k1 = slope(y, force, section, z, rises, series, at, l, stages, 0)
+    k2 = slope(plus(y, A21 * h, k1), f2, section, z2, rises, series, at, l, stages, 1)
+    k3 = slope(plus(y, A32 * h, k2), f3, section, z3, rises, series, at, l, stages, 2)
     y4 = plus(plus(plus(y, A41 * h, k1), A42 * h, k2), A43 * h, k3)
-    k4 = slope(y4, f2, section, z2, rises, series, e, l)
+    k4 = slope(y4, f2, section, z2, rises, series, at, l, stages, 3)
     y5 = plus(plus(plus(plus(y, A51 * h, k1), A52 * h, k2), A53 * h, k3), A54 * h, k4)
-    k5 = slope(y5, f5, section, z5, rises, series, e, l)
+    k5 = slope(y5, f5, section, z5, rises, series, at, l, stages, 4)
     y6 = plus(plus(plus(plus(y, A62 * h, k2), A63 * h, k3), A64 * h, k4), A65 * h, k5)
-    k6 = slope(y6, f5, section, z5, rises, series, e, l)
+    k6 = slope(y6, f5, section, z5, rises, series, at, l, stages, 5)
     y7 = plus(plus(plus(plus(plus(y, A71 * h, k1), A72 * h, k2), A73 * h, k3), A74 * h, k4), A76 * h, k6)
-    k7 = slope(y7, f7, section, z7, rises, series, e, l)
+    k7 = slope(y7, f7, section, z7, rises, series, at, l, stages, 6)
     y = plus(plus(plus(y, B1 * h, k1), B3 * h, k3), B4 * h, k4)
     return plus(plus(plus(y, B5 * h, k5), B6 * h, k6), B7 * h, k7)

@@ -16,17 +16,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from model.errors import BadCondition
-from model.statics import differences
+from model.statics import implicit
 from model.statics.problem import Rods
-from model.statics.solver import DEFAULT, Accuracy, Solution, room_for_terms, share_out
+from model.statics.shape import arcs_of
+from model.statics.solver import DEFAULT, Accuracy, Solution, Steps, room_for_terms, share_out, steps_of
 
 Array = NDArray[np.float64]
-
-SHARE_OF_SIZE = 2e-5
-"""A direction is followed until the first of its numbers has changed by this share of its size."""
 
 
 @dataclass(frozen=True)
@@ -34,33 +32,77 @@ class Sensitivities:
     """Derivatives of n solutions by k parameters, mount frame, per unit of the parameter; NaN where not solved."""
 
     values: Array
-    """(n, k, differences.OUTPUTS)."""
+    """(n, k, outputs), see `implicit`."""
+    strains: int
+    """Elements whose mean strain is in it."""
 
     @property
     def tip(self) -> Array:
         """(n, k, 3) m."""
-        return self.values[..., differences.BY_TIP : differences.BY_TIP + 3]
+        return self._three(implicit.BY_TIP)
 
     @property
     def rotation(self) -> Array:
         """(n, k, 3) rad: rotation vector of the tip frame, so that dR = [rotation]x R."""
-        return self.values[..., differences.BY_TURN : differences.BY_TURN + 3]
+        return self._three(implicit.BY_ROTATION)
 
     @property
     def base_force(self) -> Array:
         """(n, k, 3) N."""
-        return self.values[..., differences.BY_FORCE : differences.BY_FORCE + 3]
+        return self._three(implicit.BY_BASE_FORCE)
 
     @property
     def base_moment(self) -> Array:
         """(n, k, 3) N m."""
-        return self.values[..., differences.BY_MOMENT : differences.BY_MOMENT + 3]
+        return self._three(implicit.BY_BASE_MOMENT)
+
+    @property
+    def base_rotation(self) -> Array:
+        """(n, k, 3) rad, as `rotation`."""
+        return self._three(implicit.BY_BASE_TURN)
+
+    @property
+    def strain(self) -> Array:
+        """(n, k, elements) 1: mean axial strain of each element, where `strain` was asked for."""
+        return self.values[..., implicit.OUTPUTS : implicit.OUTPUTS + self.strains]
+
+    @property
+    def position(self) -> Array:
+        """(n, k, stations, 3) m."""
+        return self._stations[..., :3]
+
+    @property
+    def turn(self) -> Array:
+        """(n, k, stations, 3) rad: rotation vectors of the stations, as `rotation`."""
+        return self._stations[..., 3:]
+
+    def _three(self, at: int) -> Array:
+        return self.values[..., at : at + 3]
+
+    @property
+    def _stations(self) -> Array:
+        found = self.values[..., implicit.OUTPUTS + self.strains :]
+        return found.reshape(*found.shape[:2], found.shape[2] // implicit.STATION, implicit.STATION)
 
 
 def sensitivities(
-    rods: Rods, solution: Solution, directions: Array, accuracy: Accuracy = DEFAULT, *, cores: int = 1
+    rods: Rods,
+    solution: Solution,
+    directions: Array,
+    accuracy: Accuracy = DEFAULT,
+    *,
+    cores: int = 1,
+    arc_lengths: ArrayLike = (),
+    strain: bool = False,
+    attached: int = 0,
+    steps: Steps | None = None,
 ) -> Sensitivities:
-    """Derivatives of `solution` (of these rods, at this accuracy) along directions (n or 1, k, form.width)."""
+    """Derivatives of `solution` (of these rods, at this accuracy) along directions (n or 1, k, form.width).
+
+    `arc_lengths` (s,) or (n, s) in m from the base asks for stations, `strain` for the mean strain of every element.
+    Stations stay at their arc length when lengths change; the first `attached` go with their share of an element (the
+    end of a spine does). `steps` are those of the solution, where they were fixed.
+    """
     n, form = len(rods), rods.form
     given = np.ascontiguousarray(directions, dtype=np.float64)
     if given.ndim != 3 or given.shape[0] not in (1, n) or given.shape[2] != form.width:
@@ -69,59 +111,28 @@ def sensitivities(
         raise BadCondition("directions: must be finite")
     if len(solution.status) != n:
         raise BadCondition(f"solution: of {len(solution.status)} rods, must be of {n}")
-    nudges = SHARE_OF_SIZE / np.maximum((np.abs(given) / natural_sizes(rods)).max(axis=2), 1e-300)
-    out = np.empty((n, given.shape[1], differences.OUTPUTS))
+    arcs = arcs_of(rods, arc_lengths)
+    wide = implicit.OUTPUTS + (form.elements if strain else 0) + implicit.STATION * arcs.shape[1]
+    fixed = steps_of(rods, steps)
+    out = np.empty((n, given.shape[1], wide))
 
     def part(rows: slice) -> None:
-        own = rows if len(given) > 1 else slice(0, 1)
-        differences.differentiate(
+        implicit.differentiate(
             rods.values[rows],
             form.head,
             form.block,
             *room_for_terms(form),
             form.springs,
             accuracy.divisions,
-            given[own],
-            nudges[own],
+            fixed[rows] if len(fixed) else fixed,
+            strain,
+            arcs[rows],
+            attached,
+            given[rows if len(given) > 1 else slice(0, 1)],
             solution.values[rows],
             out[rows],
         )
 
     share_out(part, n, cores)
     out[~solution.ok] = np.nan
-    return Sensitivities(out)
-
-
-def natural_sizes(rods: Rods) -> Array:
-    """(width,) the size a number of each column has to have before it matters, from length and bending stiffness."""
-    form = rods.form
-    if not len(rods):
-        return np.ones(form.width)
-    length = float(np.median(rods.whole_length))
-    bend = float(np.median(rods.field("bend_stiffness")[..., :2]))
-    units = {
-        "tip_force": bend / length**2,
-        "tip_moment": bend / length,
-        "dead_force": bend / length**2,
-        "dead_moment": bend / length,
-        "base_compliance": length / bend,
-        "spring_stiffness": bend / length**3,
-        "spring_origin": length,
-        "spring_softness": length,
-        "length": length,
-        "bend_stiffness": bend,
-        "stretch_stiffness": float(np.median(rods.field("stretch_stiffness"))),
-        "rest_curvature": 1 / length,
-        "curvature_rise": 1 / length,
-        "load": bend / length**3,
-    }
-    sizes = np.ones(form.width)
-    for name in form.fields():
-        form.view(sizes, name)[...] = units.get(name, 1.0)
-    # Small softnesses and short elements must not be stepped over.
-    smallest = np.abs(rods.values).min(axis=0)
-    kept = np.zeros(form.width, bool)
-    for name in ("bend_stiffness", "stretch_stiffness", "spring_softness"):
-        if name in form.fields():
-            form.view(kept, name)[...] = True
-    return np.where(kept & (smallest > 0), np.minimum(sizes, smallest), sizes)
+    return Sensitivities(out, form.elements if strain else 0)

@@ -19,10 +19,12 @@ from model.statics.lanes import (
     LANES,
     LARGEST,
     TIP,
+    Counts,
     M,
     N,
     R,
     cut,
+    fixed_cut,
     gather_elements,
     gather_ends,
     new_work,
@@ -30,16 +32,16 @@ from model.statics.lanes import (
 )
 from model.statics.passes import advance_alone, pull, set_tip, unit_quaternion
 from model.statics.problem import Rods
-from model.statics.solver import DEFAULT, Accuracy, Solution, room_for_terms
+from model.statics.solver import DEFAULT, Accuracy, Solution, Steps, room_for_terms, steps_of
 
 Array = NDArray[np.float64]
 
-PLACE, TURN, FORCE, MOMENT, ENERGY = 0, 3, 7, 10, 13
-WIDTH = 14
+PLACE, TURN, FORCE, MOMENT, ENERGY, STRETCH = 0, 3, 7, 10, 13, 14
+WIDTH = 15
 STATE = 14
 """Quantities of the state, copied while a station inside a step is visited."""
 GAUSS = 8
-"""Points an element for the energy."""
+"""Points an element for the energy and the mean strain."""
 
 
 @dataclass(frozen=True)
@@ -74,19 +76,22 @@ class Stations:
         """(n, k) J/m stored in the section."""
         return self.values[..., ENERGY]
 
+    @property
+    def strain(self) -> Array:
+        """(n, k) 1: axial strain v3 - 1."""
+        return self.values[..., STRETCH]
 
-def stations(rods: Rods, solution: Solution, arc_lengths: ArrayLike, accuracy: Accuracy = DEFAULT) -> Stations:
+
+def stations(
+    rods: Rods,
+    solution: Solution,
+    arc_lengths: ArrayLike,
+    accuracy: Accuracy = DEFAULT,
+    steps: Steps | None = None,
+) -> Stations:
     """The rods at arc lengths (k,) or (n, k) in m from the base; one pass a rod, nothing is solved."""
-    n, form = len(rods), rods.form
-    arcs = np.asarray(arc_lengths, dtype=np.float64)
-    arcs = np.broadcast_to(np.atleast_1d(arcs), (n, np.atleast_1d(arcs).shape[-1]))
-    beyond = (arcs < 0) | (arcs > rods.whole_length[:, None] * (1 + 1e-9)) | ~np.isfinite(arcs)
-    if beyond.any():
-        i, j = (int(x) for x in np.argwhere(beyond)[0])
-        raise BadCondition(
-            f"arc_lengths: {arcs[i, j]:g} m of rod {i} must lie between 0 and its length {rods.whole_length[i]:g} m"
-        )
-    out = np.full((n, arcs.shape[1], WIDTH), np.nan)
+    form, arcs = rods.form, arcs_of(rods, arc_lengths)
+    out = np.full((*arcs.shape, WIDTH), np.nan)
     walk(
         rods.values,
         form.head,
@@ -94,24 +99,52 @@ def stations(rods: Rods, solution: Solution, arc_lengths: ArrayLike, accuracy: A
         *room_for_terms(form),
         form.springs,
         accuracy.divisions,
+        steps_of(rods, steps),
         solution.values,
-        np.ascontiguousarray(arcs),
+        arcs,
         out,
     )
     out[~solution.ok] = np.nan
     return Stations(out)
 
 
+def arcs_of(rods: Rods, arc_lengths: ArrayLike) -> Array:
+    """(n, k) m: arc lengths (k,) or (n, k) for every rod; raises `BadCondition` for those that are not on it."""
+    n = len(rods)
+    arcs = np.atleast_1d(np.asarray(arc_lengths, dtype=np.float64))
+    arcs = np.broadcast_to(arcs, (n, arcs.shape[-1]))
+    beyond = (arcs < 0) | (arcs > rods.whole_length[:, None] * (1 + 1e-9)) | ~np.isfinite(arcs)
+    if beyond.any():
+        i, j = (int(x) for x in np.argwhere(beyond)[0])
+        raise BadCondition(
+            f"arc_lengths: {arcs[i, j]:g} m of rod {i} must lie between 0 and its length {rods.whole_length[i]:g} m"
+        )
+    return np.ascontiguousarray(arcs)
+
+
 def energy(rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT) -> Array:
     """(n,) J stored by bending, shear and stretch, by Gauss's rule over each element."""
+    found, weights = _at_points(rods, solution, accuracy)
+    return np.asarray(np.einsum("nek,ne,k->n", found[..., ENERGY], rods.field("length"), weights))
+
+
+def strains(rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT, steps: Steps | None = None) -> Array:
+    """(n, elements) mean axial strain v3 - 1 of each element, by Gauss's rule."""
+    found, weights = _at_points(rods, solution, accuracy, steps)
+    return np.asarray(found[..., STRETCH] @ weights)
+
+
+def _at_points(rods: Rods, solution: Solution, accuracy: Accuracy, steps: Steps | None = None) -> tuple[Array, Array]:
+    """Stations (n, elements, GAUSS, WIDTH) at Gauss's points and their weights."""
     points, weights = np.polynomial.legendre.leggauss(GAUSS)
     length = rods.field("length")
     ends = np.cumsum(length, axis=1)
     share = 0.5 * (1 + points)
     arcs = (ends - length)[:, :, None] + length[:, :, None] * share
-    found = stations(rods, solution, np.minimum(arcs, ends[:, -1:, None]).reshape(len(rods), -1), accuracy)
-    density = found.energy_density.reshape(arcs.shape)
-    return np.asarray(np.einsum("nek,ne,k->n", density, length, 0.5 * weights))
+    found = stations(
+        rods, solution, np.minimum(arcs, ends[:, -1:, None]).reshape(len(rods), GAUSS * arcs.shape[1]), accuracy, steps
+    )
+    return found.values.reshape(*arcs.shape, WIDTH), 0.5 * weights
 
 
 @routine
@@ -135,6 +168,10 @@ def write_station(
     flex, give = vector_of(elements, o + 1, 0), vector_of(elements, o + 4, 0)
     u, v = times(flex, m), times(give, n)
     out[row, s, ENERGY] = stored(u, v, m, n, flex, give, series, e)
+    strain = v[2]
+    if series is not None:
+        strain = softened(u, m, v[2], flex, give, vector_of(series, 3 * e, 0))[1]
+    out[row, s, STRETCH] = strain + elements[(o + 12) * LANES] - 1.0
 
 
 @inline
@@ -147,7 +184,10 @@ def stored(
     terms = vector_of(series, 3 * e, 0)
     stiffer, strain = softened(u, m, v[2], flex, give, terms)
     bent = (m[0] * u[0] + m[1] * u[1]) / (stiffer * stiffer)
-    bending = 0.5 * bent * (1.0 + 0.5 * terms[0] * bent * math.sqrt(flex[0] * flex[1]) + terms[1] * strain)
+    x = terms[0] * bent * math.sqrt(flex[0] * flex[1])
+    # The integral of g over x is half of x^2, or for a section that softens -x / 2 - ln(1 - 2 x) / 4.
+    level = 0.5 * x if x >= 0.0 else -0.5 - 0.25 * math.log(1.0 - 2.0 * x) / x
+    bending = 0.5 * bent * (1.0 + level + terms[1] * strain)
     stretching = 0.5 * strain * strain * (1.0 + 2.0 * terms[2] * strain / 3.0) / give[2]
     return bending + stretching + 0.5 * (u[2] * m[2] + v[0] * n[0] + v[1] * n[1])
 
@@ -161,6 +201,7 @@ def walk(
     series: Array | None,
     springs: int,
     divisions: float,
+    steps: Counts,
     solved: Array,
     arcs: Array,
     out: Array,
@@ -175,6 +216,10 @@ def walk(
         gather_elements(rods, row, head, block, elements, rises, series, 0)
         work[LARGEST * LANES] = solved[row, AT_LARGEST]
         cut(work, elements, parts, divisions, 1)
+        if steps.shape[0] > 0:
+            fixed_cut(steps, row, parts, 1)
+            for e in range(parts.size):
+                parts[e] = parts[e] if elements[e * ELEMENT * LANES] > 0.0 else 0
         for k in range(4):
             work[(TIP + k) * LANES] = solved[row, AT_ORIENTATION + k]
         for k in range(3):

@@ -59,7 +59,8 @@ CLOSEST = 1e-11
 STOP_MARGIN = 1e-3
 """Following stops with less margin than this: the rod is at the point of snapping."""
 
-_NO_MEMORY = np.zeros((0, group.MEMORY))
+Steps = NDArray[np.int64]
+_NO_MEMORY, _NO_STEPS = np.zeros((0, group.MEMORY)), np.zeros((0, 1), np.int64)
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Solution:
     status: NDArray[np.int8]
     """(n,) `Status`."""
     memory: Array
-    """(n, group.MEMORY) for warm starts, or no rows."""
+    """(n, group.MEMORY or MEMORY_SPRINGS) for warm starts, or no rows."""
 
     @property
     def tip(self) -> Array:
@@ -123,19 +124,29 @@ class Solution:
 
 
 def solve(
-    rods: Rods, accuracy: Accuracy = DEFAULT, *, cores: int = 1, start: Solution | None = None, remember: bool = False
+    rods: Rods,
+    accuracy: Accuracy = DEFAULT,
+    *,
+    cores: int = 1,
+    start: Solution | None = None,
+    remember: bool = False,
+    steps: Steps | None = None,
+    least_margin: float = LEAST_MARGIN,
 ) -> Solution:
     """Equilibrium of every rod of a checked batch.
 
     `cores` share the rods out to so many threads. `remember` keeps what a later solve of nearly the same rods can
-    start from (`start`), which about halves its time. The rods are not checked again: `Rods.check` does.
+    start from (`start`), which about halves its time. `steps` (n, elements) fixes the integration steps, so that
+    solutions are smooth in all parameters. Rods with less margin to buckling than `least_margin` are loaded in steps
+    from zero; one that starts near a trusted solution may have less. The rods are not checked again: `Rods.check` does.
     """
     n, form = len(rods), rods.form
-    memory = np.empty((n, group.MEMORY)) if remember else _NO_MEMORY
+    memory = np.empty((n, group.MEMORY_SPRINGS if form.springs else group.MEMORY)) if remember else _NO_MEMORY
     if start is not None:
-        if len(start.memory) != n or form.springs:
-            raise BadCondition("start: must be a solution of as many rods without springs, made with remember=True")
+        if start.memory.shape != (n, group.MEMORY_SPRINGS if form.springs else group.MEMORY):
+            raise BadCondition("start: must be a solution of as many rods of the same form, made with remember=True")
         memory = start.memory.copy()
+    fixed = steps_of(rods, steps)
     values = np.empty((n, group.RESULT))
 
     def part(rows: slice) -> None:
@@ -147,6 +158,7 @@ def solve(
             form.springs,
             accuracy.divisions,
             accuracy.close,
+            fixed[rows] if len(fixed) else fixed,
             memory[rows] if len(memory) else memory,
             start is not None,
             values[rows],
@@ -154,10 +166,19 @@ def solve(
 
     share_out(part, n, cores)
     status = np.zeros(n, np.int8)
-    good = (values[:, group.AT_MISS] < accuracy.close) & (values[:, group.AT_MARGIN] > LEAST_MARGIN)
+    good = (values[:, group.AT_MISS] < accuracy.close) & (values[:, group.AT_MARGIN] > least_margin)
     if not good.all():
         _follow(rods, accuracy, np.flatnonzero(~good), values, status, cores)
     return Solution(values, status, memory)
+
+
+def steps_of(rods: Rods, steps: Steps | None) -> Steps:
+    """Fixed steps as the kernels take them, none as no rows; raises `BadCondition` when they do not fit the rods."""
+    if steps is None:
+        return _NO_STEPS
+    if steps.shape != (len(rods), rods.form.elements) or steps.dtype != np.int64 or (steps < 1).any():
+        raise BadCondition(f"steps: shape {steps.shape} of {steps.dtype}, must be positive int64 for each element")
+    return np.ascontiguousarray(steps)
 
 
 def room_for_terms(form: Form) -> tuple[Array | None, Array | None]:

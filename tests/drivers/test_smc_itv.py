@@ -175,6 +175,57 @@ def test_a_dead_unit_does_not_keep_the_others_from_venting_and_is_named(
     regulators.close()
 
 
+def test_a_late_answer_is_never_taken_for_that_of_a_later_request(
+    make: Callable[..., SmcItv], fakes: list[SmcItvFake], plant: Plant
+) -> None:
+    """A vented unit says 0; had it been inflated meanwhile, that 0 must not confirm anything."""
+    regulators = make()
+    regulators.open()
+    slow = fakes[0]
+    assert regulators.read().measured[0] < 5e3
+    slow.faults.delay = 0.3
+    for _ in range(3):
+        with pytest.raises(InstrumentError):
+            regulators.read()
+    slow.device.setpoint = 100  # inflated behind our back: every answer of before is wrong now
+    for _ in range(6):
+        try:
+            seen = regulators.read().measured[0]
+        except InstrumentError:
+            continue
+        assert seen > 5e3
+    with pytest.raises(InstrumentError, match="did not vent channel 1"):
+        regulators.vent()
+    slow.faults.delay = 0.0
+    until = time.monotonic() + 10.0
+    while True:  # what is owed comes in, then the unit is understood again
+        try:
+            regulators.vent()
+            break
+        except InstrumentError:
+            assert time.monotonic() < until
+    assert slow.device.setpoint == 0
+
+
+def test_after_a_moment_of_silence_the_units_are_understood_again(
+    make: Callable[..., SmcItv], fakes: list[SmcItvFake]
+) -> None:
+    regulators = make()
+    regulators.open()
+    fakes[0].faults.silent = True
+    with pytest.raises(InstrumentError):
+        regulators.read()
+    fakes[0].faults.silent = False
+    until = time.monotonic() + 10.0
+    while True:
+        try:
+            assert len(regulators.read().measured) == CHANNELS
+            break
+        except InstrumentError:
+            assert time.monotonic() < until
+    assert len(regulators.read().measured) == CHANNELS
+
+
 def test_a_unit_that_keeps_its_set_point_is_a_fault_naming_both_values(
     regulators: SmcItv, fakes: list[SmcItvFake], clock: SimClock
 ) -> None:

@@ -124,6 +124,21 @@ BEYOND: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @needs_the_fake
+@moves_the_arm
+def test_a_glance_from_outside_sees_whether_the_arm_stands_and_takes_no_control(
+    rig: Rig, arm: UR5, watcher: UR5State
+) -> None:
+    stranger = UR5("stranger", Config(host=rig.host), rig.clock)
+    assert stranger.glance() is True
+    arm.move_to(raised(watcher.latest().tcp_pose, 0.05), SPEED, ACCELERATION)
+    wait_until(lambda: max(map(abs, watcher.latest().tcp_speed[:3])) > SPEED / 2)
+    assert stranger.glance() is False
+    arm.stop()
+    assert stranger.glance() is True and arm.moving() is False
+    arm.move_to(raised(watcher.latest().tcp_pose, -0.02), SPEED, ACCELERATION)  # the arm is still in our control
+    arrived(arm)
+
+
 @pytest.mark.parametrize("what", BEYOND)
 def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(
     rig: Rig, arm: UR5, watcher: UR5State, what: str

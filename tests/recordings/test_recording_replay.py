@@ -216,14 +216,21 @@ def test_too_few_samples_in_a_fixed_window_are_told() -> None:
         conclude(filled(Run().messages()), state(Window(delay=1.0, average=0.2, min_samples=8)))
 
 
-@pytest.mark.parametrize(("topic", "field"), [("/arm", 2), ("/force", 0)])
-def test_a_sample_that_is_no_number_is_told_and_not_averaged_away(topic: str, field: int) -> None:
+@pytest.mark.parametrize(
+    ("topic", "field", "value", "why"),
+    [
+        ("/arm", 2, math.nan, "no number in 1 of"),
+        ("/arm", 2, 1e200, "no rotation"),
+        ("/force", 0, math.inf, "no number in 1 of"),
+    ],
+)
+def test_a_sample_that_cannot_be_is_told_and_not_averaged_away(topic: str, field: int, value: float, why: str) -> None:
     sent = list(Run().messages())
     at = next(i for i, (name, t, _) in enumerate(sent) if name == topic and t > PUSH.t_start + 1.2)
     values = list(sent[at][2])
-    values[field] = (math.nan,) * 6
+    values[field] = (value,) * 6
     sent[at] = (topic, sent[at][1], tuple(values))
-    with pytest.raises(NotSettled, match=f"{topic}: .*no number in 1 of"):
+    with pytest.raises(NotSettled, match=f"{topic}: .*{why}"):
         conclude(filled(iter(sent)), PUSH)
 
 

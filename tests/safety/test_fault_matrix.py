@@ -1,4 +1,7 @@
-"""A short form of the fault matrix: each instrument once, each phase at least once; `make faults` runs all of it."""
+"""A short form of the fault matrix: each instrument once, each phase at least once; `make faults` runs all of it.
+
+The second rig's regulators and length unit are left to the whole matrix.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,8 @@ SHORT = (
     Cell("valve/numato", "stuck", "shutdown"),
     Cell("gauge/pfeiffer", "over_range", "sweep"),
     Cell("mocap/natnet", "silence", "connect"),
+    Cell("force/ft300s", "nak", "connect"),
+    Cell("arm/ur5", "disconnect", "sweep"),
 )
 
 

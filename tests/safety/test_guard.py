@@ -25,6 +25,7 @@ from lab.pulse import Listener
 from lab.rig import Rig
 from lab.rig_file import load_rig
 from recordings.reader import Recording
+from recordings.writer import Recorder
 
 
 @pytest.fixture
@@ -189,12 +190,15 @@ def test_waiting_for_a_person_is_no_hang(small: House) -> None:
         rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
 
 
-def test_a_clipped_setpoint_is_returned_and_told(small: House, rig: Rig) -> None:
-    told: list[str] = []
-    rig.actuators._on_event = lambda event: told.append(event.text)
-    got = rig.actuators.call("pressure", "set", (300e3, 0.0, 0.0))
-    assert got[0] < 299e3
-    assert until(lambda: any("clipped" in text for text in told), 2.0)
+def test_a_clipped_setpoint_is_returned_and_logged_in_the_recording(small: House, rig: Rig, tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
+        rig.record_to(recorder)
+        got = rig.actuators.call("pressure", "set", (300e3, 0.0, 0.0))
+        assert got[0] < 299e3
+        assert until(lambda: recorder.counts()["/log"].generated > 1, 2.0)  # the first line is the recorder's own
+        rig.record_to(None)
+    (line,) = [line.text for line in Recording.open(tmp_path / "a.mcap").log if "clipped" in line.text]
+    assert "asked 300.0" in line
 
 
 def test_a_second_program_cannot_take_the_rig(small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -243,13 +247,22 @@ def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
         with pytest.raises(InstrumentError, match="SIGSEGV"):
             rig.actuators.call("arm", "moving")
         rig.actuators.call("valve", "set", True)
-        report = rig.safe()
-        assert {s.instrument: s.confirmed for s in report.steps} == {
-            "arm": False,
-            "pressure": True,
-            "spine": True,
-            "valve": True,
-        }
+        report = rig.safe()  # the arm is looked at from outside
+        assert report.confirmed and {s.instrument for s in report.steps} == {"arm", "pressure", "spine", "valve"}
+
+
+def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cannot_be_opened(house: House) -> None:
+    house.change(without=("force", "mocap"))
+    ur = house.fakes.ur
+    assert ur is not None
+    with Rig(load_rig(house.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        rig.actuators.call("valve", "set", True)
+        ur.backdoor("protective_stop")
+        assert until(lambda: not rig.streams["arm_state"].latest().program_running, 2.0)
+        with pytest.raises(DeviceFault, match="protective stop"):
+            rig.actuators.resume()
+        assert rig.safe().confirmed and not house.latch.exists()
 
 
 def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from house import House, until
 
+from drivers.interfaces import SpineSample
 from lab import landing
 from lab.clock import RigClock
 from lab.instruments import ACTUATORS, make
@@ -101,3 +102,42 @@ def test_stops_are_sent_in_the_order_of_the_policy() -> None:
     report = Landing(Safe(order=names, within=0.1), {n: Driver(n) for n in names}, 200.0).land(names, False)
     assert tuple(told[:4]) == names
     assert not report.confirmed and all("did not take the stop" in s.text for s in report.steps)
+
+
+def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
+    """The command was let through just before the landing and reaches the instrument after the first stop."""
+
+    class Spine:
+        moving, stops = False, 0
+
+        def stop(self) -> None:
+            self.stops += 1
+            self.moving = False
+
+        def read(self) -> SpineSample:
+            return SpineSample(0.0, 0.1, 0.0, 0.1, self.moving, True)
+
+    spine, looks = Spine(), iter([True, True])
+
+    def busy(name: str) -> bool:
+        if next(looks, False):
+            return True
+        if spine.stops == 2:
+            spine.moving = True  # here it comes
+        return False
+
+    report = Landing(Safe(), {"spine": spine}, 20.0, busy).land(["spine"], keep_vacuum=False)
+    assert report.confirmed and spine.stops == 3 and not spine.moving
+
+
+def test_a_command_that_does_not_come_back_keeps_the_landing_unconfirmed() -> None:
+    class Spine:
+        def stop(self) -> None:
+            pass
+
+        def read(self) -> SpineSample:
+            return SpineSample(0.0, 0.1, 0.0, 0.1, False, True)
+
+    landed = Landing(Safe(within=0.1), {"spine": Spine()}, 200.0, lambda name: True)
+    report = landed.land(["spine"], keep_vacuum=False)
+    assert not report.confirmed and "does not come back" in str(report)

@@ -1,0 +1,191 @@
+"""What changes at the two ends of a rod: the wrench at the tip by unknowns and parameters, the miss of the base by both.
+
+Unknowns are the turn of the tip and, with springs, its shift (rad, m; mount frame). With f, g the follower loads in the
+mount frame, P the tip seen from the base and M the moment there,
+    dN = phi x f + R dF + dF_dead - d(springs),   dM = phi x g + R dM_tip + dM_dead      at the tip,
+    chi(base turned back by base_turn) = K (M - relief (g + P x f))                      at the base,
+chi being four times the tangent of a quarter of the angle, along its axis. A direction in parameter space is (width,
+LANES) numbers.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.statics.algebra import Quaternion, Vector, add, along, cross, dot, product, scaled, times, turned
+from model.statics.jit import inline, routine
+from model.statics.lanes import (
+    BASE,
+    COMPLIANCE,
+    HELD,
+    LANES,
+    PLACE,
+    RELIEF,
+    SPRINGS,
+    TIP,
+    WRENCH,
+    M,
+    put,
+    quaternion_of,
+    vector_of,
+)
+from model.statics.layout import (
+    BASE_COMPLIANCE,
+    BASE_RELIEF,
+    BASE_TURN,
+    DEAD_FORCE,
+    DEAD_MOMENT,
+    HEAD,
+    SPRING,
+    SPRING_DIRECTION,
+    SPRING_ORIGIN,
+    SPRING_SOFTNESS,
+    SPRING_STIFFNESS,
+    TIP_FORCE,
+    TIP_MOMENT,
+)
+from model.statics.passes import unit_quaternion
+
+Array = NDArray[np.float64]
+
+FOLLOWED, TWISTED, CHI, TURNED, FELT = 0, 3, 6, 15, 24
+"""f, g, d chi / d turn of the base (3 by 3, by rows), d turn / d base_turn (3 by 3, by columns), M - relief (g + P x f)."""
+ENDS = 27
+
+
+@inline
+def grip(stretch: float, stiffness: float, softness: float) -> Vector:
+    """Pull of a spring over its stiffness, and d pull / d stretch and / d softness of it."""
+    if softness > 0.0:
+        root = math.sqrt(stretch * stretch + softness * softness)
+        return (0.5 * (stretch + root), 0.5 * stiffness * (1.0 + stretch / root), 0.5 * stiffness * softness / root)
+    return (stretch, stiffness, 0.0)
+
+
+@routine
+def look(work: Array, ends: Array, rods: Array, row: int, l: int) -> None:
+    """Fill `ends` of a lane that was walked to the base, and its PLACE."""
+    q = quaternion_of(work, TIP, l)
+    force, moment = turned(q, vector_of(work, WRENCH, l)), turned(q, vector_of(work, WRENCH + 3, l))
+    put(ends, FOLLOWED, l, force)
+    put(ends, TWISTED, l, moment)
+    base = unit_quaternion(work, l)
+    b = quaternion_of(work, BASE, l)
+    e = product(base, (b[0], -b[1], -b[2], -b[3]))
+    if e[0] < 0.0:
+        e = (-e[0], -e[1], -e[2], -e[3])
+    scale = 4.0 / (1.0 + e[0])
+    axis = (e[1], e[2], e[3])
+    for k in range(3):
+        unit = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+        # de = (0, unit) e / 2
+        moved = scaled(0.5 * scale, along(cross(unit, axis), e[0], unit))
+        moved = along(moved, 0.125 * scale * scale * dot(unit, axis), axis)
+        for r in range(3):
+            ends[(CHI + 3 * r + k) * LANES + l] = moved[r]
+        put(
+            ends,
+            TURNED + 3 * k,
+            l,
+            turned(e, spun((rods[row, BASE_TURN], rods[row, BASE_TURN + 1], rods[row, BASE_TURN + 2]), unit)),
+        )
+    place = vector_of(work, PLACE, l)
+    felt = turned(base, vector_of(work, M, l))
+    carried = add(moment, cross(place, force))
+    put(ends, FELT, l, along(felt, -work[RELIEF * LANES + l], carried))
+
+
+@inline
+def spun(x: Vector, change: Vector) -> Vector:
+    """By which turn (rad, from the left) the rotation of the vector x changes with x."""
+    angle = math.sqrt(dot(x, x))
+    if angle < 1e-4:
+        return along(change, 0.5, cross(x, change))
+    a = scaled(1.0 / angle, x)
+    sine = math.sin(angle) / angle
+    found = along(scaled(sine, change), (1.0 - sine) * dot(a, change), a)
+    return along(found, (1.0 - math.cos(angle)) / angle, cross(a, change))
+
+
+@inline
+def by_shift(work: Array, springs: int, shift: Vector, l: int) -> Vector:
+    """Change of the force at the tip when it is shifted."""
+    total = (0.0, 0.0, 0.0)
+    for j in range(springs):
+        o = SPRINGS + j * SPRING
+        e = vector_of(work, o + SPRING_DIRECTION, l)
+        stretch = dot(e, vector_of(work, HELD, l)) - work[(o + SPRING_ORIGIN) * LANES + l]
+        found = grip(stretch, work[(o + SPRING_STIFFNESS) * LANES + l], work[(o + SPRING_SOFTNESS) * LANES + l])
+        total = along(total, -found[1] * dot(e, shift), e)
+    return total
+
+
+@inline
+def by_springs(work: Array, springs: int, d: Array, l: int) -> Vector:
+    """Change of the force at the tip with the springs themselves, along the direction d."""
+    total = (0.0, 0.0, 0.0)
+    for j in range(springs):
+        o, c = SPRINGS + j * SPRING, HEAD + j * SPRING
+        e, p = vector_of(work, o + SPRING_DIRECTION, l), vector_of(work, HELD, l)
+        stiffness = work[(o + SPRING_STIFFNESS) * LANES + l]
+        stretch = dot(e, p) - work[(o + SPRING_ORIGIN) * LANES + l]
+        found = grip(stretch, stiffness, work[(o + SPRING_SOFTNESS) * LANES + l])
+        de = three(d, c + SPRING_DIRECTION, l)
+        grown = d[c + SPRING_STIFFNESS, l] * found[0] + d[c + SPRING_SOFTNESS, l] * found[2]
+        grown += found[1] * (dot(de, p) - d[c + SPRING_ORIGIN, l])
+        total = along(along(total, -grown, e), -stiffness * found[0], de)
+    return total
+
+
+@inline
+def three(d: Array, c: int, l: int) -> Vector:
+    """Three numbers of a direction."""
+    return (d[c, l], d[c + 1, l], d[c + 2, l])
+
+
+@inline
+def tip_change(work: Array, springs: int, d: Array, l: int) -> tuple[Vector, Vector]:
+    """dN and dM at the tip along the direction d, the tip held still."""
+    q: Quaternion = quaternion_of(work, TIP, l)
+    force = add(turned(q, three(d, TIP_FORCE, l)), three(d, DEAD_FORCE, l))
+    moment = add(turned(q, three(d, TIP_MOMENT, l)), three(d, DEAD_MOMENT, l))
+    if springs > 0:
+        force = add(force, by_springs(work, springs, d, l))
+    return force, moment
+
+
+@inline
+def base_miss(
+    work: Array, ends: Array, turn: Vector, shift: Vector, moment: Vector, force: Vector, twist: Vector, l: int
+) -> Vector:
+    """Change of the base's miss when it turns, the tip shifts against it, the moment there changes, and so do f and g."""
+    felt = moment
+    relief = work[RELIEF * LANES + l]
+    carried = add(cross(shift, vector_of(ends, FOLLOWED, l)), cross(vector_of(work, PLACE, l), force))
+    felt = along(felt, -relief, add(twist, carried))
+    give = times(vector_of(work, COMPLIANCE, l), felt)
+    return (
+        dot(vector_of(ends, CHI, l), turn) - give[0],
+        dot(vector_of(ends, CHI + 3, l), turn) - give[1],
+        dot(vector_of(ends, CHI + 6, l), turn) - give[2],
+    )
+
+
+@inline
+def base_change(work: Array, ends: Array, d: Array, l: int) -> Vector:
+    """Change of the base's miss along the direction d with the base's own parameters."""
+    x, y, z = three(d, BASE_TURN, l)
+    back = scaled(-x, vector_of(ends, TURNED, l))
+    back = along(along(back, -y, vector_of(ends, TURNED + 3, l)), -z, vector_of(ends, TURNED + 6, l))
+    felt = vector_of(ends, FELT, l)
+    carried = add(vector_of(ends, TWISTED, l), cross(vector_of(work, PLACE, l), vector_of(ends, FOLLOWED, l)))
+    give = times(three(d, BASE_COMPLIANCE, l), felt)
+    give = along(give, -d[BASE_RELIEF, l], times(vector_of(work, COMPLIANCE, l), carried))
+    return (
+        dot(vector_of(ends, CHI, l), back) - give[0],
+        dot(vector_of(ends, CHI + 3, l), back) - give[1],
+        dot(vector_of(ends, CHI + 6, l), back) - give[2],
+    )
