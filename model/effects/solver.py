@@ -21,6 +21,8 @@ Steps = NDArray[np.int64]
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of two radians."""
 ACCURACY = statics.Accuracy(divisions=DIVISIONS, close=1e-10)
+STRAIN_POINTS = 3
+"""An element; strains change little along it."""
 NEAR_MARGIN = 0.02
 """Margin to buckling with which a solution is trusted that began at a trusted one close by."""
 FAR = math.cos(0.5 * 0.8)
@@ -66,17 +68,14 @@ def integration_steps(rows: Array) -> Steps:
 def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None = None) -> Solved:
     """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is the solution of rows nearby."""
     rods = _rods(rows)
-    if start is None:
-        solution = statics.solve(rods, ACCURACY, remember=True, steps=steps)
-    else:
-        solution = _go_on(rods, steps, start)
+    solution = statics.solve(rods, ACCURACY, remember=True, steps=steps) if start is None else _go_on(rods, steps, start)
     found = statics.stations(rods, solution, _places(rods, arcs, base=True), ACCURACY, steps)
     result = np.empty((len(rows), at.MARKERS + 3 * len(arcs)))
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
     result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
     result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
-    result[:, at.STRAIN : at.STRAIN + 2] = statics.strains(rods, solution, ACCURACY, steps)
+    result[:, at.STRAIN : at.STRAIN + 2] = statics.strains(rods, solution, ACCURACY, steps, STRAIN_POINTS)
     result[:, at.MARKERS :] = found.position[:, 2:].reshape(len(rows), 3 * len(arcs))
     return Solved(rows, arcs, steps, solution, result)
 

@@ -128,21 +128,25 @@ def energy(rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT) -> Arra
     return np.asarray(np.einsum("nek,ne,k->n", found[..., ENERGY], rods.field("length"), weights))
 
 
-def strains(rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT, steps: Steps | None = None) -> Array:
-    """(n, elements) mean axial strain v3 - 1 of each element, by Gauss's rule."""
-    found, weights = _at_points(rods, solution, accuracy, steps)
+def strains(
+    rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT, steps: Steps | None = None, points: int = GAUSS
+) -> Array:
+    """(n, elements) mean axial strain v3 - 1 of each element, by Gauss's rule with so many points an element."""
+    found, weights = _at_points(rods, solution, accuracy, steps, points)
     return np.asarray(found[..., STRETCH] @ weights)
 
 
-def _at_points(rods: Rods, solution: Solution, accuracy: Accuracy, steps: Steps | None = None) -> tuple[Array, Array]:
-    """Stations (n, elements, GAUSS, WIDTH) at Gauss's points and their weights."""
-    points, weights = np.polynomial.legendre.leggauss(GAUSS)
+def _at_points(
+    rods: Rods, solution: Solution, accuracy: Accuracy, steps: Steps | None = None, points: int = GAUSS
+) -> tuple[Array, Array]:
+    """Stations (n, elements, points, WIDTH) at Gauss's points and their weights."""
+    places, weights = np.polynomial.legendre.leggauss(points)
     length = rods.field("length")
     ends = np.cumsum(length, axis=1)
-    share = 0.5 * (1 + points)
+    share = 0.5 * (1 + places)
     arcs = (ends - length)[:, :, None] + length[:, :, None] * share
     found = stations(
-        rods, solution, np.minimum(arcs, ends[:, -1:, None]).reshape(len(rods), GAUSS * arcs.shape[1]), accuracy, steps
+        rods, solution, np.minimum(arcs, ends[:, -1:, None]).reshape(len(rods), points * arcs.shape[1]), accuracy, steps
     )
     return found.values.reshape(*arcs.shape, WIDTH), 0.5 * weights
 
