@@ -143,14 +143,11 @@ def _allowed(mean: Array, sd: Array, masks: NDArray[np.bool_], parameters: Param
     within = _log_mass(mean, sd, low, high)
     total = np.where(masks, within, 0.0).sum(axis=1)
     small = _log_mass(mean, sd, np.maximum(low, -DOMINANT), np.minimum(high, DOMINANT)) - within
-    of_size = np.where(parameters.sizes, small, 0.0)
-    for effect in parameters.ids:
-        own = parameters.mask((effect,))
-        named = masks[:, own].any(axis=1)
-        # Small only where all its sizes are.
-        outside = np.log(np.maximum(1 - np.exp(np.minimum(of_size[:, own].sum(axis=1), 0.0)), LEAST))
-        total += np.where(named, outside, 0.0)
-    return total
+    # An effect is small only where all its sizes are.
+    all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
+    outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
+    named = (masks @ parameters.members) > 0
+    return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))
 
 
 def _log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:

@@ -85,6 +85,11 @@ class Parameters:
         shapes = np.array(self.shapes or (False,) * len(self.names))
         return ~shapes[self.of_effect]
 
+    @cached_property
+    def members(self) -> Array:
+        """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
+        return np.array([[float(e == one) for one in self.ids] for e in self.effects if e])
+
     def variance(self, chosen: tuple[str, ...], spike: float) -> Array:
         """(p,) prior variances in units of the scale when some effects are named and the others held narrow."""
         return np.where(self.mask(chosen), 1.0, spike**2 * self.sizes)

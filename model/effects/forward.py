@@ -89,11 +89,11 @@ class ForwardModel:
         self._sd = np.array([p.sd for p in self.parameters])
         low, high = np.array([[p.low, p.high] for p in self.parameters]).T
         self._low, self._high = low, high
-        self._memory_sizes = [
+        self._memory_sizes = {
             k
             for k, p in enumerate(self.parameters)
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
-        ]
+        }
         self._start: Solution | None = None
         nominal = rows(self._baseline, self._shear, 1)[0, self._in_bare]
         self._steps = integration_steps(nominal)
@@ -139,7 +139,7 @@ class ForwardModel:
         """
         theta = self._checked(theta)
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
-        here = self._solved(theta)
+        here = self._solved(theta, bool(self._memory_sizes & set(wanted)))
         predicted = self._prediction(here)
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
         by_slot = self._slopes(here, predicted, slots)
@@ -170,19 +170,20 @@ class ForwardModel:
                 source.spec.law.before(q, self._table.values(i, spread))
         return q
 
-    def _solved(self, theta: Array) -> _At:
+    def _solved(self, theta: Array, moving: bool = False) -> _At:
+        """`moving`: what drives memory is wanted even where nothing remembers."""
         spread = self._table.at(theta)
         q = self._quantities(spread)
         built = rows(q, self._shear, 1)
-        bare = solve(built[0, self._in_bare], self._arcs, self._steps, self._start)
-        driven = self._drive(built, bare.result[None])
-        rest = self._memory(q, built, driven, spread)
         remembers = any(theta[k] for k in self._memory_sizes)
+        bare = solve(built[0, self._in_bare], self._arcs, self._steps, self._start, remembers or moving)
+        driven = self._drive(built, bare.result[None]) if bare.inside else np.zeros((1, len(self._full), DRIVES))
+        rest = self._memory(q, built, driven, spread)
         final = bare.take(slice(0, self._moved.size))
         if remembers:
             changed = final.rows.copy()
             add_rest(changed[None], rest[:, self._moved])
-            final = solve(changed, self._arcs, final.steps, final.solution)
+            final = solve(changed, self._arcs, final.steps, final.solution, inside=False)
         return _At(theta, q, built, bare, driven, rest, final, remembers)
 
     def _prediction(self, here: _At) -> Array:

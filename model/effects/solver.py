@@ -42,6 +42,8 @@ class Solved:
     """Where a solve nearby starts."""
     result: Array
     """(n, columns); NaN where no equilibrium was found."""
+    inside: bool
+    """Whether the result tells of base, spine's end and strains; else these are NaN, and cost nothing."""
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -49,10 +51,10 @@ class Solved:
         return self.solution.ok
 
     def take(self, keep: slice) -> Solved:
-        """Some of the rows."""
+        """Some of the rows, of which no more is asked than tip and markers."""
         s = self.solution
         part = statics.Solution(s.values[keep], s.status[keep], s.memory[keep])
-        return Solved(self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep])
+        return Solved(self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
 
 
 def integration_steps(rows: Array) -> Steps:
@@ -65,19 +67,23 @@ def integration_steps(rows: Array) -> Steps:
     return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
 
-def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None = None) -> Solved:
+def solve(
+    rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None = None, inside: bool = True
+) -> Solved:
     """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is the solution of rows nearby."""
     rods = _rods(rows)
     solution = statics.solve(rods, ACCURACY, remember=True, steps=steps) if start is None else _go_on(rods, steps, start)
-    found = statics.stations(rods, solution, _places(rods, arcs, base=True), ACCURACY, steps)
-    result = np.empty((len(rows), at.MARKERS + 3 * len(arcs)))
+    result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
-    result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
-    result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
-    result[:, at.STRAIN : at.STRAIN + 2] = statics.strains(rods, solution, ACCURACY, steps, STRAIN_POINTS)
-    result[:, at.MARKERS :] = found.position[:, 2:].reshape(len(rows), 3 * len(arcs))
-    return Solved(rows, arcs, steps, solution, result)
+    if inside or len(arcs):
+        found = statics.stations(rods, solution, _places(rods, arcs, base=True), ACCURACY, steps)
+        result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
+        result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
+        result[:, at.MARKERS :] = found.position[:, 2:].reshape(len(rows), 3 * len(arcs))
+    if inside:
+        result[:, at.STRAIN : at.STRAIN + 2] = statics.strains(rods, solution, ACCURACY, steps, STRAIN_POINTS)
+    return Solved(rows, arcs, steps, solution, result, inside)
 
 
 def _go_on(rods: statics.Rods, steps: Steps, start: statics.Solution) -> statics.Solution:
@@ -99,13 +105,14 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     along = np.ascontiguousarray(directions.transpose(1, 0, 2))
     places = _places(rods, solved.arcs, base=False)
     d = statics.sensitivities(
-        rods, solved.solution, along, ACCURACY, arc_lengths=places, strain=True, attached=1, steps=solved.steps
+        rods, solved.solution, along, ACCURACY, arc_lengths=places, strain=solved.inside, attached=1, steps=solved.steps
     )
-    out = np.empty((len(directions), *result.shape))
+    out = np.full((len(directions), *result.shape), np.nan)
     out[..., at.TIP : at.TIP + 3] = d.tip.swapaxes(0, 1)
     for column, turn in ((at.ORIENTATION, d.rotation), (at.JOINT, d.turn[:, :, 0]), (at.BASE, d.base_rotation)):
         out[..., column : column + 4] = _turned(result[:, column : column + 4], turn.swapaxes(0, 1))
-    out[..., at.STRAIN : at.STRAIN + 2] = d.strain.swapaxes(0, 1)
+    if solved.inside:
+        out[..., at.STRAIN : at.STRAIN + 2] = d.strain.swapaxes(0, 1)
     out[..., at.MARKERS :] = d.position[:, :, 1:].swapaxes(0, 1).reshape(*out.shape[:2], 3 * len(solved.arcs))
     return out
 

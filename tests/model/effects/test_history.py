@@ -22,7 +22,7 @@ def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -
     drive[0, :, 0] = driven
     quantities = baseline(robot, design, np.ones(n), np.array([1.0, 0.0]))
     one = np.ones((1, n, 2))
-    return History(quantities, path or loading_path(design, rest_of), drive, one, one, np.zeros((1, n, DRIVES)))
+    return History(quantities, path or loading_path(design, rest_of), drive, one, one, np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES)))
 
 
 def test_between_readings_the_drive_stays_ramps_and_stays(
@@ -35,7 +35,7 @@ def test_between_readings_the_drive_stays_ramps_and_stays(
     assert path.before.tolist() == [0, 0, 1]
     assert path.ramp.tolist() == [0.0, 2.0, 2.0]
     assert path.hold.tolist() == [3.0, 3.0, 3.0]
-    assert path.stay == pytest.approx([0.0, 4.0, 0.0])
+    assert path.stay == pytest.approx([np.inf, 4.0, 0.0])
 
 
 def test_a_trial_without_a_state_of_rest_gets_one(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
