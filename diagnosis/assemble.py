@@ -106,7 +106,7 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
     given, slope = p.problem.forward.linearise(p.problem.parameters.mean)
     calibrated, explained = (p.problem.forward.predict(p.shared(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     made: dict[str, Any] = {
-        "signs": vars(f.signs),
+        "signs": vars(f.signs) | {"trend": f.trend},
         "tolerance_of_other_effects": f.best.cell.spike,
         "discrepancy_mm": f.best.cell.size * p.unit * MM,
         "waterfall_mm": {

@@ -16,6 +16,7 @@ from .posterior import UNKNOWN, Posterior, posterior, prior
 from .prepare import Prepared
 from .search import Candidate, Search
 from .tempering import Tempering, tempering
+from .trend import log_odds, trend
 from .unknown import Signs, signs
 from .verdict import Decision, decide
 
@@ -41,6 +42,8 @@ class Found:
     calibrated: Fit
     """The baseline: area factor and tolerances fitted, no effect."""
     signs: Signs
+    trend: float
+    """Probability that repeats follow time so well by chance."""
     decision: Decision
     apart: Apart
     tempering: Tempering
@@ -62,11 +65,12 @@ def attribute(p: Prepared) -> Found:
     own = tempering(bool((p.labels.kind == 1).any()), bool((p.states.branch < 0).any()))
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
-    weighed = posterior(candidates, unknown, effects, own.temperature)
+    trended = trend(p, found[NONE].fit.slope if found[NONE].loose else search.whole(found[NONE]).fit.slope)
+    weighed = posterior(candidates, unknown, effects, own.temperature, log_odds(trended))
     best = search.whole(found[next(h for h, _ in weighed.ranking if h != UNKNOWN)])
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)
     decision = decide(weighed, own, sign.outlier_trial is not None, _enough(p.states))
-    return Found(p, weighed, found[NONE], best, _calibrated(p), sign, decision, _apart(p, found, weighed, best), own)
+    return Found(p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, _apart(p, found, weighed, best), own)
 
 
 def _enough(s: States) -> bool:

@@ -66,13 +66,11 @@ class Cell:
 
 SPIKES = np.array([0.0, 0.08, 0.16])
 SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
-FORMS, FORM_WEIGHTS = np.array([0.0, 0.03, 0.1, 0.25]), np.array([0.3, 0.3, 0.25, 0.15])
-KNOWN = Grid(
-    SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25, 0.5]), np.array([0.4, 0.3, 0.2, 0.1]), FORMS, FORM_WEIGHTS
-)
+FORMS, FORM_WEIGHTS = np.array([0.0, 0.03, 0.1]), np.array([0.4, 0.35, 0.25])
+KNOWN = Grid(SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2]), FORMS, FORM_WEIGHTS)
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
 LARGE = Grid(
-    SPIKES, SPIKE_WEIGHTS, np.array([0.5, 1.0, 2.0, 4.0]), np.array([1, 1, 1, 1]) / 4, np.array([0.0]), np.array([1.0])
+    SPIKES, SPIKE_WEIGHTS, np.array([0.35, 0.7, 1.4, 2.8]), np.array([1, 1, 1, 1]) / 4, np.array([0.0]), np.array([1.0])
 )
 """For the hypothesis that something outside the catalogue is at work."""
 

@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
-SHARES = {0: 0.32, 1: 0.48, 2: 0.12, 3: 0.03}
+SHARES = {0: 0.32, 1: 0.46, 2: 0.11, 3: 0.01}
 """Prior share of hypotheses by the number of effects they name."""
-UNKNOWN_SHARE = 0.05
+UNKNOWN_SHARE = 0.10
 COVERED = 0.95
 
 
@@ -69,12 +69,15 @@ def prior(named: Hypothesis, effects: int) -> float:
 
 
 def posterior(
-    candidates: Sequence[Candidate], unknown: Candidate | None, effects: int, temperature: float
+    candidates: Sequence[Candidate], unknown: Candidate | None, effects: int, temperature: float, signs: float = 0.0
 ) -> Posterior:
-    """Probabilities; `effects` is how many the catalogue holds, `temperature` divides log evidence (see tempering)."""
+    """Probabilities; `effects` is how many the catalogue holds, `temperature` divides log evidence (see tempering).
+
+    `signs` are log odds in favour of a cause outside the catalogue that the fits do not see.
+    """
     entries = [(c.named, c, np.log(prior(c.named, effects))) for c in candidates]
     if unknown is not None:
-        entries.append((UNKNOWN, unknown, np.log(UNKNOWN_SHARE)))
+        entries.append((UNKNOWN, unknown, np.log(UNKNOWN_SHARE) + signs))
     score = np.array([c.log_evidence / temperature + before for _, c, before in entries])
     share = np.exp(score - score.max())
     share /= share.sum()
