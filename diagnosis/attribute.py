@@ -70,7 +70,9 @@ def attribute(p: Prepared) -> Found:
     best = search.whole(found[next(h for h, _ in weighed.ranking if h != UNKNOWN)])
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)
     decision = decide(weighed, own, sign.outlier_trial is not None, _enough(p.states))
-    return Found(p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, _apart(p, found, weighed, best), own)
+    return Found(
+        p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, _apart(p, found, weighed, best), own
+    )
 
 
 def _enough(s: States) -> bool:

@@ -208,7 +208,9 @@ class Search:
         leading = sorted(grown.values(), key=lambda c: -c.promised)
         followed = {(c.named, c.loose): self._polished(c, 2) for c in leading[:follow]}
         # What was not followed is taken to lose as much as what was.
-        typical = max(float(np.median([c.promised - followed[c.named, c.loose].promised for c in leading[:follow]])), 0.0)
+        typical = max(
+            float(np.median([c.promised - followed[c.named, c.loose].promised for c in leading[:follow]])), 0.0
+        )
         for c in leading:
             lost = replace(c.weighed, log_evidence=c.promised - typical)
             self._keep(followed.get((c.named, c.loose)) or replace(c, weighed=lost))
@@ -218,7 +220,9 @@ class Search:
         """Leading hypotheses whose search was cut short are searched to the end."""
         for _ in range(self.extent.finish):
             best = max(map(_evidence, self._tried.values()))
-            cut = [c for c in self._tried.values() if c.promised > best - self.extent.within and c.fit.short > UNFINISHED]
+            cut = [
+                c for c in self._tried.values() if c.promised > best - self.extent.within and c.fit.short > UNFINISHED
+            ]
             if not cut:
                 return
             c = max(cut, key=lambda c: c.promised)

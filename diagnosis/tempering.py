@@ -20,7 +20,9 @@ class Tempering:
     """What they were fitted on; shown with every probability."""
 
 
-DEVELOPED = "temperature by the log score on 31 development cases, clean and cluttered; docs/blind.md has the sealed ones"
+DEVELOPED = (
+    "temperature by the log score on 31 development cases, clean and cluttered; docs/blind.md has the sealed ones"
+)
 
 TABLE: dict[str, Tempering] = {
     "tip": Tempering(1.3, 0.5, DEVELOPED),

@@ -25,6 +25,9 @@ LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": 
 Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e11, json_schema_extra={"unit": "Pa"})]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
 
+MOST_BYTES = 1_000_000
+"""Of a robot.yaml; what is larger is some other file."""
+
 
 def _form(value: object) -> str:
     return "table" if isinstance(value, dict) else "number"
@@ -172,6 +175,11 @@ def robot_from_dict(data: Mapping[str, Any]) -> Robot:
 def load_robot(path: Path) -> Robot:
     """Read a robot.yaml written in SI numbers; raises `BadRobot` naming the file and every field that is wrong."""
     try:
+        size = Path(path).stat().st_size
+        if size > MOST_BYTES:
+            raise BadRobot(
+                f"{path}: has {size} bytes, a robot.yaml has at most {MOST_BYTES}: check that this is the right file"
+            )
         data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise BadRobot(f"{path}: cannot be read ({error.strerror}): check the path") from error

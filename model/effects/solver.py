@@ -67,12 +67,12 @@ def integration_steps(rows: Array) -> Steps:
     return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
 
-def solve(
-    rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None = None, inside: bool = True
-) -> Solved:
+def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None = None, inside: bool = True) -> Solved:
     """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is the solution of rows nearby."""
     rods = _rods(rows)
-    solution = statics.solve(rods, ACCURACY, remember=True, steps=steps) if start is None else _go_on(rods, steps, start)
+    solution = (
+        statics.solve(rods, ACCURACY, remember=True, steps=steps) if start is None else _go_on(rods, steps, start)
+    )
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation

@@ -96,7 +96,8 @@ SPECS = (
     EffectSpec(
         id="viscoelastic",
         stage="material",
-        equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5 s and 25 s, s the silicone's share of EI",
+        equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5 s and 25 s, "
+        "s the silicone's share of EI; axial strain alike",
         parameters=(
             Parameter("fast", "1", 0.035, 0.0, 0.4, sign="positive"),
             Parameter("slow", "1", 0.035, 0.0, 0.4, sign="positive"),

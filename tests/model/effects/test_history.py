@@ -22,7 +22,8 @@ def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -
     drive[0, :, 0] = driven
     quantities = baseline(robot, design, np.ones(n), np.array([1.0, 0.0]))
     one = np.ones((1, n, 2))
-    return History(quantities, path or loading_path(design, rest_of), drive, one, one, np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES)))
+    silicone, rest = np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES))
+    return History(quantities, path or loading_path(design, rest_of), drive, one, one, silicone, rest)
 
 
 def test_between_readings_the_drive_stays_ramps_and_stays(
