@@ -8,6 +8,7 @@ from model.statics.problem import Form, Rods, blank, rods  # noqa: E402
 from model.statics.sensitivity import Sensitivities, sensitivities  # noqa: E402
 from model.statics.shape import Stations, energy, stations, strains  # noqa: E402
 from model.statics.solver import DEFAULT, FINE, Accuracy, Solution, solve  # noqa: E402
+from model.statics.work import energy_sensitivities  # noqa: E402
 
 __all__ = [
     "DEFAULT",
@@ -20,6 +21,7 @@ __all__ = [
     "Stations",
     "blank",
     "energy",
+    "energy_sensitivities",
     "rods",
     "sensitivities",
     "solve",

@@ -6,28 +6,33 @@ A section with a memory has the bending curvature
     z_k  lag: tau_k dz_k/dt + z_k = m, with m held over a step of time
 A friction element that slips at the moment y in parallel to a body K, its spring being k, is one play with
 c = 1/K - 1/(K + k) and y_j = y (K + k) / k, the section's stiffness being K + k. The memory is kept at the middle of
-each element, so elements set its resolution; within a state moments and memory are brought to agree by iteration.
+each element, so elements set its resolution; within a state moments and memory are brought to agree by the passes of
+the solver (`hysteresis`). Rods for which these do not close, or near buckling, are solved with the memory held, again
+and again until both agree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.batch import Status
 from model.errors import BadCondition
+from model.statics import group
+from model.statics.hysteresis import AGREED, COMPLIANCE, LAW, MIDDLE, PLAY, PLAYS, SLOPE, STILL, YIELD, solve_state
 from model.statics.problem import Rods
 from model.statics.shape import stations
-from model.statics.solver import DEFAULT, Accuracy, Solution, solve
+from model.statics.solver import DEFAULT, LEAST_MARGIN, Accuracy, Solution, room_for_terms, share_out, solve
 
 Array = NDArray[np.float64]
 
-AGREED = 1e-6
-"""rad: change of the bend over a rod's length in one round at which moments and memory agree."""
 MOST_ROUNDS = 60
+"""Solves with the memory held that a rod may take."""
+LEAST_CHANGE = 1e-9
+"""rad: change of the bend over a rod's length that counts as none between such solves."""
 
 
 @dataclass(frozen=True)
@@ -51,63 +56,128 @@ class Memory:
                 raise BadCondition(f"{name}: must be finite and {'positive' if name == 'lag_time' else 'not negative'}")
         return self
 
+    def spread(self, n: int, elements: int) -> Memory:
+        """Itself with arrays of n rods and so many elements; raises `BadCondition` where they do not fit."""
+        full: dict[str, Array] = {}
+        for pair in (("play_compliance", "play_yield"), ("lag_share", "lag_time")):
+            one, other = (getattr(self, name) for name in pair)
+            try:
+                laws = np.broadcast_shapes(one.shape, other.shape)[0]
+                full |= {name: np.broadcast_to(getattr(self, name), (laws, n, elements)) for name in pair}
+            except ValueError as error:
+                raise BadCondition(
+                    f"{pair[0]}, {pair[1]}: shapes {one.shape}, {other.shape} must fit (laws, {n}, {elements})"
+                ) from error
+        return Memory(**full)
+
 
 def walk(
-    states: Sequence[Rods], durations: Sequence[float], memory: Memory, accuracy: Accuracy = DEFAULT
+    states: Sequence[Rods], durations: Sequence[float], memory: Memory, accuracy: Accuracy = DEFAULT, cores: int = 1
 ) -> list[Solution]:
     """Solve the states (each n rods, the same rods under other loads) in order; `durations` (s) lead to each state.
 
-    All start without memory. A rod whose moments and memory do not come to agree is FAILED from there on.
+    All start without memory. `cores` share the rods of a state out to so many threads.
+    A rod whose moments and memory do not come to agree is FAILED from there on.
     """
     memory.check()
     if len(states) != len(durations) or any(d < 0 for d in durations):
         raise BadCondition(f"durations: {len(durations)} for {len(states)} states; one each, not negative")
     if not states:
         return []
-    shape = (len(states[0]), states[0].form.elements, 2)
-    play = np.zeros((len(memory.play_yield), *shape))
-    lag = np.zeros((len(memory.lag_time), *shape))
-    lost = np.zeros(shape[0], bool)
+    n, elements = len(states[0]), states[0].form.elements
+    for i, rods in enumerate(states):
+        if len(rods) != n or rods.form != states[0].form:
+            raise BadCondition(f"states: {len(rods)} rods of {rods.form} in state {i}, {n} of {states[0].form} before")
+    memory = memory.spread(n, elements)
+    play, lag = np.zeros((*memory.play_yield.shape, 2)), np.zeros((*memory.lag_time.shape, 2))
+    table = np.zeros((n, elements, PLAYS + LAW * len(play)))
+    lost = np.zeros(n, bool)
     found = []
     for rods, duration in zip(states, durations, strict=True):
-        solution, play, lag, agreed = _settle(rods, duration, memory, play, lag, accuracy)
+        decay = np.exp(-duration / memory.lag_time)[..., None]
+        values, status, agreed = _settle(rods, decay, memory, play, lag, table, accuracy, cores)
         lost |= ~agreed
-        if lost.any():
-            values, status = solution.values.copy(), solution.status.copy()
-            values[lost, :13], status[lost] = np.nan, np.maximum(status[lost], Status.FAILED)
-            solution = replace(solution, values=values, status=status)
-        found.append(solution)
+        # A lost rod goes on without memory so that the others of its group are not disturbed.
+        table[lost] = 0.0
+        moment = table[..., MIDDLE : MIDDLE + 2]
+        play = _moved(play, moment, memory.play_yield)
+        lag = decay * lag + (1.0 - decay) * moment
+        play[:, lost], lag[:, lost] = 0.0, 0.0
+        values[lost, : group.AT_MISS], status[lost] = np.nan, np.maximum(status[lost], Status.FAILED)
+        found.append(Solution(values, status, np.zeros((0, group.MEMORY))))
     return found
 
 
+def _moved(play: Array, moment: Array, limit: Array) -> Array:
+    """(J, n, E, 2) N m: plays after the moment (n, E, 2) has come, at a distance of at most `limit` (J, n, E)."""
+    distance = moment - play
+    size = np.sqrt(distance[..., 0] ** 2 + distance[..., 1] ** 2)
+    return np.asarray(moment - distance * np.minimum(1.0, limit / np.maximum(size, 1e-300))[..., None])
+
+
 def _settle(
-    rods: Rods, duration: float, memory: Memory, play: Array, lag: Array, accuracy: Accuracy
-) -> tuple[Solution, Array, Array, NDArray[np.bool_]]:
-    """One state: the solution, the memory it leaves, and which rods agree with theirs."""
+    rods: Rods, decay: Array, memory: Memory, play: Array, lag: Array, table: Array, accuracy: Accuracy, cores: int
+) -> tuple[Array, NDArray[np.int8], NDArray[np.bool_]]:
+    """One state: values and status of a solution, and which rods agree with their memory; moments go to `table`."""
+    form, flex = rods.form, 1.0 / rods.field("bend_stiffness")[..., :2]
+    share = memory.lag_share[..., None]
+    table[..., STILL : STILL + 2] = rods.field("rest_curvature")[..., :2] + (share * decay * lag).sum(0) * flex
+    table[..., SLOPE : SLOPE + 2] = (share * (1.0 - decay)).sum(0) * flex
+    for j, moved in enumerate(play):
+        o = PLAYS + LAW * j
+        table[..., o + COMPLIANCE], table[..., o + YIELD] = memory.play_compliance[j], memory.play_yield[j]
+        table[..., o + PLAY : o + PLAY + 2] = moved
+    values = np.empty((len(rods), group.RESULT))
+
+    def part(rows: slice) -> None:
+        solve_state(
+            rods.values[rows],
+            form.head,
+            form.block,
+            *room_for_terms(form),
+            form.springs,
+            accuracy.divisions,
+            accuracy.close,
+            table[rows],
+            values[rows],
+        )
+
+    share_out(part, len(rods), cores)
+    good = (values[:, group.AT_MISS] < accuracy.close) & (values[:, group.AT_MARGIN] > LEAST_MARGIN)
+    status, agreed = np.zeros(len(rods), np.int8), np.ones(len(rods), bool)
+    doubtful = np.flatnonzero(~good)
+    if doubtful.size:
+        held, moment, agreed[doubtful] = _settle_held(rods[doubtful], table[doubtful], accuracy)
+        values[doubtful], status[doubtful] = held.values, held.status
+        table[doubtful, :, MIDDLE : MIDDLE + 2] = moment
+    return values, status, agreed
+
+
+def _rest(table: Array, moment: Array) -> Array:
+    """(n, E, 2) 1/m: bending u* under the moments (n, E, 2) by the laws of `table`, see `hysteresis`."""
+    rest = table[..., STILL : STILL + 2] + table[..., SLOPE : SLOPE + 2] * moment
+    for o in range(PLAYS, table.shape[2], LAW):
+        moved = _moved(table[..., o + PLAY : o + PLAY + 2], moment, table[..., o + YIELD])
+        rest = rest + table[..., o + COMPLIANCE, None] * moved
+    return np.asarray(rest)
+
+
+def _settle_held(rods: Rods, table: Array, accuracy: Accuracy) -> tuple[Solution, Array, NDArray[np.bool_]]:
+    """The solution by solves with the memory held, the moments at the middles, and which rods agree with both."""
     length = rods.field("length")
     middle = np.cumsum(length, axis=1) - 0.5 * length
-    flex = 1.0 / rods.field("bend_stiffness")[..., :2]
-    decay = np.exp(-duration / memory.lag_time)[..., None]
     loaded = Rods(rods.form, rods.values.copy())
-    offset = (memory.play_compliance[..., None] * play).sum(0) + (memory.lag_share[..., None] * lag).sum(0) * flex
-    rest = rods.field("rest_curvature")[..., :2].copy()
+    rest = _rest(table, np.zeros((*length.shape, 2)))
     step = np.ones((len(rods), 1, 1))
     before: Array | None = None
     for _ in range(MOST_ROUNDS):
-        loaded.field("rest_curvature")[..., :2] = rest + offset
+        loaded.field("rest_curvature")[..., :2] = rest
         solution = solve(loaded, accuracy)
         moment = _section_moment(stations(loaded, solution, middle, accuracy).values)
-        distance = moment - play
-        size = np.linalg.norm(distance, axis=-1, keepdims=True)
-        limit = memory.play_yield[..., None]
-        new_play = moment - distance * np.minimum(1.0, limit / np.maximum(size, 1e-300))
-        new_lag = decay * lag + (1.0 - decay) * moment
-        wanted = (memory.play_compliance[..., None] * new_play).sum(0)
-        wanted = wanted + (memory.lag_share[..., None] * new_lag).sum(0) * flex
-        gap = wanted - offset
+        gap = _rest(table, moment) - rest
         change = np.abs(gap * length[..., None]).sum(axis=(1, 2))
-        agreed = change < AGREED
-        if agreed.all() or not np.isfinite(change).any():
+        agreed = change < max(AGREED * accuracy.close, LEAST_CHANGE)
+        if (agreed | ~np.isfinite(change)).all():
             break
         if before is not None:
             # The secant over the last round says how far to go along the gap (Aitken); it keeps the sign of progress.
@@ -116,9 +186,9 @@ def _settle(
                 step * (before * turned).sum((1, 2), keepdims=True) / (turned**2).sum((1, 2), keepdims=True).clip(1e-30)
             )
             step = np.where(np.isfinite(step), np.clip(step, 0.05, 3.0), 1.0)
-        offset = np.where(np.isfinite(gap), offset + step * gap, offset)
+        rest = np.where(np.isfinite(gap), rest + step * gap, rest)
         before = gap
-    return solution, new_play, new_lag, agreed
+    return solution, moment, agreed
 
 
 def _section_moment(values: Array) -> Array:
