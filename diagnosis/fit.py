@@ -18,6 +18,8 @@ CLOSE = 0.05
 """Steps shorter than this, in prior standard deviations, end the search: evidence changes by far less."""
 GAIN = 0.02
 """Steps that lower the cost by less end the search."""
+NEARER = 6
+"""Times a start is moved half way to the baseline."""
 DAMPINGS = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0)
 """Added to the curvature, as shares of its diagonal, until a step lowers the cost."""
 
@@ -58,7 +60,8 @@ def fit(
     def linearised(theta: Array) -> tuple[Array, Array]:
         predicted, columns = problem.forward.linearise(theta, anew.tolist())
         slope = known.copy()
-        slope[:, anew] = columns
+        # A state next to its point of snapping has no derivative: it is left where it is.
+        slope[:, anew] = np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)
         return predicted, slope
 
     if isinstance(start, Fit):
@@ -66,6 +69,12 @@ def fit(
     else:
         theta = np.clip(start, p.lower, p.upper)
         predicted, slope = linearised(theta)
+        for _ in range(NEARER):
+            if np.isfinite(predicted).all():
+                break
+            # Some state has no equilibrium here: begin nearer to the baseline, where all have.
+            theta = p.mean + 0.5 * (theta - p.mean)
+            predicted, slope = linearised(theta)
     cost = weigh.cost(predicted) + _distance(theta, p.mean, scale)
     left_out = scale == 0
     if (theta != p.mean)[left_out].any():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +13,7 @@ from diagnosis.fit import fit
 from diagnosis.posterior import posterior
 from diagnosis.problem import Problem
 from diagnosis.search import Search
-from tests.diagnosis.toy import IDS, toy_problem
+from tests.diagnosis.toy import IDS, Grid, ToyForward, toy_problem
 
 
 def most_probable(problem: Problem) -> Hypothesis:
@@ -45,3 +48,20 @@ def test_a_fit_stays_within_bounds() -> None:
 def test_the_same_data_give_the_same_answer_to_the_last_bit() -> None:
     a, b = (Search(toy_problem(2, {"play": 1.0})).run() for _ in range(2))
     assert [(c.named, c.log_evidence) for c in a] == [(c.named, c.log_evidence) for c in b]
+
+
+class _Snapping(ToyForward):
+    """States are lost where an effect goes beyond half its scale, and have no derivative a little before."""
+
+    def linearise(self, theta: np.ndarray, columns: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        predicted, slope = super().linearise(theta, columns)
+        far = theta[IDS.index("bent")]
+        return np.where(far > 0.5, np.nan, predicted), np.where(far > 0.45, np.nan, slope)
+
+
+def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() -> None:
+    problem = replace(toy_problem(4, {"bent": 0.4}), forward=_Snapping(Grid()))
+    variance = np.where(problem.parameters.mask(("bent",)), 1.0, 0.0)
+    fitted = fit(problem, variance, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
+    assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.slope).all()
+    assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
