@@ -117,12 +117,12 @@ class Search:
     def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
         """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
 
-        `shares` are the prior weights of the leading hypotheses among themselves; evidence is divided by the
-        temperature, prior weights are not.
+        `shares` are the prior probabilities of the leading hypotheses: something unknown beside an effect is as much rarer
+        than something unknown alone as the effect is than none. Evidence is divided by the temperature, shares are not.
         """
         p = self.problem.parameters
         beside = [weigh(c.fit.linear, LARGE.part(c.loose), p, [c.named])[0] for c in leading]
-        terms = np.array([w.log_evidence for w in beside]) / temperature + np.log(np.array(shares) / np.sum(shares))
+        terms = np.array([w.log_evidence for w in beside]) / temperature + np.log(np.array(shares))
         i = int(np.argmax(terms))
         total = replace(beside[i], log_evidence=temperature * float(logsumexp(terms)))
         c = leading[i]
