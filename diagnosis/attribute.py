@@ -50,8 +50,9 @@ class Found:
 
     @property
     def rivals(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of effects that carry weight and could pass for each other."""
-        worth = [e for e in self.apart.effects if self.posterior.of_effect(e) > WORTH]
+        """Groups of effects that carry weight, would be seen at all, and could pass for each other."""
+        seen = [e for e in self.apart.effects if self.apart.detectable(e)]
+        worth = [e for e in seen if self.posterior.of_effect(e) > WORTH]
         groups = (tuple(e for e in worth if e == one or e in self.apart.rivals(one)) for one in worth)
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
