@@ -39,7 +39,7 @@ def merged(recordings: Sequence[Recording]) -> Table:
     `t` goes on from recording to recording: later ones count from the start of the first (wall time, but never
     backwards).
     """
-    parts = sorted(recordings, key=lambda recording: recording.start_wall_ns)
+    parts = sorted(recordings, key=lambda recording: (first_trial(recording), _begin(recording)))
     rows: list[TrialRow] = []
     shift = 0.0
     for number, recording in enumerate(parts):
@@ -49,6 +49,11 @@ def merged(recordings: Sequence[Recording]) -> Table:
             rows = [row for row in rows if row.trial < first_trial(recording)]
         rows += [replace(row, t=row.t + shift) if shift else row for row in table_of(recording)]
     return Table(tuple(rows))
+
+
+def _begin(recording: Recording) -> int:
+    """Wall time (ns) of a recording's first message: rig time 0 may lie long before it."""
+    return min((chunk.first_time for chunk in recording.contents.chunks), default=recording.start_wall_ns)
 
 
 def _end(recording: Recording) -> float:

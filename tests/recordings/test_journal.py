@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from synthetic_run import TARGETS
 
@@ -97,3 +98,12 @@ def test_a_resumed_campaign_makes_one_table_without_doubles_and_time_goes_on(tmp
     assert [(r.trial, r.step) for r in campaign] == [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2), (4, 1), (4, 2)]
     assert campaign["t"].tolist() == [0, 1, 2, 3, 60, 61, 62, 63]
     assert [(r.trial, r.step) for r in other] == [(1, 1)]
+
+
+def test_recordings_of_a_campaign_follow_each_other_however_far_back_their_rig_time_began(tmp_path: Path) -> None:
+    first = record(tmp_path / "1.mcap", WALL, metadata("c", "j", 1), [(1, 1), (1, 2), (2, 1)])
+    # Of two recordings the later began its rig time earlier: the rig was opened slowly, or runs faster than real time.
+    second = record(tmp_path / "2.mcap", WALL - 60 * 10**9, metadata("c", "j", 2), [(2, 1), (2, 2)])
+    (campaign,) = tables([second, first])
+    assert [(r.trial, r.step) for r in campaign] == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    assert (np.diff(campaign["t"]) > 0).all()
