@@ -19,6 +19,26 @@ SPINE_AREA = math.pi * INNER**2
 CHAMBER, PATH = 1.5 * math.pi * 0.005**2, 0.04
 
 
+def _robots(
+    spine: Array, moduli: tuple[Array, Array], push: Array, roll: Array, dead: tuple[Array, Array, Array], weight: Array,
+    form: Form | None = None,
+) -> Rods:  # fmt: skip
+    """Rods (n) of spine lengths (m), moduli of both parts (Pa), force of a chamber (N), roll (rad), tip load (N), weight (N/m)."""
+    azimuth, push = np.deg2rad([-40.0, 0.0, 40.0]) + roll[:, None], push[:, None]
+    modulus, zero = np.stack(moduli, 1)[:, :, None], np.zeros(len(spine))
+    return rods(
+        form or Form(elements=2),
+        len(spine),
+        length=np.stack([spine, LENGTH - spine], 1),
+        bend_stiffness=modulus * np.array([SECOND, SECOND, 2 * SECOND]),
+        stretch_stiffness=modulus * np.array([AREA / 3, AREA / 3, AREA]),
+        tip_force=np.stack([zero, zero, 3 * push[:, 0]], 1),
+        tip_moment=np.stack([PATH * (np.sin(azimuth) * push).sum(1), -PATH * (np.cos(azimuth) * push).sum(1), zero], 1),
+        dead_force=np.stack(dead, 1),
+        load=np.stack([zero, zero, weight], 1)[:, None, :],
+    )
+
+
 def paper_rods(n: int, seed: int, form: Form | None = None) -> Rods:
     """n rods: 7 spine lengths by 5 pressures, each with E, spine E, area, weights within 10 % and any roll."""
     r = np.random.default_rng(seed)
@@ -27,22 +47,11 @@ def paper_rods(n: int, seed: int, form: Form | None = None) -> Rods:
     body = BODY * r.uniform(0.9, 1.1, n)
     own = (0.318 + (4.389 - 0.318) * (spine - 0.05) / 0.25) * 1e6 * r.uniform(0.9, 1.1, n)
     mixed = np.where(spine > 0, (AREA * body + SPINE_AREA * own) / (AREA + SPINE_AREA), body)
-    azimuth = np.deg2rad([-40.0, 0.0, 40.0]) + r.uniform(0, 2 * np.pi, n)[:, None]
-    push = (pressure * CHAMBER * r.uniform(0.9, 1.1, n))[:, None]
-    modulus = np.stack([mixed, body], 1)[:, :, None]
-    zero = np.zeros(n)
+    roll = r.uniform(0, 2 * np.pi, n)
+    push = pressure * CHAMBER * r.uniform(0.9, 1.1, n)
     weight = 1300.0 * AREA * GRAVITY * r.uniform(0.9, 1.1, n)
-    return rods(
-        form or Form(elements=2),
-        n,
-        length=np.stack([spine, LENGTH - spine], 1),
-        bend_stiffness=modulus * np.array([SECOND, SECOND, 2 * SECOND]),
-        stretch_stiffness=modulus * np.array([AREA / 3, AREA / 3, AREA]),
-        tip_force=np.stack([zero, zero, 3 * push[:, 0]], 1),
-        tip_moment=np.stack([PATH * (np.sin(azimuth) * push).sum(1), -PATH * (np.cos(azimuth) * push).sum(1), zero], 1),
-        dead_force=np.stack([zero, zero, 0.053 * GRAVITY * r.uniform(0.5, 1.5, n)], 1),
-        load=np.stack([zero, zero, weight], 1)[:, None, :],
-    )
+    dead = (np.zeros(n), np.zeros(n), 0.053 * GRAVITY * r.uniform(0.5, 1.5, n))
+    return _robots(spine, (mixed, body), push, roll, dead, weight, form)
 
 
 def directions(found: Rods) -> Array:
@@ -97,20 +106,11 @@ def wild_rods(n: int, seed: int) -> Rods:
     body = BODY * r.uniform(0.7, 1.3, n)
     own = (0.318 + (4.389 - 0.318) * (spine - 0.05) / 0.25) * 1e6
     mixed = np.where(spine > 0, (AREA * BODY + SPINE_AREA * own) / (AREA + SPINE_AREA), BODY) * r.uniform(0.7, 1.3, n)
-    azimuth = np.deg2rad([-40.0, 0.0, 40.0]) + r.uniform(0, 2 * np.pi, n)[:, None]
-    push = (pressure * CHAMBER)[:, None]
-    angle, size, zero = r.uniform(0, 2 * np.pi, n), r.uniform(0, 5, n), np.zeros(n)
-    modulus = np.stack([mixed, body], 1)[:, :, None]
-    return rods(
-        Form(elements=2),
-        n,
-        length=np.stack([spine, LENGTH - spine], 1),
-        bend_stiffness=modulus * np.array([SECOND, SECOND, 2 * SECOND]),
-        stretch_stiffness=modulus * np.array([AREA / 3, AREA / 3, AREA]),
-        tip_force=np.stack([zero, zero, 3 * push[:, 0]], 1),
-        tip_moment=np.stack([PATH * (np.sin(azimuth) * push).sum(1), -PATH * (np.cos(azimuth) * push).sum(1), zero], 1),
-        dead_force=np.stack([size * np.cos(angle), size * np.sin(angle), 0.053 * GRAVITY * r.uniform(0, 3, n)], 1),
-        load=np.stack([zero, zero, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n)], 1)[:, None, :],
+    roll = r.uniform(0, 2 * np.pi, n)
+    angle, size = r.uniform(0, 2 * np.pi, n), r.uniform(0, 5, n)
+    dead = (size * np.cos(angle), size * np.sin(angle), 0.053 * GRAVITY * r.uniform(0, 3, n))
+    return _robots(
+        spine, (mixed, body), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n)
     )
 
 

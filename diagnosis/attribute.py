@@ -61,12 +61,12 @@ def attribute(p: Prepared) -> Found:
     """Weigh the catalogue against the data."""
     search = Search(p.problem)
     candidates = search.run()
-    found = search.found
+    found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
     own = tempering(bool((p.labels.kind == 1).any()), bool((p.states.branch < 0).any()))
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
-    trended = trend(p, found[NONE].fit.slope if found[NONE].loose else search.whole(found[NONE]).fit.slope)
+    trended = trend(p, found[NONE].fit.slope)
     weighed = posterior(candidates, unknown, effects, own.temperature, log_odds(trended))
     best = search.whole(found[next(h for h, _ in weighed.ranking if h != UNKNOWN)])
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)

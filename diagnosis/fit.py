@@ -58,10 +58,9 @@ def fit(
     anew = np.flatnonzero((scale > 0) if frozen is None else (scale == p.sd))
 
     def linearised(theta: Array) -> tuple[Array, Array]:
-        predicted, columns = problem.forward.linearise(theta, anew.tolist())
+        predicted, columns = problem.linearise(theta, anew.tolist())
         slope = known.copy()
-        # A state next to its point of snapping has no derivative: it is left where it is.
-        slope[:, anew] = np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)
+        slope[:, anew] = columns
         return predicted, slope
 
     if isinstance(start, Fit):

@@ -249,5 +249,5 @@ def _smooth(robot: Robot, states: States, labels: Labels, unit: float) -> tuple[
     number = np.array([channels.index(c) for c in labels.channel])
     # A bend that moves the tip by d turns it by about 2 d / L.
     size = np.array([2 * unit / robot.length if name.startswith("r") else unit for name in channels])
-    alike = columns(Settings(where.place, np.ones(len(states))))[labels.state]
-    return by_channel(columns(where), labels.state, number, size), alike
+    alike = columns(Settings(where.place, np.ones(len(states))))
+    return by_channel(alike * where.size[:, None], labels.state, number, size), alike[labels.state]

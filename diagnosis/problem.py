@@ -119,10 +119,14 @@ class Problem:
         """(n, m)."""
         return self.noise.whiten(self.discrepancy)
 
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """As the forward model's; a state next to its point of snapping has no derivative and is left where it is."""
+        predicted, slope = self.forward.linearise(theta, columns)
+        return predicted, np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+
     def at(self, theta: Array) -> Linear:
         """The linear problem around parameters (k,), in units of their priors."""
-        predicted, slope = self.forward.linearise(theta)
-        return self.linear(theta, predicted, slope)
+        return self.linear(theta, *self.linearise(theta))
 
     def linear(self, theta: Array, predicted: Array, slope: Array) -> Linear:
         """The same from a prediction (n,) and slope (n, k) that are known already."""

@@ -244,8 +244,7 @@ class Search:
 
     def _whole(self, f: Fit) -> Fit:
         """The same fit with the derivatives by all parameters."""
-        predicted, slope = self.problem.forward.linearise(f.theta)
-        slope = np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+        predicted, slope = self.problem.linearise(f.theta)
         return replace(f, slope=slope, linear=self.problem.linear(f.theta, predicted, slope))
 
     def _loosened(self, named: Hypothesis, f: Fit) -> Fit:

@@ -27,7 +27,7 @@ CERTAIN = 1e-6
 def trend(p: Prepared, slope: Array) -> float:
     """Probability that repeats would be ordered in time as well as they are, by chance; 1 where nothing was repeated.
 
-    `slope` (n, k) of the problem's values.
+    `slope` (n, k) of the problem's values; of it only the calibration's columns are used.
     """
     strength, length, time = _trials(p, slope)
     total, distribution = 0, np.ones(1)

@@ -95,8 +95,6 @@ def _compare(a: argparse.Namespace) -> int:
 
 
 def _diagnose(a: argparse.Namespace) -> int:
-    # The matrices of a diagnosis are small: threads of the linear algebra would only wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .diagnose import Outputs, diagnose
 
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), a.reference)
@@ -243,6 +241,8 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; errors become one clear message and an exit code."""
+    # The matrices of fits and diagnoses are small: threads of the linear algebra would only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     a = parser().parse_args(arguments)
     logging.basicConfig(level=logging.ERROR, format="%(name)s: %(message)s")
     from .failures import explained

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from diagnosis.case import levels
 from diagnosis.result import Diagnosis
 
 from .figures import STYLE, colours, save
@@ -161,9 +162,8 @@ def _states(d: Diagnosis) -> dict[str, Array]:
 
 def _levels(values: Array, grain: float) -> Array:
     """Settings meant, from readings that scatter by less than `grain`."""
-    ordered = np.sort(values)
-    groups = np.split(ordered, np.flatnonzero(np.diff(ordered) > grain / 2) + 1)
-    return np.array([g.mean() for g in groups])
+    number = levels(values, grain / 2)
+    return np.array([values[number == k].mean() for k in np.unique(number)])
 
 
 def _mapped(s: dict[str, Array], gap: Array, own: NDArray[np.bool_], lengths: Array, pressures: Array) -> Array:

@@ -74,10 +74,6 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     )
 
 
-def _yes(said: bool) -> str:
-    return "yes" if said else ""
-
-
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(draw.posterior(d, folder / "posterior.png"), f"Probability of each hypothesis ({d.detail['bench']})")
     size = draw.sizes(d, folder / "sizes.png")

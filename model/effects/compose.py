@@ -43,7 +43,6 @@ def _sections(q: Quantities, shear: ShearSpine, out: Array) -> None:
     out[..., OUTER + at.LENGTH] = q.length - inner
     modulus, sideways = body, ratio * body
     bend, axial, lateral = body * second, body * area, ratio * body * area
-    share = np.ones((1, 1))
     if robot.spine is not None:
         spine, spine_shear, _ = moduli(q, shear)
         core = math.pi * robot.spine.radius**2
@@ -54,7 +53,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: Array) -> None:
         bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
         axial = modulus * area + blend * (body * area + spine * core - modulus * area)
         lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
-        share = silicone_share(q, bend)
+    share = silicone_share(q, bend)
     for element, parts in ((INNER, (bend, axial, lateral, share)), (OUTER, (body * second, body * area, None, 1.0))):
         stiff, pull, side, silicone = parts
         across = ratio * body * area if side is None else side

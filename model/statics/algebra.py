@@ -40,6 +40,12 @@ def scaled(h: float, a: Vector) -> Vector:
 
 
 @inline
+def unit(k: int) -> Vector:
+    """Along axis k."""
+    return (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+
+
+@inline
 def dot(a: Vector, b: Vector) -> float:
     """a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

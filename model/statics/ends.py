@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from model.statics.algebra import Quaternion, Vector, add, along, cross, dot, product, scaled, times, turned
+from model.statics.algebra import Quaternion, Vector, add, along, cross, dot, product, scaled, times, turned, unit
 from model.statics.jit import inline, routine
 from model.statics.lanes import (
     BASE,
@@ -80,17 +80,17 @@ def look(work: Array, ends: Array, rods: Array, row: int, l: int) -> None:
     scale = 4.0 / (1.0 + e[0])
     axis = (e[1], e[2], e[3])
     for k in range(3):
-        unit = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
-        # de = (0, unit) e / 2
-        moved = scaled(0.5 * scale, along(cross(unit, axis), e[0], unit))
-        moved = along(moved, 0.125 * scale * scale * dot(unit, axis), axis)
+        one = unit(k)
+        # de = (0, one) e / 2
+        moved = scaled(0.5 * scale, along(cross(one, axis), e[0], one))
+        moved = along(moved, 0.125 * scale * scale * dot(one, axis), axis)
         for r in range(3):
             ends[(CHI + 3 * r + k) * LANES + l] = moved[r]
         put(
             ends,
             TURNED + 3 * k,
             l,
-            turned(e, spun((rods[row, BASE_TURN], rods[row, BASE_TURN + 1], rods[row, BASE_TURN + 2]), unit)),
+            turned(e, spun((rods[row, BASE_TURN], rods[row, BASE_TURN + 1], rods[row, BASE_TURN + 2]), one)),
         )
     place = vector_of(work, PLACE, l)
     felt = turned(base, vector_of(work, M, l))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from model.batch import Status
 from model.errors import BadCondition
+from model.rotation import to_local
 from model.statics import group
 from model.statics.hysteresis import AGREED, COMPLIANCE, LAW, MIDDLE, PLAY, PLAYS, SLOPE, STILL, YIELD, solve_state
 from model.statics.problem import Rods
@@ -173,7 +174,8 @@ def _settle_held(rods: Rods, table: Array, accuracy: Accuracy) -> tuple[Solution
     for _ in range(MOST_ROUNDS):
         loaded.field("rest_curvature")[..., :2] = rest
         solution = solve(loaded, accuracy)
-        moment = _section_moment(stations(loaded, solution, middle, accuracy).values)
+        there = stations(loaded, solution, middle, accuracy)
+        moment = to_local(there.orientation, there.moment)[..., :2]
         gap = _rest(table, moment) - rest
         change = np.abs(gap * length[..., None]).sum(axis=(1, 2))
         agreed = change < max(AGREED * accuracy.close, LEAST_CHANGE)
@@ -189,10 +191,3 @@ def _settle_held(rods: Rods, table: Array, accuracy: Accuracy) -> tuple[Solution
         rest = np.where(np.isfinite(gap), rest + step * gap, rest)
         before = gap
     return solution, moment, agreed
-
-
-def _section_moment(values: Array) -> Array:
-    """Bending moments (n, E, 2) in the section frame from stations."""
-    w, r, m = values[..., 3:4], -values[..., 4:7], values[..., 10:13]
-    t = 2 * np.cross(r, m)
-    return (m + w * t + np.cross(r, t))[..., :2]

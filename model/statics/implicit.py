@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from model.statics.algebra import Vector, add, along, cross, scaled, turned, turned_back
+from model.statics.algebra import Vector, add, along, cross, scaled, turned, turned_back, unit
 from model.statics.ends import ENDS, FOLLOWED, TWISTED, base_change, base_miss, by_shift, look, three, tip_change
 from model.statics.equations import strains
 from model.statics.group import AT_LARGEST, AT_ORIENTATION, AT_TIP, new_elements
@@ -86,12 +86,6 @@ def start_columns(work: Array, x: Array, moment: Array) -> None:
             put(turn, THETA, l, axis)
             put(turn, DM, l, cross(vector_of(work, M, l), axis))
             put(twist, DM, l, axis)
-
-
-@inline
-def unit(k: int) -> Vector:
-    """Along axis k."""
-    return (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
 
 
 @routine

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.errors import BadCondition
+from model.rotation import to_local
 from model.statics.problem import Rods
 from model.statics.sensitivity import sensitivities
 from model.statics.shape import GAUSS, stations
@@ -48,8 +49,8 @@ def energy_sensitivities(rods: Rods, solution: Solution, directions: Array, accu
     moved = change.position.reshape(n, -1, elements, GAUSS, 3)
     loads = np.einsum("ne,g,nei,nkegi->nk", length, weights, rods.field("load"), moved)
     turn = at.orientation[:, :-2].reshape(n, elements, GAUSS, 4)
-    m = _turned_back(turn, at.moment[:, :-2].reshape(n, elements, GAUSS, 3))
-    force = _turned_back(turn, at.force[:, :-2].reshape(n, elements, GAUSS, 3))
+    m = to_local(turn, at.moment[:, :-2].reshape(n, elements, GAUSS, 3))
+    force = to_local(turn, at.force[:, :-2].reshape(n, elements, GAUSS, 3))
     return np.asarray(ends + loads + _at_fixed_strain(rods, directions, m, force, z, weights))
 
 
@@ -81,9 +82,3 @@ def _rest(field: Callable[[str], Array], graded: bool, z: Array) -> Array:
         for power in (1, 2, 3):
             rest = rest + z[:, None] ** power * rises[..., None, 3 * power - 3 : 3 * power]
     return np.asarray(rest)
-
-
-def _turned_back(q: Array, a: Array) -> Array:
-    """R(q)^T a, the last axis four and three numbers."""
-    t = 2.0 * np.cross(-q[..., 1:], a)
-    return np.asarray(a + q[..., :1] * t + np.cross(-q[..., 1:], t))

@@ -139,6 +139,7 @@ def test_a_glance_from_outside_sees_whether_the_arm_stands_and_takes_no_control(
     arrived(arm)
 
 
+@needs_the_fake
 @pytest.mark.parametrize("what", BEYOND)
 def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(
     rig: Rig, arm: UR5, watcher: UR5State, what: str

@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.batch import RodBatch
 from model.statics import Form, Rods, rods
 
 Array = NDArray[np.float64]
@@ -106,21 +105,4 @@ def wild_robots(n: int, seed: int) -> Rods:
         tip_weight=r.uniform(0, 3, n),
         weight=r.uniform(0.8, 1.2, n),
         side=side,
-    )
-
-
-def as_batch(found: Rods) -> RodBatch:
-    """The same rods for the slow converged solver, which knows two elements of one weight."""
-    n = len(found)
-    length = found.field("length")
-    return RodBatch(
-        length=length.sum(1),
-        joint=length[:, 0].copy(),
-        stretch_stiffness=found.field("stretch_stiffness").copy(),
-        bend_stiffness=found.field("bend_stiffness").copy(),
-        tip_force=found.field("tip_force").copy(),
-        tip_moment=found.field("tip_moment").copy(),
-        dead_force=found.field("dead_force").copy(),
-        weight=found.field("load")[:, 0].copy(),
-        rest_curvature=np.zeros((n, 3)),
     )

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.rod_cases import as_batch
 from model.batch import Status
 from model.errors import BadCondition, SolveFailed
 from model.reference import solve_rods
 from model.statics import FINE, Form, rods, solve
-from tests.model.statics.cases import LENGTH, as_batch, reference_robots, robots, wild_robots
+from tests.model.statics.cases import LENGTH, reference_robots, robots, wild_robots
 
 SECOND_MODE = 2.4674
 """pi^2 / 4: P L^2 / EI at which a cantilever buckles under a dead load."""

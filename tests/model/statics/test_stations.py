@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.rod_cases import as_batch
 from model.errors import BadCondition
 from model.reference import solve_rods
 from model.statics import FINE, Form, energy, sensitivities, solve, stations
-from tests.model.statics.cases import LENGTH, as_batch, robots
+from tests.model.statics.cases import LENGTH, robots
 
 
 def test_the_ends_are_the_base_and_the_tip() -> None:
