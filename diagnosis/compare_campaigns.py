@@ -133,11 +133,12 @@ class _Both:
 def _joined(before: Prepared, after: Prepared) -> Problem:
     forward = _Both(before, after)
     first, second = before.problem, after.problem
+    wide = max(x.noise.shared.shape[1] for x in (first, second))
     noise = replace(
         first.noise,
         state=np.concatenate([first.noise.state, second.noise.state + first.noise.state.max() + 1]),
         sd=np.concatenate([first.noise.sd, second.noise.sd]),
-        shared=np.concatenate([first.noise.shared, second.noise.shared]),
+        shared=np.concatenate([_wide(x.noise.shared, wide) for x in (first, second)]),
     )
     n, m = first.discrepancy.shape[1], second.discrepancy.shape[1]
     smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
@@ -147,3 +148,8 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     own[len(first.observed) :] = second.alike
     measured = np.concatenate([first.observed, second.observed])
     return Problem(forward, forward.parameters, measured, noise, smooth, own)
+
+
+def _wide(columns: Array, wide: int) -> Array:
+    """Columns (n, r) with empty ones behind (n, wide)."""
+    return np.pad(columns, ((0, 0), (0, wide - columns.shape[1])))

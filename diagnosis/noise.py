@@ -1,12 +1,14 @@
-"""The noise of the measured values: each channel's own, and what one wrong reading of the pressure does to a whole state.
+"""The noise of the measured values: each channel's own, and what wrong readings of the pressures do to a whole state.
 
-One state is read at one pressure reading, so its channels err together by s = d(prediction)/d(pressure) * sd(pressure).
-Its covariance is diag(sd^2) + s s^T, whose inverse square root is known in closed form.
+Chambers of one regulator are read wrongly together, and so are all channels of a state: with the columns
+s_g = d(prediction)/d(pressure of regulator g) * sd(pressure) its covariance is diag(sd^2) + sum_g s_g s_g^T, whose inverse
+square root needs no more than an eigenvalue problem as small as the regulators are many.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,39 +25,50 @@ class Noise:
     sd: Array
     """(n,) each value's own standard deviation."""
     shared: Array
-    """(n,) response of each value to one standard deviation of its state's pressure reading."""
+    """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
 
-    @property
-    def _ratio(self) -> tuple[Array, Array]:
-        """s / sd of each value, and its squared norm in each state."""
-        ratio = self.shared / self.sd
-        return ratio, np.bincount(self.state, ratio**2).astype(np.float64)
+    @cached_property
+    def _ratio(self) -> Array:
+        """(n, r) s / sd of each value."""
+        out: Array = self.shared / self.sd[:, None]
+        return out
+
+    @cached_property
+    def _norm(self) -> tuple[Array, Array]:
+        """Eigenvalues (states, r) and vectors (states, r, r) of a state's s^T s / sd^2."""
+        squares = self._summed(self._ratio[:, :, None] * self._ratio[:, None, :])
+        value, vector = np.linalg.eigh(squares)
+        return np.maximum(value, 0.0), vector
 
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""
-        ratio, norm = self._ratio
-        share = (1 / np.sqrt(1 + norm) - 1) / np.maximum(norm, 1e-300)
-        return self._stretched((values.T / self.sd).T, ratio, share)
+        return self._stretched((values.T / self.sd).T, -0.5)
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
-        ratio, norm = self._ratio
-        share = (np.sqrt(1 + norm) - 1) / np.maximum(norm, 1e-300)
-        return (self._stretched(white, ratio, share).T * self.sd).T
+        return (self._stretched(white, 0.5).T * self.sd).T
 
-    def _stretched(self, values: Array, ratio: Array, share: Array) -> Array:
-        """Within each state, (I + share ratio ratio^T) values."""
+    def _stretched(self, values: Array, power: float) -> Array:
+        """Within each state, (I + ratio ratio^T)^power values."""
         columns = values.reshape(len(values), -1)
+        value, vector = self._norm
+        grown = np.expm1(power * np.log1p(value)) / np.maximum(value, 1e-300)
+        inner = (vector * grown[:, None, :]) @ vector.swapaxes(1, 2)
+        along = self._summed(self._ratio[:, :, None] * columns[:, None, :])
+        return (columns + np.einsum("nr,nrk->nk", self._ratio, (inner @ along)[self.state])).reshape(values.shape)
+
+    def _summed(self, values: Array) -> Array:
+        """Values (n, ...) summed over each state (states, ...)."""
         order = np.argsort(self.state, kind="stable")
         first = np.flatnonzero(np.diff(self.state[order], prepend=-1))
-        summed = np.zeros((len(share), columns.shape[1]))
-        summed[self.state[order][first]] = np.add.reduceat((ratio[:, None] * columns)[order], first, axis=0)
-        return (columns + (ratio * share[self.state])[:, None] * summed[self.state]).reshape(values.shape)
+        out = np.zeros((int(self.state.max(initial=-1)) + 1, *values.shape[1:]))
+        out[self.state[order][first]] = np.add.reduceat(values[order], first, axis=0)
+        return out
 
     @property
     def log_sd(self) -> float:
         """Half the log determinant of the covariance."""
-        return float(np.log(self.sd).sum() + 0.5 * np.log1p(self._ratio[1]).sum())
+        return float(np.log(self.sd).sum() + 0.5 * np.log1p(self._norm[0]).sum())
 
     def take(self, kept: NDArray[np.bool_]) -> Noise:
         """The noise of some of the values."""

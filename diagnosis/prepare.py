@@ -36,6 +36,8 @@ USUAL_PRESSURE = 500.0
 STIFFNESS_ONLY = ("force_bias", "arm_compliance", "contact_offset")
 IDLE = 5e3
 """Pa; a chamber that never reads more within a trial is vented."""
+STEP = 500.0
+"""Pa by which pressures are moved for a derivative."""
 LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
 """m, between which the unit of the discrepancy is kept."""
 
@@ -123,12 +125,13 @@ def prepare(
         )
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
-    floor, reading = _floor(states, labels, made, forward.parameters, (observed - predicted)[kept], slope[kept])
+    response = by_pressure(forward, states, made, slope)[kept]
+    floor, reading = _floor(states, labels, forward.parameters, (observed - predicted)[kept], slope[kept], response)
     white = (
         np.array([floor.channel[k] for k in KINDS])[labels.kind]
         * np.where(resting(states), floor.rest, 1.0)[labels.state]
     )
-    noise = Noise(labels.state, white, floor.pressure * _by_pressure(states, labels, made, slope[kept]))
+    noise = Noise(labels.state, white, floor.pressure * response)
     known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
     unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
     smooth, alike = _smooth(robot, states, labels, unit)
@@ -193,14 +196,14 @@ def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> L
 
 
 def _floor(
-    states: States, labels: Labels, made: Parameters, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array
+    states: States, labels: Labels, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array, response: Array
 ) -> tuple[Components, float]:
     """Components of the noise, and the rms of a single tip reading (m)."""
     names = list(dict.fromkeys(labels.channel.tolist()))
     column = np.array([names.index(c) for c in labels.channel])
 
     def grid(values: Array) -> Array:
-        out = np.full((len(states), len(names)), np.nan)
+        out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
         out[labels.state, column] = values
         return out
 
@@ -216,7 +219,7 @@ def _floor(
         states.condition[whole],
         states.trial[whole],
         kinds,
-        grid(_by_pressure(states, labels, made, slope))[whole],
+        grid(response)[whole],
         {source: grid(values)[whole] for source, values in by_trial.items()},
         resting(states)[whole],
     )
@@ -230,10 +233,29 @@ def resting(states: States) -> NDArray[np.bool_]:
     return np.array([r.hold is None or r.hold > 0 for r in states.rows])
 
 
-def _by_pressure(states: States, labels: Labels, made: Parameters, slope: Array) -> Array:
-    """d(value)/d(pressure reading), per Pa: none where all chambers are vented."""
-    open_ = states.highest[labels.state] < PRESSURE_GAP
-    return np.where(open_, 0.0, slope[:, made.names.index("pressure_offset.offset")])
+def by_pressure(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
+    """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
+    row, pressure = forward.observations.row, vented(states)
+    together = regulators(pressure)
+    inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
+    alone = inflated.sum(axis=1) == 1
+    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index("pressure_offset.offset")]]
+    several = (~alone & inflated.any(axis=1))[row]
+    if several.any():
+        for r, own in enumerate(together):
+            change = np.zeros(pressure.shape)
+            change[:, own] = STEP * inflated[:, [r]]
+            out[several, r] = forward.respond(change)[several] / STEP
+    return np.asarray(np.nan_to_num(out))
+
+
+def regulators(pressure: Array) -> list[Ints]:
+    """Chambers (indices) that are inflated together wherever they are (n, chambers) Pa: taken as fed by one regulator."""
+    pattern = np.unique(pressure > 0, axis=0).T
+    _, member = np.unique(pattern, axis=0, return_inverse=True)
+    groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
+    found = [own for own in groups if pattern[own[0]].any()]
+    return found or [np.arange(pressure.shape[1])]
 
 
 def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components) -> Parameters:
