@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import bsr_array, csr_array, diags_array, eye_array
 
 Array = NDArray[np.float64]
 
@@ -28,47 +29,44 @@ class Noise:
     """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
 
     @cached_property
-    def _ratio(self) -> Array:
-        """(n, r) s / sd of each value."""
-        out: Array = self.shared / self.sd[:, None]
-        return out
+    def _norm(self) -> tuple[csr_array, Array, Array]:
+        """s / sd (n, states r), and eigenvalues (states, r) and vectors (states, r, r) of each state's s^T s / sd^2."""
+        n, r = self.shared.shape
+        states = int(self.state.max(initial=-1)) + 1
+        ratio = self.shared / self.sd[:, None]
+        place = self.state[:, None] * r + np.arange(r)
+        spread = csr_array((ratio.ravel(), place.ravel(), np.arange(0, n * r + 1, r)), shape=(n, states * r))
+        squares = np.zeros((states, r, r))
+        np.add.at(squares, self.state, ratio[:, :, None] * ratio[:, None, :])
+        value, vector = np.linalg.eigh(squares)
+        return spread, np.maximum(value, 0.0), vector
 
     @cached_property
-    def _norm(self) -> tuple[Array, Array]:
-        """Eigenvalues (states, r) and vectors (states, r, r) of a state's s^T s / sd^2."""
-        squares = self._summed(self._ratio[:, :, None] * self._ratio[:, None, :])
-        value, vector = np.linalg.eigh(squares)
-        return np.maximum(value, 0.0), vector
+    def _white(self) -> csr_array:
+        """(n, n)"""
+        return csr_array(self._power(-0.5) @ diags_array(1 / self.sd))
 
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""
-        return self._stretched((values.T / self.sd).T, -0.5)
+        return np.asarray(self._white @ values)
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
-        return (self._stretched(white, 0.5).T * self.sd).T
+        return np.asarray(diags_array(self.sd) @ (self._power(0.5) @ white))
 
-    def _stretched(self, values: Array, power: float) -> Array:
-        """Within each state, (I + ratio ratio^T)^power values."""
-        columns = values.reshape(len(values), -1)
-        value, vector = self._norm
+    def _power(self, power: float) -> csr_array:
+        """(n, n) (I + s s^T / sd^2)^power, state by state."""
+        spread, value, vector = self._norm
         grown = np.expm1(power * np.log1p(value)) / np.maximum(value, 1e-300)
         inner = (vector * grown[:, None, :]) @ vector.swapaxes(1, 2)
-        along = self._summed(self._ratio[:, :, None] * columns[:, None, :])
-        return (columns + np.einsum("nr,nrk->nk", self._ratio, (inner @ along)[self.state])).reshape(values.shape)
-
-    def _summed(self, values: Array) -> Array:
-        """Values (n, ...) summed over each state (states, ...)."""
-        order = np.argsort(self.state, kind="stable")
-        first = np.flatnonzero(np.diff(self.state[order], prepend=-1))
-        out = np.zeros((int(self.state.max(initial=-1)) + 1, *values.shape[1:]))
-        out[self.state[order][first]] = np.add.reduceat(values[order], first, axis=0)
-        return out
+        states = len(value)
+        blocks = bsr_array((inner, np.arange(states), np.arange(states + 1)), shape=(spread.shape[1],) * 2)
+        return csr_array(eye_array(len(self.sd)) + spread @ blocks @ spread.T)
 
     @property
     def log_sd(self) -> float:
         """Half the log determinant of the covariance."""
-        return float(np.log(self.sd).sum() + 0.5 * np.log1p(self._norm[0]).sum())
+        return float(np.log(self.sd).sum() + 0.5 * np.log1p(self._norm[1]).sum())
 
     def take(self, kept: NDArray[np.bool_]) -> Noise:
         """The noise of some of the values."""

@@ -87,8 +87,8 @@ class _Gaussian:
 
     def __init__(self, linear: Linear, variance: Array, size: float, form: float) -> None:
         blocks = [linear.effects * np.sqrt(variance), linear.nuisance, form * linear.form]
-        if size:
-            blocks.append(size * linear.discrepancy)
+        if large := linear.discrepancy_size(size, form):
+            blocks.append(large * linear.discrepancy)
         self._x = np.hstack(blocks)
         self._inverse = np.linalg.inv(np.eye(self._x.shape[1]) + self._x.T @ self._x)
         self._left = linear.observed - self._x @ (self._inverse @ (self._x.T @ linear.observed))
