@@ -56,7 +56,7 @@ class Quantities:
     shear_mix: Array
     """Power, plus one, of the mean that blends the two: 0 compliances in series, 2 stiffnesses side by side."""
     bend_softening: Array
-    """Factor a of hyperelastic D = 1 + a (k r)^2 + b e, k r curvature times outer radius."""
+    """Factor a of hyperelastic D = 1 + g(a (k r)^2) + h(b e), k r curvature times outer radius."""
     strain_softening: Array
     """Factor b of the same."""
     tip_force: Array

@@ -22,7 +22,7 @@ def rich_rods() -> Rods:
     rods.field("spring_stiffness")[:] = [20.0, 30.0, 60.0]
     rods.field("spring_origin")[:] = [0.01, 0.0, 0.3]
     rods.field("spring_softness")[:] = [0.0, 0.0, 5e-3]
-    rods.field("series")[:] = [(0.02, 0.5, 1.0), (-0.01, -0.3, 0.5)]
+    rods.field("series")[:] = [(0.02, 0.5, 1.0), (-0.01, -2.0, -1.0)]
     rods.field("base_compliance")[:], rods.field("base_relief")[:] = (0.02, 0.03, 0.01), 0.4
     rods.field("base_turn")[:] = (0.02, -0.03, 0.05)
     rods.field("rest_curvature")[:] = (0.3, -0.2, 0.4)
