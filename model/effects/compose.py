@@ -131,6 +131,11 @@ def _loads(q: Quantities, out: Array) -> None:
     out[..., wall + at.SPRING_STIFFNESS] = q.plane_stiffness
     out[..., wall + at.SPRING_ORIGIN] = q.plane_distance
     out[..., wall + at.SPRING_SOFTNESS] = CONTACT_WIDTH
+    # Back along the body from the tip, bent as the chambers' moment bends it there.
+    bent = [out[..., at.TIP_MOMENT + k] / out[..., OUTER + at.BEND + k] for k in range(2)]
+    out[..., wall + at.SPRING_ARM] = -0.5 * q.plane_lever**2 * bent[1]
+    out[..., wall + at.SPRING_ARM + 1] = 0.5 * q.plane_lever**2 * bent[0]
+    out[..., wall + at.SPRING_ARM + 2] = q.plane_lever
 
 
 def _boundary(q: Quantities, out: Array) -> None:

@@ -21,7 +21,9 @@ HEAD = 19
 
 SPRING_DIRECTION, SPRING_STIFFNESS, SPRING_ORIGIN, SPRING_SOFTNESS = 0, 3, 4, 5
 """Unit direction e (mount frame), N/m, where along e it starts to pull (m), width of a one-sided start (m)."""
-SPRING = 6
+SPRING_ARM = 6
+"""From the point it pulls at to the tip (m), tip frame: zero for a spring at the tip itself."""
+SPRING = 9
 
 LENGTH = 0
 """m. The following are offsets within an element's block."""

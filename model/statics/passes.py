@@ -36,7 +36,14 @@ from model.statics.lanes import (
     quaternion_of,
     vector_of,
 )
-from model.statics.layout import SPRING
+from model.statics.layout import (
+    SPRING,
+    SPRING_ARM,
+    SPRING_DIRECTION,
+    SPRING_ORIGIN,
+    SPRING_SOFTNESS,
+    SPRING_STIFFNESS,
+)
 from model.statics.runge_kutta import step
 
 Array = NDArray[np.float64]
@@ -114,14 +121,17 @@ def spring_force(stretch: float, stiffness: float, softness: float) -> float:
 
 @inline
 def pull(work: Array, springs: int, active: int) -> None:
-    """Add the springs at the tip to the internal force there: -k (e . p - origin) e each."""
+    """Add the springs to the internal force and moment at the tip: -k (e . (p - R a) - origin) e each, at p - R a."""
     for j in range(springs):
         o = SPRINGS + j * SPRING
         for l in range(active):
-            e = vector_of(work, o, l)
-            stretch = dot(e, vector_of(work, HELD, l)) - work[(o + 4) * LANES + l]
-            size = spring_force(stretch, work[(o + 3) * LANES + l], work[(o + 5) * LANES + l])
-            put(work, N, l, along(vector_of(work, N, l), -work[SHARE * LANES + l] * size, e))
+            e, q = vector_of(work, o + SPRING_DIRECTION, l), quaternion_of(work, TIP, l)
+            arm = turned(q, vector_of(work, o + SPRING_ARM, l))
+            stretch = dot(e, vector_of(work, HELD, l)) - dot(e, arm) - work[(o + SPRING_ORIGIN) * LANES + l]
+            stiffness, softness = work[(o + SPRING_STIFFNESS) * LANES + l], work[(o + SPRING_SOFTNESS) * LANES + l]
+            size = work[SHARE * LANES + l] * spring_force(stretch, stiffness, softness)
+            put(work, N, l, along(vector_of(work, N, l), -size, e))
+            put(work, M, l, along(vector_of(work, M, l), size, turned_back(q, cross(arm, e))))
 
 
 @inline

@@ -32,6 +32,7 @@ _PER_SPRING = {
     "spring_stiffness": (layout.SPRING_STIFFNESS, 1),
     "spring_origin": (layout.SPRING_ORIGIN, 1),
     "spring_softness": (layout.SPRING_SOFTNESS, 1),
+    "spring_arm": (layout.SPRING_ARM, 3),
 }
 _PER_ELEMENT = {
     "length": (layout.LENGTH, 1),
