@@ -67,6 +67,8 @@ class Quantities:
     """N/m of an obstacle that the tip meets."""
     plane_distance: Array
     """m from the robot's axis to the obstacle."""
+    plane_turn: Array
+    """rad by which the obstacle faces away from there."""
     plane_lever: Array
     """m along the body from the tip back to where it meets the obstacle."""
     plane_direction: Array
@@ -122,6 +124,7 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         tether=each(0.0),
         plane_stiffness=each(0.0),
         plane_distance=each(1.0),
+        plane_turn=each(0.0),
         plane_lever=each(0.0),
         plane_direction=direction,
         base_turn=np.zeros((1, 1, 3)),

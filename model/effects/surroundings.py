@@ -33,6 +33,7 @@ def _tether_load(q: Quantities, v: Values) -> None:
 def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
     q.plane_distance = np.maximum(PLANE + v["distance"], 0.005)
+    q.plane_turn = q.plane_turn + v["turn"]
     q.plane_lever = q.plane_lever + v["lever"]
 
 
@@ -83,11 +84,12 @@ SPECS = (
     EffectSpec(
         id="contact",
         stage="load",
-        equation="F = -k <e . p(L - l) - (70 mm + d)> e, l from the tip, e the direction the campaign bends to, "
-        "< > positive part over 2 mm",
+        equation="F = -k <e . p(L - l) - (70 mm + d)> e, l from the tip, e turned by t from where the campaign bends "
+        "to, < > positive part over 2 mm",
         parameters=(
             Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
-            Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.0, 0.03)),
+            Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.03)),
+            Parameter("turn", "rad", 0.15, -1.0, 1.0, role="shape"),
             Parameter("lever", "m", 0.05, 0.0, 0.25, role="shape", starts=(0.03,)),
         ),
         law=Law(before=_contact),
