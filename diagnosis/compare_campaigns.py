@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from .case import CaseLike, states
 from .errors import TooLittle
-from .posterior import UNKNOWN, posterior, prior
+from .posterior import UNKNOWN, beside_unknown, posterior, prior
 from .prepare import Prepared, prepare
 from .problem import Parameters, Problem
 from .search import Search
 from .tempering import tempering
+from .unknown import signs
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,12 @@ def compare_campaigns(later: CaseLike, reference: CaseLike) -> Change:
     own = tempering(bool((after.labels.kind == 1).any()), bool((after.states.branch < 0).any()))
     leading = candidates[:6]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
-    found = posterior(candidates, unknown, effects, own.temperature)
+    known = posterior(candidates, effects, own.temperature)
+    first = search.whole(known.candidates[known.ranking[0][0]])
+    trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
+    kinds = [x.labels.experiment for x in (before, after)]
+    sign = signs(search.problem, first, np.concatenate(trials), np.concatenate(kinds))
+    found = beside_unknown(known, unknown, own.outside(sign, 1.0))
     named, p = found.ranking[0]
     best = found.candidates[named]
     parameters = search.problem.parameters

@@ -150,6 +150,7 @@ def _boundary(q: Quantities, out: Array) -> None:
     for k in range(2):
         out[..., at.BASE_COMPLIANCE + k] = q.base_compliance
     out[..., at.BASE_RELIEF] = q.base_relief
+    out[..., at.BASE_STIFFENING] = q.base_stiffening
     bottom = np.zeros((1, 1))
     for element in (INNER, OUTER):
         long = out[..., element + at.LENGTH]

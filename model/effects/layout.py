@@ -11,6 +11,7 @@ from model.statics import Form
 from model.statics.layout import (
     BASE_COMPLIANCE,
     BASE_RELIEF,
+    BASE_STIFFENING,
     BASE_TURN,
     BEND,
     DEAD_FORCE,
@@ -44,6 +45,7 @@ __all__ = [
     "BASE",
     "BASE_COMPLIANCE",
     "BASE_RELIEF",
+    "BASE_STIFFENING",
     "BASE_TURN",
     "BEND",
     "DEAD_FORCE",

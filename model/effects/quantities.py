@@ -77,6 +77,8 @@ class Quantities:
     """(v, n, 3) rad."""
     base_compliance: Array
     """rad/(N m) about x and y."""
+    base_stiffening: Array
+    """1 / rad^2 with which it stiffens."""
     base_relief: Array
     """Share 0..1 of the chambers' moment that the mount does not feel."""
     rest_curvature: Array
@@ -130,6 +132,7 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         base_turn=np.zeros((1, 1, 3)),
         base_compliance=each(0.0),
         base_relief=each(0.0),
+        base_stiffening=each(0.0),
         rest_curvature=np.zeros((1, 1, 3)),
         rest_growth=each(0.0),
         clamp_root=each(0.0),

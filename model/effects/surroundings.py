@@ -10,7 +10,7 @@ from model.effects.quantities import Quantities
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 STIFFENED = 0.1
-"""rad, turn of a mount at which stiffening of 3 has halved its compliance."""
+"""rad, turn of a mount at which stiffening of 7 has halved its compliance."""
 PLANE = 0.07
 """m from the axis to the obstacle, before its shape parameter."""
 
@@ -42,12 +42,9 @@ def _base_tilt(q: Quantities, v: Values) -> None:
 
 
 def _base_compliance(q: Quantities, v: Values) -> None:
-    # How far the mount gives under what is known beforehand, the chambers' moment, sets its working point.
-    arm = q.robot.chambers.path_radius * q.area_factor * q.robot.chambers.area * q.pressure
-    moment = np.hypot((np.sin(q.azimuth) * arm).sum(-1), (np.cos(q.azimuth) * arm).sum(-1))
-    turned = v["give"] * (1 - v["relief"]) * moment
-    q.base_compliance = q.base_compliance + v["give"] / np.sqrt(1 + v["stiffening"] * (turned / STIFFENED) ** 2)
+    q.base_compliance = q.base_compliance + v["give"]
     q.base_relief = q.base_relief + v["relief"]
+    q.base_stiffening = q.base_stiffening + v["stiffening"] / STIFFENED**2
     q.clamp_root = q.clamp_root + v["give"]
 
 
@@ -111,12 +108,12 @@ SPECS = (
     EffectSpec(
         id="base_compliance",
         stage="boundary",
-        equation="R(0) = exp((C (m(0) - l m_ch))^), about x and y; l = 1: the chambers' ends pull on the mount alike; "
-        "C = c / sqrt(1 + h (c (1 - l) m_ch / 0.1 rad)^2)",
+        equation="R(0) = exp((v / (1 + h (v / 0.1 rad)^2)^(1/3))^), v = c (m(0) - l m_ch) about x and y; l = 1: the "
+        "chambers' ends pull on the mount alike",
         parameters=(
             Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),
             Parameter("relief", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
-            Parameter("stiffening", "1", 1.0, 0.0, 10.0, role="shape"),
+            Parameter("stiffening", "1", 3.0, 0.0, 40.0, role="shape"),
         ),
         law=Law(before=_base_compliance),
         citation="elastic clamp",

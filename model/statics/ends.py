@@ -3,7 +3,7 @@
 Unknowns are the turn of the tip and, with springs, its shift (rad, m; mount frame). With f, g the follower loads in the
 mount frame, P the tip seen from the base and M the moment there,
     dN = phi x f + R dF + dF_dead - d(springs),   dM = phi x g + R dM_tip + dM_dead      at the tip,
-    chi(base turned back by base_turn) = K (M - relief (g + P x f))                      at the base,
+    chi(base turned back by base_turn) = v / (1 + h |v|^2)^(1/3), v = K (M - relief (g + P x f))    at the base,
 chi being four times the tangent of a quarter of the angle, along its axis. A direction in parameter space is (width,
 LANES) numbers.
 """
@@ -25,6 +25,7 @@ from model.statics.lanes import (
     PLACE,
     RELIEF,
     SPRINGS,
+    STIFFENING,
     TIP,
     WRENCH,
     M,
@@ -35,6 +36,7 @@ from model.statics.lanes import (
 from model.statics.layout import (
     BASE_COMPLIANCE,
     BASE_RELIEF,
+    BASE_STIFFENING,
     BASE_TURN,
     DEAD_FORCE,
     DEAD_MOMENT,
@@ -173,6 +175,19 @@ def tip_change(work: Array, springs: int, d: Array, l: int) -> tuple[Vector, Vec
 
 
 @inline
+def yielded(work: Array, ends: Array, change: Vector, stiffer: float, l: int) -> Vector:
+    """By how much the base turns more when v changes, and h by `stiffer`."""
+    h = work[STIFFENING * LANES + l]
+    if h == 0.0 and stiffer == 0.0:
+        return change
+    v = times(vector_of(work, COMPLIANCE, l), vector_of(ends, FELT, l))
+    size = dot(v, v)
+    whole = 1.0 + h * size
+    kept = whole ** (-1.0 / 3.0)
+    return along(scaled(kept, change), -kept / (3.0 * whole) * (2.0 * h * dot(v, change) + stiffer * size), v)
+
+
+@inline
 def base_miss(
     work: Array, ends: Array, turn: Vector, shift: Vector, moment: Vector, force: Vector, twist: Vector, l: int
 ) -> Vector:
@@ -181,7 +196,7 @@ def base_miss(
     relief = work[RELIEF * LANES + l]
     carried = add(cross(shift, vector_of(ends, FOLLOWED, l)), cross(vector_of(work, PLACE, l), force))
     felt = along(felt, -relief, add(twist, carried))
-    give = times(vector_of(work, COMPLIANCE, l), felt)
+    give = yielded(work, ends, times(vector_of(work, COMPLIANCE, l), felt), 0.0, l)
     return (
         dot(vector_of(ends, CHI, l), turn) - give[0],
         dot(vector_of(ends, CHI + 3, l), turn) - give[1],
@@ -199,6 +214,7 @@ def base_change(work: Array, ends: Array, d: Array, l: int) -> Vector:
     carried = add(vector_of(ends, TWISTED, l), cross(vector_of(work, PLACE, l), vector_of(ends, FOLLOWED, l)))
     give = times(three(d, BASE_COMPLIANCE, l), felt)
     give = along(give, -d[BASE_RELIEF, l], times(vector_of(work, COMPLIANCE, l), carried))
+    give = yielded(work, ends, give, d[BASE_STIFFENING, l], l)
     return (
         dot(vector_of(ends, CHI, l), back) - give[0],
         dot(vector_of(ends, CHI + 3, l), back) - give[1],

@@ -22,6 +22,7 @@ from model.statics.lanes import (
     RELIEF,
     SHARE,
     SPRINGS,
+    STIFFENING,
     TIP,
     TURN,
     WHOLE,
@@ -189,19 +190,22 @@ def read_base(work: Array, active: int) -> None:
         put(work, MISS, l, (scale * e[1] - give[0], scale * e[2] - give[1], scale * e[3] - give[2]))
         put(work, PLACE, l, turned(q, vector_of(work, R, l)))
     for l in range(active):
-        if work[RELIEF * LANES + l] != 0.0:
+        if work[RELIEF * LANES + l] != 0.0 or work[STIFFENING * LANES + l] != 0.0:
             relieve(work, l)
 
 
 @routine
 def relieve(work: Array, l: int) -> None:
-    """Take back the share RELIEF of what the compliance made of the moment of the follower loads about the base."""
+    """Take back the share RELIEF of what the compliance made of the moment of the follower loads about the base, and what
+    a base that stiffens does not turn."""
     share = work[RELIEF * LANES + l] * work[SHARE * LANES + l]
     q = quaternion_of(work, TIP, l)
     force, moment = turned(q, vector_of(work, WRENCH, l)), turned(q, vector_of(work, WRENCH + 3, l))
     carried = add(moment, cross(vector_of(work, PLACE, l), force))
-    give = times(carried, vector_of(work, COMPLIANCE, l))
-    put(work, MISS, l, along(vector_of(work, MISS, l), share, give))
+    whole = times(turned(unit_quaternion(work, l), vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
+    left = along(whole, -share, times(carried, vector_of(work, COMPLIANCE, l)))
+    kept = (1.0 + work[STIFFENING * LANES + l] * dot(left, left)) ** (-1.0 / 3.0)
+    put(work, MISS, l, along(add(vector_of(work, MISS, l), whole), -kept, left))
 
 
 @inline
