@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, gap map, loops, posterior, size, masking."""
+"""Figures of a diagnosis: waterfall, gap map, loops, posterior, masking."""
 
 from __future__ import annotations
 
@@ -112,27 +112,6 @@ def posterior(d: Diagnosis, path: Path) -> Path:
         axis.set_xlim(0, 1.1)
         axis.set_xlabel("probability ( ] = this data cannot tell it from another)")
         axis.grid(False, axis="y")
-        return save(figure, path)
-
-
-def sizes(d: Diagnosis, path: Path) -> Path | None:
-    """Fitted size of each parameter of the leading hypothesis with its 90 % interval, in standard deviations from zero."""
-    leading = next((r for r in d.attribute.ranking if r.parameters), None)
-    if leading is None:
-        return None
-    with plt.rc_context(STYLE):
-        rows = list(leading.parameters.items())
-        figure, axes = plt.subplots(
-            len(rows), 1, figsize=(6.4, 0.9 * len(rows) + 0.4), layout="constrained", squeeze=False
-        )
-        for axis, (name, v) in zip(axes[:, 0], rows, strict=True):
-            sd = max(v.sd, 1e-12)
-            x = np.linspace(min(v.value - 4 * sd, -sd), max(v.value + 4 * sd, sd), 200)
-            axis.plot(x, np.exp(-0.5 * ((x - v.value) / sd) ** 2), color=BLUE)
-            axis.axvspan(v.value - 1.645 * sd, v.value + 1.645 * sd, color=BLUE, alpha=0.15)
-            axis.axvline(0, color="0.3", lw=0.8)
-            axis.set_yticks([])
-            axis.set_title(f"{name}: {v.value:.3g} ± {v.sd:.2g} {v.unit}", loc="left", fontsize=9)
         return save(figure, path)
 
 
