@@ -16,7 +16,7 @@ from model.effects.spec import EffectSpec
 from . import assemble, next_experiment
 from .attribute import Found, attribute
 from .case import CaseLike, states
-from .holdout import hold_out
+from .holdout import hold_out, unmet
 from .prepare import prepare
 from .quantify import shrink
 from .result import Diagnosis, Locate, Proposal, Shrink
@@ -41,21 +41,22 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     """Diagnose a case; raises `DiagnosisError` when the table, or the campaign held out, cannot be used at all."""
     wanted = options or Options()
     own, concerns = states(case)
+    other = unmet(case, wanted.holdout) if wanted.holdout is not None else None
     prepared = prepare(case.robot, own, catalogue=wanted.catalogue)
     found = attribute(prepared)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
     proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
-    unmet = hold_out(found, case, wanted.holdout) if wanted.holdout is not None else None
+    tried = hold_out(found, other) if other is not None else None
     where = assemble.where(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
     return Diagnosis(
-        statement=_statement(found, where, shrunk, proposals) + (f" {unmet.statement}" if unmet is not None else ""),
+        statement=_statement(found, where, shrunk, proposals) + (f" {tried.statement}" if tried is not None else ""),
         data=assemble.data(prepared, case.table),
         locate=where,
         attribute=assemble.which(found, unseen),
         shrink=shrunk,
         next_experiment=proposals,
         concerns=concerns,
-        detail=assemble.detail(found, unseen, unmet),
+        detail=assemble.detail(found, unseen, tried),
     )
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.design import design_from_columns
+from recordings.trials import TrialRow
 
 from .attribute import Found
 from .case import SPINE_GAP, CaseLike, States, levels, states
-from .errors import BadCase, TooLittle
+from .errors import BadCase, BadHoldout
 from .prepare import Prepared, table_columns
 from .quantify import closed, rms
 from .result import LengthShrink
@@ -68,22 +69,38 @@ class Holdout:
         return f"{head}: {100 * self.share_closed:.0f} % of what can be closed{sure}; {word}."
 
 
-def hold_out(f: Found, diagnosed: CaseLike, other: CaseLike) -> Holdout:
-    """Predict `other` with what was found in `diagnosed`.
-
-    Raises `TooLittle` when the campaigns have another robot or share states, `BadCase` when `other` cannot be used.
-    """
+def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
+    """The states of `other`; raises `BadHoldout` when it cannot be used, has another robot or shares states."""
     if diagnosed.robot != other.robot:
-        raise TooLittle(
+        raise BadHoldout(
             f"measured on robot {other.robot.name!r} with another robot.yaml than the diagnosed {diagnosed.robot.name!r}; "
-            "hold out a campaign of the same robot, or give both one robot.yaml"
+            "hold out a campaign of the same robot, or give both one with --robot"
         )
-    own, _ = states(other)
-    _refuse_seen(f.prepared.states, own)
+    try:
+        own, _ = states(other)
+    except BadCase as e:
+        raise BadHoldout(str(e)) from e
+    known = {_key(r) for r in diagnosed.table}
+    again = sum(_key(r) in known for r in own.rows)
+    if again:
+        raise BadHoldout(
+            f"{again} of its {len(own)} states are among those diagnosed, so the fit saw them; "
+            "give a campaign that is not among the inputs"
+        )
+    return own
+
+
+def _key(row: TrialRow) -> tuple[object, ...]:
+    """What no two readings share."""
+    return row.tip, row.pressures, row.spine_length
+
+
+def hold_out(f: Found, own: States) -> Holdout:
+    """Predict the states `own` of another campaign with what was found; raises `BadHoldout`."""
     before, after = (_missed(f.prepared, own, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
     seen = np.isfinite(before) & np.isfinite(after)
     if not seen.any():
-        raise BadCase("the rod model has no equilibrium at any of its states: check pressures, masses and units")
+        raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
     before, after, kept = before[seen], after[seen], own.take(seen)
     share, interval = closed(before, after, f.prepared.reading, kept.trial)
     named = f.best.named
@@ -105,16 +122,6 @@ def _missed(p: Prepared, own: States, theta: Array) -> Array:
         tip[forward.observations.row[rows], axis] = predicted[rows]
     out: Array = np.linalg.norm(own.tip - tip, axis=1)
     return out
-
-
-def _refuse_seen(diagnosed: States, other: States) -> None:
-    known = {(*tip, *p) for tip, p in zip(diagnosed.tip.tolist(), diagnosed.pressure.tolist(), strict=True)}
-    again = sum((*t, *p) in known for t, p in zip(other.tip.tolist(), other.pressure.tolist(), strict=True))
-    if again:
-        raise TooLittle(
-            f"{again} of its {len(other)} states are among those diagnosed, so it is not held out; "
-            "give a campaign that is not among the inputs"
-        )
 
 
 def _by_length(s: States, before: Array, after: Array) -> tuple[LengthShrink, ...]:

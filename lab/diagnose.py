@@ -10,15 +10,17 @@ import yaml
 from rich.table import Table as Sheet
 
 from diagnosis.compare_campaigns import Change, compare_campaigns
+from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
-from diagnosis.errors import DiagnosisError
+from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.result import Diagnosis, Ranked
 from model.errors import ModelError
 
 from .config import ConfigError
 from .console import out
 from .diagnosis_report import write
-from .inputs import read_case
+from .inputs import Case, read_case
+from .own_effects import catalogue
 
 
 @dataclass(frozen=True)
@@ -31,14 +33,24 @@ class Outputs:
     """Folder for the proposed experiments as protocol files."""
 
 
-def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, reference: Path | None) -> int:
-    """Diagnose recordings or a case folder; with a reference, say what changed since. Raises ConfigError."""
+@dataclass(frozen=True)
+class Beside:
+    """What is read besides the campaign that is diagnosed."""
+
+    reference: Path | None = None
+    """An earlier campaign: what changed since?"""
+    holdout: Path | None = None
+    """A campaign that the fit never sees."""
+    effects: Path | None = None
+    """Python file with effects of one's own."""
+
+
+def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, beside: Beside | None = None) -> int:
+    """Diagnose recordings or a case folder. Raises ConfigError, BadEffect, RecordingError."""
+    besides = beside or Beside()
+    _writable(outputs)
     case = read_case(inputs, robot)
-    try:
-        answer = diagnosed(case)
-        change = compare_campaigns(case, read_case([reference], robot)) if reference is not None else None
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
+    answer, change = _answer(case, robot, besides)
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
@@ -48,6 +60,27 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, refer
         write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change)
         out.print(f"report: {outputs.report}")
     return 0
+
+
+def _answer(case: Case, robot: Path | None, beside: Beside) -> tuple[Diagnosis, Change | None]:
+    weighed = catalogue(case.robot, beside.effects)
+    held = read_case([beside.holdout], robot) if beside.holdout is not None else None
+    try:
+        answer = diagnosed(case, Options(catalogue=weighed, holdout=held))
+        if beside.reference is None:
+            return answer, None
+        return answer, compare_campaigns(case, read_case([beside.reference], robot), weighed)
+    except BadHoldout as e:
+        raise ConfigError(f"--holdout {beside.holdout}: {e}") from e
+    except (DiagnosisError, ModelError) as e:
+        raise ConfigError(str(e)) from e
+
+
+def _writable(outputs: Outputs) -> None:
+    """A folder that is not there is told before minutes are spent, not after."""
+    for path in (outputs.json, outputs.report):
+        if path is not None and (path.is_dir() or not path.parent.is_dir()):
+            raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
 
 
 def write_protocols(answer: Diagnosis, folder: Path) -> list[Path]:

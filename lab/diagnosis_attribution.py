@@ -52,43 +52,46 @@ def apart(found: Mapping[str, Any], path: Path) -> Path:
 
 
 def sizes(found: Sequence[Mapping[str, Any]], path: Path) -> Path:
-    """Density of each parameter of the named effects, cut at its physical bounds, with the 90 % interval."""
+    """Density of each parameter of the named effects, cut at its physical bounds: within all that is possible, and close up."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(
-            len(found), 1, figsize=(7.2, 1.35 * len(found) + 0.3), layout="constrained", squeeze=False
+            len(found), 2, figsize=(7.6, 1.45 * len(found) + 0.3), layout="constrained", squeeze=False
         )
-        for axis, size in zip(axes[:, 0], found, strict=True):
-            _density(axis, size)
+        for (wide, close), size in zip(axes, found, strict=True):
+            mean, sd = size["mean"], max(size["sd"], 1e-300)
+            near = min(mean - 4 * sd, size["fitted"]), max(mean + 4 * sd, size["fitted"])
+            ends = [x for x in (size["low"], size["high"], 0.0, size["fitted"]) if x is not None]
+            pad = 0.04 * (max(ends) - min(ends))
+            _density(wide, size, min(ends) - pad, max(ends) + pad)
+            _density(close, size, *near)
+            unit = "" if size["unit"] == "1" else f", {size['unit']}"
+            wide.set_title(f"{size['name']}{unit}", loc="left", fontsize=9)
+            close.set_title(f"90 %: {size['low90']:.3g} .. {size['high90']:.3g}", loc="left", fontsize=9)
         return save(figure, path)
 
 
-def _density(axis: Axes, size: Mapping[str, Any]) -> None:
-    mean, sd, low, high = size["mean"], max(size["sd"], 1e-300), size["low"], size["high"]
-    inside = [min(size["low90"], size["fitted"]), max(size["high90"], size["fitted"])]
-    left, right = min(inside[0], mean - 4 * sd), max(inside[1], mean + 4 * sd)
-    x = np.linspace(left, right, 600)
+def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> None:
+    """Between two values; the part that cannot be is dotted, the 90 % interval shaded, zero black, bounds red."""
+    mean, sd = size["mean"], max(size["sd"], 1e-300)
+    low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
+    x = np.unique(
+        np.concatenate([np.linspace(left, right, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), left, right)])
+    )
     possible = (x >= low) & (x <= high)
-    y = np.exp(-0.5 * ((x - mean) / sd) ** 2)
-    y /= max(float(y[possible].max(initial=0.0)), 1e-300) if possible.any() else 1.0
-    axis.plot(x, np.where(possible, np.nan, np.minimum(y, 1.3)), ":", color=GREY, lw=1)
+    top = -0.5 * ((float(np.clip(mean, low, high)) - mean) / sd) ** 2
+    y = np.exp(np.minimum(-0.5 * ((x - mean) / sd) ** 2 - top, 0.3))
+    axis.plot(x, np.where(possible, np.nan, y), ":", color=GREY, lw=1)
     axis.plot(x, np.where(possible, y, np.nan), color=BLUE)
     shown = possible & (x >= size["low90"]) & (x <= size["high90"])
     axis.fill_between(x, 0, np.where(shown, y, 0.0), where=shown, color=BLUE, alpha=0.2, lw=0)
+    axis.axvline(0.0, color="0.3", lw=0.8)
     axis.axvline(size["fitted"], color=BLUE, lw=0.8, ls="--")
-    near = [left, right, *(b for b in (low, high, 0.0) if left - 6 * sd < b < right + 6 * sd)]
-    pad = 0.03 * (max(near) - min(near))
-    axis.set_xlim(min(near) - pad, max(near) + pad)
-    axis.set_ylim(0, 1.3)
     for bound in (low, high):
-        axis.axvline(bound, color=RED, lw=1.6)
-    if min(near) <= 0.0 <= max(near):
-        axis.axvline(0.0, color="0.3", lw=0.8)
+        if np.isfinite(bound):
+            axis.axvline(bound, color=RED, lw=1.6)
+    axis.set_xlim(left, right)
+    axis.set_ylim(0, 1.25)
     axis.set_yticks([])
-    axis.set_title(
-        f"{size['name']}, {size['unit']}: {size['low90']:.3g} .. {size['high90']:.3g} (90 %), "
-        f"possible {low:g} .. {high:g}",
-        loc="left", fontsize=9,
-    )  # fmt: skip
 
 
 def _short(value: float) -> str:

@@ -26,10 +26,14 @@ def waterfall(d: Diagnosis, length: float, path: Path) -> Path:
     floor = steps.pop("noise floor")
     if d.shrink is not None:
         steps |= {"unseen: calibrated": d.shrink.before_mm, "unseen: explained": d.shrink.after_mm}
+    if "holdout" in d.detail:
+        held = d.detail["holdout"]
+        steps |= {"held out: calibrated": held["before_mm"], "held out: explained": held["after_mm"]}
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(7.2, 3.4), layout="constrained")
-        shades = [GREY, GREY, BLUE, GREY, BLUE][: len(steps)]
-        bars = axis.bar(list(steps), list(steps.values()), 0.6, color=shades)
+        shades = [BLUE if "explained" in name or "hypothesis" in name else GREY for name in steps]
+        names = [name.replace(": ", ":\n").replace("best ", "best\n") for name in steps]
+        bars = axis.bar(names, list(steps.values()), 0.6, color=shades)
         labels = [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in steps.values()]
         axis.bar_label(bars, labels, fontsize=8, padding=2)
         axis.axhline(floor, color=RED, lw=1.2, ls="--", label=f"noise floor {floor:.2f} mm")
@@ -47,20 +51,22 @@ def gap_map(d: Diagnosis, path: Path) -> Path:
     missed = {"calibrated": s["tip"] - s["calibrated"], "with the best hypothesis": s["tip"] - s["explained"]}
     main = s["experiment"] == 0
     branches = [(b, name) for b, name in ((1, "load"), (-1, "unload")) if (main & (s["branch"] == b)).any()]
-    lengths, pressures = _levels(s["spine_length"][main], 0.01), _levels(s["pressure"][main], 10e3)
+    lengths = _levels(s["spine_length"][main], 0.01)
+    # Sweeps read on the fly turn at other pressures up than down, so each branch has levels of its own.
+    pressures = {b: _levels(s["pressure"][main & (s["branch"] == b)], 10e3) for b, _ in branches}
     maps = [
-        (f"{word}, {name}", _mapped(s, gap, main & (s["branch"] == b), lengths, pressures))
+        (f"{word}, {name}", pressures[b], _mapped(s, gap, main & (s["branch"] == b), lengths, pressures[b]))
         for word, gap in missed.items()
         for b, name in branches
     ]
-    top = max(float(np.nanmax(m)) for _, m in maps)
+    top = max(float(np.nanmax(m)) for _, _, m in maps)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(
             2, len(branches), figsize=(4.2 * len(branches) + 1, 5.6), layout="constrained", squeeze=False
         )
-        for axis, (title, values) in zip(axes.ravel(), maps, strict=True):
+        for axis, (title, levels_there, values) in zip(axes.ravel(), maps, strict=True):
             image = axis.imshow(values, origin="lower", aspect="auto", vmin=0, vmax=top, cmap="viridis")
-            axis.set_xticks(range(len(pressures)), [f"{p / 1e3:.0f}" for p in pressures])
+            axis.set_xticks(range(len(levels_there)), [f"{p / 1e3:.0f}" for p in levels_there])
             axis.set_yticks(range(len(lengths)), [f"{x * 100:.0f}" for x in lengths])
             axis.set_title(title, loc="left")
             axis.grid(False)

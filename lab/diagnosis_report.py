@@ -19,6 +19,9 @@ from .diagnosis_attribution import sizes as draw_sizes
 from .diagnosis_shapes import shapes as draw_shapes
 from .report import Report, Section
 
+LITTLE = 0.05
+"""Bits: an experiment that is expected to tell less is worth its time only as a trial of the answer."""
+
 
 def write(d: Diagnosis, length: float, path: Path, source: str, change: Change | None = None) -> Path:
     """Write one offline page; `length` m of the robot, `source` what was diagnosed."""
@@ -46,7 +49,7 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
 def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     s.figure(
         draw.waterfall(d, length, folder / "waterfall.png"),
-        "Tip error step by step; unseen: each predicted without its own data",
+        "Tip error step by step; unseen: each predicted without its own data; held out: a campaign of its own (--holdout)",
     )
     if d.shrink is None:
         return
@@ -84,7 +87,7 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     rows = [
         [
             name,
-            str(c.value),
+            _at(name, c.value),
             str(c.n),
             f"{c.rmse_mm:.2f}",
             f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
@@ -93,10 +96,18 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
         for name, cells in d.locate.by.items()
         for c in cells
     ]
-    s.table(("factor", "value (SI)", "n", "rms, mm", "95 %", "above the floor"), rows)
+    s.table(("factor", "at", "n", "rms, mm", "95 %", "above the floor"), rows)
     s.text(
         f"The paper's Euler integration alone would add {d.locate.numerical_error_mm:.2f} mm rms; it is not part of this gap."
     )
+
+
+def _at(factor: str, value: float | str) -> str:
+    """A level of a factor as a person reads it."""
+    unit, scale, digits = {
+        "spine_length": ("cm", 100.0, 0), "pressure": ("kPa", 1e-3, 0), "time": ("s", 1.0, 0), "arc_length": ("cm", 100.0, 0),
+    }.get(factor, ("", 1.0, 0))  # fmt: skip
+    return value if isinstance(value, str) else f"{scale * value:.{digits}f} {unit}"
 
 
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:
@@ -113,15 +124,20 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     s.table(("hypothesis", "probability", "log evidence", "held out, mm"), rows)
     signs = d.detail["signs"]
     s.table(
-        ("sign of something outside the catalogue", "value"), [[k.replace("_", " "), f"{v}"] for k, v in signs.items()]
+        ("sign of something outside the catalogue", "value"),
+        [[k.replace("_", " "), _sign(v)] for k, v in signs.items()],
     )
+
+
+def _sign(value: float | None) -> str:
+    return "none" if value is None else f"{value:.3g}"
 
 
 def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
     s.figure(
         draw_sizes(sizes, folder / "sizes.png"),
         "Size of the leading hypothesis: normal posterior of the problem linearised at the fit (dashed), cut at the physical "
-        "bounds (red); shaded: 90 %",
+        "bounds (red). Left: within all that is possible; right: close up, 90 % shaded",
     )
     rows = [
         [x["name"], x["unit"], f"{x['fitted']:.3g}", f"{x['sd']:.2g}", f"{x['low90']:.3g} .. {x['high90']:.3g}",
@@ -160,7 +176,7 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
 
 
 def _point(metres: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{1e3 * x:.1f}" for x in metres) + ")"
+    return "(" + ", ".join(f"{round(1e3 * x, 1) + 0.0:.1f}" for x in metres) + ")"
 
 
 def _miss(state: Mapping[str, Any], model: str) -> str:
@@ -196,6 +212,10 @@ def _next(s: Section, d: Diagnosis) -> None:
     if not d.next_experiment:
         s.text("No experiment of the rig is expected to tell the remaining candidates apart better.")
         return
+    if d.next_experiment[0].expected_bits < LITTLE:
+        s.text(
+            "The leading hypothesis stands so far ahead that no experiment is expected to add much; any of these can try it."
+        )
     rows = [
         [p.do, f"{p.expected_bits:.2f}", f"{p.cost_min:.0f}", "; ".join(" | ".join(x) for x in p.separates[:3])]
         for p in d.next_experiment

@@ -27,14 +27,14 @@ def shapes(states: Sequence[State], path: Path) -> Path:
     """One column a state, equal axes in mm: the whole robot above, its tip below. The tip hangs down as on the rig."""
     n = len(states)
     with plt.rc_context(STYLE | {"font.size": 8}):
-        figure = plt.figure(figsize=(max(3.1 * n, 5.0), 6.9))
+        figure = plt.figure(figsize=(max(2.5 * n, 5.0), 6.4))
         for k, state in enumerate(states):
             whole, close = (_axes(figure, row, k, n) for row in (0, 1))
             points = np.vstack([_mm(state[name]["backbone"]) for name in LOOKS])
             _draw(whole, state)
             _box(whole, points.min(axis=0), points.max(axis=0))
             where = f"spine {100 * state['spine_length']:.0f} cm, {state['pressure'] / 1e3:.0f} kPa, {state['branch']}"
-            whole.set_title(f"{where}\ntrial {state['trial']}, step {state['step']}", fontsize=8, pad=0)
+            whole.set_title(f"{where}\ntrial {state['trial']}, step {state['step']}", fontsize=8, y=1.03)
             tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[name]["tip"]) for name in LOOKS)])
             middle = tips.mean(axis=0)
             half = max(LEAST_WINDOW, 1.25 * float(np.nanmax(np.abs(tips - middle))))
@@ -43,7 +43,7 @@ def shapes(states: Sequence[State], path: Path) -> Path:
             close.set_title(f"its tip, {2 * half:.0f} mm wide", fontsize=8, pad=0)
         handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="upper center", ncols=len(labels), fontsize=8)
-        figure.subplots_adjust(left=0.02, right=0.94, bottom=0.03, top=0.88, wspace=0.22, hspace=0.16)
+        figure.subplots_adjust(left=0.02, right=0.94, bottom=0.02, top=0.87, wspace=0.16, hspace=0.14)
         return save(figure, path)
 
 
@@ -59,7 +59,8 @@ def _draw(axes: Axes3D, state: State, middle: Array | None = None, half: float =
     for name, (colour, line, label) in LOOKS.items():
         curve = _fine(_mm(state[name]["backbone"]))
         if middle is not None:
-            curve = np.where((np.abs(curve - middle) <= half).all(axis=1)[:, None], curve, np.nan)
+            outside = np.abs(curve - middle).max(axis=1) > half
+            curve[outside] = np.nan
         axes.plot(*curve.T, line, color=colour, lw=1.4, label=label)
         axes.plot(*_mm(state[name]["tip"])[:, None], "s", color=colour, ms=4 if middle is not None else 2.5)
     axes.plot(
@@ -82,9 +83,9 @@ def _box(axes: Axes3D, low: Array, high: Array) -> None:
     for k, (name, set_limits) in enumerate((("x", axes.set_xlim), ("y", axes.set_ylim), ("z", axes.set_zlim))):
         a, b = middle[k] - 0.54 * edge[k], middle[k] + 0.54 * edge[k]
         set_limits(*((b, a) if name == "z" else (a, b)))
-    axes.set_box_aspect(tuple(edge))
+    axes.set_box_aspect(tuple(edge), zoom=1.05)
     for axis, label in ((axes.xaxis, "x, mm"), (axes.yaxis, "y, mm"), (axes.zaxis, "z, mm")):
-        axis.set_major_locator(plt.MaxNLocator(3 if label[0] != "y" else 2))
+        axis.set_major_locator(plt.MaxNLocator(3 if label[0] == "z" else 2))
         axis.set_tick_params(labelsize=6, pad=-2)
         axis.set_label_text(label, fontsize=7)
         axis.labelpad = -6
