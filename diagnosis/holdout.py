@@ -2,7 +2,8 @@
 
 Both models were fitted to the diagnosed data alone. The calibrated baseline and the best hypothesis predict the other
 campaign with all they learned of the robot; what belongs to a trial is at its expectation. The share closed counts from
-the noise floor of the diagnosed campaign; its interval comes from drawing the other campaign's trials anew.
+the noise floor of the diagnosed campaign; its interval comes from drawing the other campaign's trials anew, within each
+spine length.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def hold_out(f: Found, own: States) -> Holdout:
     if not seen.any():
         raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
     before, after, kept = before[seen], after[seen], own.take(seen)
-    share, interval = closed(before, after, f.prepared.reading, kept.trial)
+    share, interval = closed(before, after, f.prepared.reading, kept.trial, levels(kept.spine_length, SPINE_GAP))
     named = f.best.named
     return Holdout(
         len(kept), len(np.unique(kept.trial)), named, rms(before) * MM, rms(after) * MM, f.prepared.reading * MM,

@@ -95,17 +95,22 @@ def share_closed(before: float, after: float, floor: float) -> float | None:
     return 1 - (after**2 - floor**2) / (before**2 - floor**2)
 
 
-def closed(before: Array, after: Array, floor: float, trial: Ints) -> tuple[float | None, tuple[float, float] | None]:
-    """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials."""
+def closed(
+    before: Array, after: Array, floor: float, trial: Ints, kind: Ints | None = None
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials.
+
+    Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
+    """
     share = share_closed(rms(before), rms(after), floor)
     if share is None:
         return None, None
-    names, index = np.unique(trial, return_inverse=True)
+    names, first, index = np.unique(trial, return_index=True, return_inverse=True)
     if len(names) < 2:
         return share, None
     count = np.bincount(index).astype(float)
     worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
-    drawn = np.random.default_rng(SEED).integers(0, len(names), (DRAWS, len(names)))
+    drawn = _drawn(np.zeros(len(names), np.int64) if kind is None else kind[first])
     n = count[drawn].sum(axis=1)
     top = better[drawn].sum(axis=1) / n - floor**2
     bottom = worse[drawn].sum(axis=1) / n - floor**2
@@ -114,6 +119,18 @@ def closed(before: Array, after: Array, floor: float, trial: Ints) -> tuple[floa
         return share, None
     low, high = np.quantile(shares, [0.025, 0.975])
     return share, (float(low), float(high))
+
+
+def _drawn(kind: Ints) -> Ints:
+    """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
+    _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
+    alone = count[kind] < 2
+    rng = np.random.default_rng(SEED)
+    out = np.empty((DRAWS, len(kind)), np.int64)
+    for group in (np.flatnonzero(np.where(alone, -1, kind) == k) for k in (-1, *range(len(count)))):
+        if group.size:
+            out[:, group] = group[rng.integers(0, group.size, (DRAWS, group.size))]
+    return out
 
 
 def rms(values: Array) -> float:

@@ -15,6 +15,7 @@ from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.result import Diagnosis, Ranked
 from model.errors import ModelError
+from recordings.errors import RecordingError
 
 from .config import ConfigError
 from .console import out
@@ -64,7 +65,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, besid
 
 def _answer(case: Case, robot: Path | None, beside: Beside) -> tuple[Diagnosis, Change | None]:
     weighed = catalogue(case.robot, beside.effects)
-    held = read_case([beside.holdout], robot) if beside.holdout is not None else None
+    held = _held_out(beside.holdout, robot) if beside.holdout is not None else None
     try:
         answer = diagnosed(case, Options(catalogue=weighed, holdout=held))
         if beside.reference is None:
@@ -74,6 +75,13 @@ def _answer(case: Case, robot: Path | None, beside: Beside) -> tuple[Diagnosis, 
         raise ConfigError(f"--holdout {beside.holdout}: {e}") from e
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
+
+
+def _held_out(path: Path, robot: Path | None) -> Case:
+    try:
+        return read_case([path], robot)
+    except (ConfigError, RecordingError, OSError) as e:
+        raise ConfigError(f"--holdout {path}: {e}") from e
 
 
 def _writable(outputs: Outputs) -> None:

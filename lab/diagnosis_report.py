@@ -69,7 +69,7 @@ def _held_out(s: Section, found: Mapping[str, Any]) -> None:
     s.text(found["statement"])
     s.text(
         "Both models know the diagnosed campaign alone; re-growing, re-jamming and whatever else differs from trial to trial "
-        "is at its expectation. The interval comes from drawing the trials of this campaign anew."
+        "is at its expectation. The interval comes from drawing the trials of this campaign anew, within each spine length."
     )
     rows = [
         [f"{100 * x['value']:.0f} cm", str(x["n"]), f"{x['before_mm']:.2f}", f"{x['after_mm']:.2f}"]
