@@ -13,7 +13,7 @@ from diagnosis.compare_campaigns import Change, compare_campaigns
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
-from diagnosis.result import Diagnosis, Ranked
+from diagnosis.result import Diagnosis, Proposal, Ranked
 from model.errors import ModelError
 from recordings.errors import RecordingError
 
@@ -55,7 +55,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, besid
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
-        write_protocols(answer, outputs.protocols)
+        write_protocols(answer.next_experiment, outputs.protocols)
     _show(answer, change)
     if outputs.report is not None:
         write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change)
@@ -91,11 +91,11 @@ def _writable(outputs: Outputs) -> None:
             raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
 
 
-def write_protocols(answer: Diagnosis, folder: Path) -> list[Path]:
+def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     """One protocol file for each proposed experiment, as `lab run` takes it."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for p in answer.next_experiment:
+    for p in proposals:
         path = folder / f"{p.id}.yaml"
         head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
         path.write_text(head + yaml.safe_dump(dict(p.protocol), sort_keys=False), encoding="utf-8")
