@@ -60,14 +60,14 @@ class Holdout:
             return f"{head}; no effect leads, so nothing is put to the test."
         if self.share_closed is None:
             return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so nothing can be closed there."
-        sure = "" if self.ci95 is None else f" (95 %: {100 * self.ci95[0]:.0f} .. {100 * self.ci95[1]:.0f} %)"
+        sure = "" if self.ci95 is None else f" (95 %: {round(100 * self.ci95[0])} .. {round(100 * self.ci95[1])} %)"
         named = " and ".join(self.hypothesis)
         word = {
             "confirmed": f"{named} confirmed",
             "contradicted": f"{named} contradicted: it makes the prediction worse",
             "open": f"neither confirms nor contradicts {named}",
         }[self.verdict]
-        return f"{head}: {100 * self.share_closed:.0f} % of what can be closed{sure}; {word}."
+        return f"{head}: {round(100 * self.share_closed)} % of what can be closed{sure}; {word}."
 
 
 def unmet(diagnosed: CaseLike, other: CaseLike) -> States:

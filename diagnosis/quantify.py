@@ -66,9 +66,11 @@ def unseen_error(p: Prepared, model: Model, fold: Ints) -> Array:
     return out
 
 
-def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen]:
-    """Before and after for the named hypothesis."""
+def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen] | tuple[None, None]:
+    """Before and after for the named hypothesis; nothing where there is but one part, of which none can be left out."""
     fold, how = folds(p)
+    if len(np.unique(fold)) < 2:
+        return None, None
     before = unseen_error(p, baseline_model(p, calibrated), fold)
     after = unseen_error(p, candidate_model(p, best), fold)
     seen = np.isfinite(before) & np.isfinite(after)

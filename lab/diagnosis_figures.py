@@ -166,4 +166,11 @@ def _curve(axis: Axes, pressure: Array, gap: Array, colour: tuple[float, ...], s
         return
     levels = _levels(pressure, 6e3)
     nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
-    axis.plot(levels / 1e3, [np.nanmean(gap[nearest == i]) for i in range(len(levels))], style, color=colour, lw=1.2)
+    axis.plot(
+        levels / 1e3,
+        [np.nanmean(gap[nearest == i]) for i in range(len(levels))],
+        f".{style}",
+        color=colour,
+        lw=1.2,
+        ms=4,
+    )

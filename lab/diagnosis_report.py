@@ -52,17 +52,23 @@ def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         "Tip error step by step; unseen: each predicted without its own data; held out: a campaign of its own (--holdout)",
     )
     if d.shrink is None:
+        s.text(
+            "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is not known."
+        )
         return
-    closed = "nothing can be closed" if d.shrink.share_closed is None else f"{100 * d.shrink.share_closed:.0f} %"
-    interval = (
-        "" if d.shrink.ci95 is None else f" (95 %: {100 * d.shrink.ci95[0]:.0f} .. {100 * d.shrink.ci95[1]:.0f} %)"
-    )
+    closed = "nothing can be closed" if d.shrink.share_closed is None else f"{_percent(d.shrink.share_closed)} %"
+    ends = d.shrink.ci95
+    interval = "" if ends is None else f" (95 %: {_percent(ends[0])} .. {_percent(ends[1])} %)"
     s.text(f"{d.shrink.how}: share of the reducible gap closed: {closed}{interval}")
     rows = [
         [f"{100 * x.value:.0f} cm", str(x.n), f"{x.before_mm:.2f}", f"{x.after_mm:.2f}"]
         for x in d.shrink.by_spine_length
     ]
     s.table(("spine", "n", "before, mm", "after, mm"), rows)
+
+
+def _percent(share: float) -> str:
+    return f"{round(100 * share) + 0}"
 
 
 def _held_out(s: Section, found: Mapping[str, Any]) -> None:
@@ -122,6 +128,8 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
         for r in d.attribute.ranking
     ]  # fmt: skip
     s.table(("hypothesis", "probability", "log evidence", "held out, mm"), rows)
+    stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
+    s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
     signs = d.detail["signs"]
     s.table(
         ("sign of something outside the catalogue", "value"),
@@ -196,7 +204,8 @@ def _told_apart(s: Section, d: Diagnosis, folder: Path) -> None:
     rows = []
     for i, (effect, weight) in enumerate(zip(effects, found["weight"], strict=True)):
         others = sorted((t, effects[j]) for j, t in enumerate(found["separation"][i]) if j != i)
-        alike = ", ".join(e for t, e in others if t < tied)
+        seen = found["separation"][i][i] >= tied
+        alike = ", ".join(e for t, e in others if t < tied) if seen else "would not be seen at all"
         nearest = f"{others[0][1]} ({others[0][0]:.1f})" if others else ""
         rows.append([effect, f"{weight:.3f}", f"{found['separation'][i][i]:.1f}", nearest, alike])
     s.table(("effect", "probability", "T against none", "nearest rival (T)", "tied with"), rows)

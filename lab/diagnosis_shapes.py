@@ -24,17 +24,21 @@ State = Mapping[str, Any]
 
 
 def shapes(states: Sequence[State], path: Path) -> Path:
-    """One column a state, equal axes in mm: the whole robot above, its tip below. The tip hangs down as on the rig."""
+    """Equal axes in mm, the tip hanging down as on the rig: the whole robot, and its tip close up below.
+
+    A single state has its tip beside.
+    """
     n = len(states)
+    rows, columns = (1, 2) if n == 1 else (2, n)
     with plt.rc_context(STYLE | {"font.size": 8}):
-        figure = plt.figure(figsize=(max(2.5 * n, 5.0), 6.4))
+        figure = plt.figure(figsize=(2.5 * columns, 3.2 * rows))
         for k, state in enumerate(states):
-            whole, close = (_axes(figure, row, k, n) for row in (0, 1))
+            whole, close = (_axes(figure, rows, columns, row * n + k + 1) for row in (0, 1))
             points = np.vstack([_mm(state[name]["backbone"]) for name in LOOKS])
             _draw(whole, state)
             _box(whole, points.min(axis=0), points.max(axis=0))
             where = f"spine {100 * state['spine_length']:.0f} cm, {state['pressure'] / 1e3:.0f} kPa, {state['branch']}"
-            whole.set_title(f"{where}\ntrial {state['trial']}, step {state['step']}", fontsize=8, y=1.03)
+            whole.set_title(f"{where}\ntrial {state['trial']}, step {state['step']}", fontsize=8, y=1.04)
             tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[name]["tip"]) for name in LOOKS)])
             middle = tips.mean(axis=0)
             half = max(LEAST_WINDOW, 1.25 * float(np.nanmax(np.abs(tips - middle))))
@@ -43,12 +47,12 @@ def shapes(states: Sequence[State], path: Path) -> Path:
             close.set_title(f"its tip, {2 * half:.0f} mm wide", fontsize=8, pad=0)
         handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="upper center", ncols=len(labels), fontsize=8)
-        figure.subplots_adjust(left=0.02, right=0.94, bottom=0.02, top=0.87, wspace=0.16, hspace=0.14)
+        figure.subplots_adjust(left=0.02, right=0.94, bottom=0.02, top=0.97 - 0.16 / rows, wspace=0.16, hspace=0.2)
         return save(figure, path)
 
 
-def _axes(figure: Any, row: int, column: int, columns: int) -> Axes3D:
-    axes: Axes3D = figure.add_subplot(2, columns, row * columns + column + 1, projection="3d")
+def _axes(figure: Any, rows: int, columns: int, place: int) -> Axes3D:
+    axes: Axes3D = figure.add_subplot(rows, columns, place, projection="3d")
     axes.view_init(elev=14, azim=-62)
     axes.set_proj_type("ortho")
     return axes
@@ -83,7 +87,7 @@ def _box(axes: Axes3D, low: Array, high: Array) -> None:
     for k, (name, set_limits) in enumerate((("x", axes.set_xlim), ("y", axes.set_ylim), ("z", axes.set_zlim))):
         a, b = middle[k] - 0.54 * edge[k], middle[k] + 0.54 * edge[k]
         set_limits(*((b, a) if name == "z" else (a, b)))
-    axes.set_box_aspect(tuple(edge), zoom=1.05)
+    axes.set_box_aspect(tuple(edge), zoom=0.98)
     for axis, label in ((axes.xaxis, "x, mm"), (axes.yaxis, "y, mm"), (axes.zaxis, "z, mm")):
         axis.set_major_locator(plt.MaxNLocator(3 if label[0] == "z" else 2))
         axis.set_tick_params(labelsize=6, pad=-2)

@@ -141,9 +141,12 @@ def test_a_small_table_is_answered_with_its_limits_and_without_confidence(
 
 def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
-    code, _ = ran(capsys, folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,))), "--report", page)
+    code, _ = ran(
+        capsys, folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,), pressures=(160e3,))), "--report", page
+    )
     text = page.read_text()
-    assert code == 0 and "No cause can be named" in text and "one spine length only" in text
+    assert code == 0 and "No cause can be named" in text and "A single trial" in text
+    assert "one spine length only" in text and "one pressure only" in text
 
 
 @pytest.mark.parametrize(
