@@ -39,8 +39,12 @@ class Holdout:
 
     states: int
     trials: int
+    unsolved: int
+    """States left out because one of the models has no equilibrium there."""
     hypothesis: tuple[str, ...]
     """The effects that `after` has; none where no effect leads."""
+    named: bool
+    """Whether the diagnosis names them as the cause; else they are only what comes nearest."""
     before_mm: float
     after_mm: float
     floor_mm: float
@@ -55,19 +59,23 @@ class Holdout:
     def statement(self) -> str:
         """The finding in a sentence."""
         errors = f"{self.before_mm:.2f} mm rms before, {self.after_mm:.2f} mm after"
-        head = f"On the campaign held out ({self.trials} trials, {self.states} states) the tip error is {errors}"
+        lost = f", {self.unsolved} more without equilibrium" if self.unsolved else ""
+        head = f"On the campaign held out ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
         if not self.hypothesis:
             return f"{head}; no effect leads, so nothing is put to the test."
         if self.share_closed is None:
             return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so nothing can be closed there."
         sure = "" if self.ci95 is None else f" (95 %: {round(100 * self.ci95[0])} .. {round(100 * self.ci95[1])} %)"
         named = " and ".join(self.hypothesis)
+        closed = f"{head}: {round(100 * self.share_closed)} % of what can be closed{sure}"
+        if not self.named:
+            return f"{closed}. That is with {named}, which comes nearest but was not named, so nothing is confirmed."
         word = {
             "confirmed": f"{named} confirmed",
             "contradicted": f"{named} contradicted: it makes the prediction worse",
-            "open": f"neither confirms nor contradicts {named}",
+            "open": f"this neither confirms nor contradicts {named}",
         }[self.verdict]
-        return f"{head}: {round(100 * self.share_closed)} % of what can be closed{sure}; {word}."
+        return f"{closed}; {word}."
 
 
 def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
@@ -104,10 +112,10 @@ def hold_out(f: Found, own: States) -> Holdout:
         raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
     before, after, kept = before[seen], after[seen], own.take(seen)
     share, interval = closed(before, after, f.prepared.reading, kept.trial, levels(kept.spine_length, SPINE_GAP))
-    named = f.best.named
+    sure = f.decision.verdict == "effect"
     return Holdout(
-        len(kept), len(np.unique(kept.trial)), named, rms(before) * MM, rms(after) * MM, f.prepared.reading * MM,
-        share, interval, _by_length(kept, before, after), _word(named, interval),
+        len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, sure, rms(before) * MM, rms(after) * MM,
+        f.prepared.reading * MM, share, interval, _by_length(kept, before, after), _word(sure, interval),
     )  # fmt: skip
 
 
@@ -134,7 +142,7 @@ def _by_length(s: States, before: Array, after: Array) -> tuple[LengthShrink, ..
     )
 
 
-def _word(named: tuple[str, ...], interval: tuple[float, float] | None) -> Word:
+def _word(named: bool, interval: tuple[float, float] | None) -> Word:
     if not named or interval is None:
         return "open"
     return "confirmed" if interval[0] >= SURE else "contradicted" if interval[1] < 0 else "open"
