@@ -45,7 +45,7 @@ def test_an_effect_that_was_gone_by_then_is_contradicted(found: Found, diagnosed
 
 
 def test_where_the_baseline_is_right_nothing_can_be_closed(found: Found, diagnosed: Measured) -> None:
-    right = replace(found, calibrated=found.best.fit)
+    right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, reading=1e-3))
     held = hold_out(right, unmet(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
     assert held.share_closed is None and held.verdict == "open" and "nothing can be closed" in held.statement
 
