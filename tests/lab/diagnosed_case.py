@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import math
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from lab.cli import main
 from lab.example import paper_robot
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
 from model.robot import load_robot
@@ -42,10 +47,6 @@ class Answered:
     protocols: Path
     code: int = -1
     said: str = ""
-
-    def with_outcome(self, code: int, said: str) -> Answered:
-        """The same with exit code and screen."""
-        return replace(self, code=code, said=said)
 
 
 def campaign(
@@ -127,3 +128,18 @@ def edited(path: Path, rows: Sequence[TrialRow], changes: Mapping[str, str | Non
         writer.writeheader()
         writer.writerows({**row, **{k: v for k, v in changes.items() if v is not None}} for row in table)
     return path
+
+
+@cache
+def answered_once(factory: pytest.TempPathFactory) -> Answered:
+    """One diagnosis for all tests of a process: a spine credited as by area moments, tried on other chambers."""
+    root = factory.mktemp("diagnosis")
+    effects = {"area_moment.blend": 0.7}
+    case = folder(root / "case", campaign(effects))
+    other = folder(root / "other", campaign(effects, seed=2, repeats=2, lengths=(0.0, 0.2), chambers=(3, 4, 5)))
+    made = Answered(case, other, root / "diagnosis.json", root / "diagnosis.html", root / "next")
+    written = ["--json", made.json, "--report", made.page, "--protocols", made.protocols]
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        code = main([str(a) for a in ("diagnose", case, "--holdout", other, *written)])
+    return replace(made, code=code, said=said.getvalue())

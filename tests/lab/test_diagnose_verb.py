@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 import yaml
-from diagnosed_case import ROBOT, Answered, campaign, edited, folder
+from diagnosed_case import ROBOT, Answered, answered_once, campaign, edited, folder
 
 from diagnosis.result import FACTORS, STAGES, Diagnosis
 from lab.cli import main
@@ -44,6 +44,11 @@ def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     capsys.readouterr()
     code = main(["diagnose", *(str(a) for a in arguments)])
     return code, capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
+    return answered_once(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from diagnosed_case import Answered
+from diagnosed_case import Answered, answered_once
 from numpy.typing import NDArray
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -29,6 +29,11 @@ SECTIONS = (
     "How large, and how far it shrinks", "On a campaign the fit never saw", "Where", "The robot's shape", "Which cause",
     "Which effects this data can tell apart", "What calibration hides", "What to do next",
 )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
+    return answered_once(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
