@@ -13,7 +13,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from lab.cli import main
@@ -131,9 +130,8 @@ def edited(path: Path, rows: Sequence[TrialRow], changes: Mapping[str, str | Non
 
 
 @cache
-def answered_once(factory: pytest.TempPathFactory) -> Answered:
-    """One diagnosis for all tests of a process: a spine credited as by area moments, tried on other chambers."""
-    root = factory.mktemp("diagnosis")
+def answered_once(root: Path) -> Answered:
+    """One diagnosis for all tests of a process, in a new folder: a spine credited as by area moments, tried on other chambers."""
     effects = {"area_moment.blend": 0.7}
     case = folder(root / "case", campaign(effects))
     other = folder(root / "other", campaign(effects, seed=2, repeats=2, lengths=(0.0, 0.2), chambers=(3, 4, 5)))

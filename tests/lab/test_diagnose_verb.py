@@ -48,7 +48,7 @@ def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 
 @pytest.fixture(scope="module")
 def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
-    return answered_once(tmp_path_factory)
+    return answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
 
 
 @pytest.fixture(scope="module")

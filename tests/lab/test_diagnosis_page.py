@@ -33,7 +33,7 @@ SECTIONS = (
 
 @pytest.fixture(scope="module")
 def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
-    return answered_once(tmp_path_factory)
+    return answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
 
 
 @pytest.fixture(scope="module")
