@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,17 @@ from numpy.typing import NDArray
 from recordings.trials import Table
 
 from . import locate
+from .apart import TIED
 from .attribute import Found
 from .evidence import NONE
+from .holdout import Holdout
 from .masking import absorbed
 from .posterior import UNKNOWN
 from .prepare import Prepared
 from .quantify import Unseen, baseline_model, candidate_model, folds, unseen_error
-from .result import STAGES, Attribute, Data, Locate, Ranked, Value
-from .search import Candidate
+from .result import STAGES, Attribute, Data, Locate, Ranked
+from .shapes import worst
+from .size import sizes, values
 
 Array = NDArray[np.float64]
 
@@ -78,28 +82,12 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
             model = baseline_model(p, f.calibrated) if named == NONE else candidate_model(p, c)
             errors = unseen.after if c is f.best and named != NONE else unseen_error(p, model, fold)
             heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
-        ranked.append(Ranked(named, probability, c.log_evidence, heldout, _sizes(p, c)))
+        ranked.append(Ranked(named, probability, c.log_evidence, heldout, values(sizes(p, c))))
     d = f.decision
     return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals)
 
 
-def _sizes(p: Prepared, c: Candidate) -> dict[str, Value]:
-    """Fitted parameters of the named effects with standard deviations."""
-    parameters = p.problem.parameters
-    if c.unknown or not c.named:
-        return {}
-    reduced = c.fit.linear.reduced(c.cell.size, c.cell.form)
-    _, covariance = reduced.posterior(parameters.variance(c.named, c.cell.spike))
-    sd = np.sqrt(np.diag(covariance)) * parameters.scale
-    rows = np.flatnonzero(parameters.of_effect)
-    return {
-        parameters.names[i]: Value(float(c.fit.theta[i]), float(sd[j]), parameters.units[i])
-        for j, i in enumerate(rows)
-        if parameters.effects[i] in c.named
-    }
-
-
-def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
+def detail(f: Found, unseen: Unseen | None, holdout: Holdout | None) -> dict[str, Any]:
     """What the figures show beyond the contract. Tips in m, base frame."""
     p = f.prepared
     observed = p.problem.observed
@@ -119,6 +107,9 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
         "masking": _masking(p, slope),
         "floor": {"channel": dict(p.floor.channel), "pressure": p.floor.pressure, "trial": dict(p.floor.trial)},
         "bench": f.tempering.bench,
+        "sizes": [asdict(size) | {"impossible": size.impossible} for size in sizes(p, f.best)],
+        "apart": _apart(f),
+        "shapes": worst(p, f.calibrated.theta, f.best.fit.theta),
         "states": {
             "trial": p.states.trial.tolist(),
             "spine_length": p.states.spine_length.tolist(),
@@ -132,7 +123,18 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
     }
     if unseen is not None:
         made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
+    if holdout is not None:
+        made["holdout"] = asdict(holdout) | {"statement": holdout.statement}
     return made
+
+
+def _apart(f: Found) -> dict[str, Any]:
+    """Separations at the honest floor; effects of most weight first, with that weight."""
+    weight = {e: f.posterior.of_effect(e) for e in f.apart.effects}
+    order = sorted(range(len(f.apart.effects)), key=lambda i: -weight[f.apart.effects[i]])
+    effects = [f.apart.effects[i] for i in order]
+    separation = f.apart.separation[np.ix_(order, order)].tolist()
+    return {"effects": effects, "weight": [weight[e] for e in effects], "separation": separation, "tied_below": TIED}
 
 
 def _rms(p: Prepared, missed: Array) -> float:

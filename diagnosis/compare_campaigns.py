@@ -7,11 +7,14 @@ outside the catalogue. What both campaigns have in common, the smooth discrepanc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.spec import EffectSpec
 
 from .case import CaseLike, states
 from .errors import TooLittle
@@ -38,14 +41,14 @@ class Change:
     """Fitted change of the parameters of the leading hypothesis, in their units."""
 
 
-def compare_campaigns(later: CaseLike, reference: CaseLike) -> Change:
+def compare_campaigns(later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Change:
     """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:
         raise TooLittle(
             f"reference was measured on robot {reference.robot.name!r}, this campaign on {later.robot.name!r} or with another "
             "robot.yaml: give both the same one"
         )
-    before, after = (prepare(c.robot, states(c)[0]) for c in (reference, later))
+    before, after = (prepare(c.robot, states(c)[0], catalogue=catalogue) for c in (reference, later))
     search = Search(_joined(before, after))
     candidates = search.run()
     effects = len(after.problem.parameters.ids)

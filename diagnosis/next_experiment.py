@@ -108,9 +108,7 @@ def _predictions(
     measured = tuple(name for name in ("x", "y", "z", "qw", "qx", "qy", "qz") if name in _channels(p))
     table = columns(e, len(p.robot.chambers.azimuths_deg), measured)
     try:
-        forward = ForwardModel(
-            p.robot, design_from_columns(p.robot, table), area_factor=float(p.forward.area_factor[0])
-        )
+        forward = p.forward.on(design_from_columns(p.robot, table))
     except ModelError:
         return None
     names = {info.name: i for i, info in enumerate(forward.parameters)}

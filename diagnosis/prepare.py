@@ -110,11 +110,11 @@ def prepare(
     robot: Robot,
     states: States,
     area: Literal["one", "per_length"] = "one",
-    catalogue: Mapping[str, EffectSpec] | None = None,
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
 ) -> Prepared:
     """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
     table = table_columns(states)
-    forward = ForwardModel(robot, design_from_columns(robot, table), area, catalogue or seen_by(states))
+    forward = ForwardModel(robot, design_from_columns(robot, table), area, seen_by(states, catalogue))
     observed, sd = forward.observe(table)
     start = np.zeros(len(forward.parameters))
     predicted, slope = forward.linearise(start)
@@ -141,10 +141,10 @@ def prepare(
     return Prepared(robot, states, problem, labels, floor, known, unit, forward)
 
 
-def seen_by(states: States) -> Mapping[str, EffectSpec]:
-    """The catalogue without the effects of stiffness trials, which states of the robot cannot show."""
+def seen_by(states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+    """A catalogue without the effects of stiffness trials, which states of the robot cannot show."""
     forces = any(r.protocol == "stiffness" for r in states.rows)
-    return {id: spec for id, spec in CATALOGUE.items() if forces or id not in STIFFNESS_ONLY}
+    return {id: spec for id, spec in catalogue.items() if forces or id not in STIFFNESS_ONLY}
 
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
