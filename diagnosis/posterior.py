@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
-SHARES = {0: 0.32, 1: 0.46, 2: 0.11, 3: 0.01}
+SHARES = {0: 0.22, 1: 0.58, 2: 0.14, 3: 0.01}
 """Prior share of hypotheses by the number of effects they name."""
 COVERED = 0.95
 

@@ -51,8 +51,8 @@ class Tempering:
         return 1 / (1 + math.exp(-odds))
 
 
-DEVELOPED = "fitted on 90 development cases, clean and cluttered; docs/blind.md has the sealed ones"
-FEW = Tempering(1.0, -2.5, 0.14, 0.3, 1.5, 0.8, 0.06, 0.5, DEVELOPED)
+DEVELOPED = "fitted on 100 development cases, clean and cluttered; docs/blind.md has the sealed ones"
+FEW = Tempering(1.0, -3.0, 0.3, 1.5, 1.0, 1.2, 0.0, 0.5, DEVELOPED)
 
 TABLE: dict[str, Tempering] = {
     "tip": FEW,

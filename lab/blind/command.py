@@ -8,6 +8,7 @@ import json
 from ..config import ConfigError
 from ..console import out
 from .make import make
+from .options import KINDS
 from .run import run
 from .score import score, write
 from .sheet import draw, sheet, write_section
@@ -30,7 +31,7 @@ def _make(a: argparse.Namespace) -> int:
         raise ConfigError(f"--sizes {low:g} {high:g} must rise within 0..5, --clutter {a.clutter:g} lie within 0..1")
     if a.n < 1 or a.wire < 0:
         raise ConfigError(f"--n {a.n} must be 1 or more, --wire {a.wire} not below 0")
-    recipe = Recipe(a.n, a.seed, a.clutter, (low, high), a.settled, min(a.wire, a.n), tuple(a.only))
+    recipe = Recipe(a.n, a.seed, a.clutter, (low, high), a.settled, min(a.wire, a.n), tuple(a.only or KINDS))
     digest = make(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, crew=_crew(a))
     out.print(f"{a.n} cases in {a.out}; sha256 of the sealed truth {digest}")
     return 0

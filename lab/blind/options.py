@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+KINDS = ("single", "pair", "none", "outside")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The three steps and their options."""
@@ -25,10 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument("--wire", type=int, default=10, help="cases measured through every wire (default 10)")
     p.add_argument("--no-menu", action="store_true", help="no further experiments to ask for")
     p.add_argument(
-        "--only",
-        nargs="+",
-        default=("single", "pair", "none", "outside"),
-        choices=("single", "pair", "none", "outside"),
+        "--only", action="append", choices=KINDS, help="cases of this kind alone; may be given again (default: all)"
     )
     _crew(p)
     p = steps.add_parser("run", help="diagnose every case; the seal stays closed")
