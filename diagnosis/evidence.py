@@ -75,8 +75,9 @@ LARGE = Grid(
 """For the hypothesis that something outside the catalogue is at work."""
 
 
-DOMINANT = 0.3
-"""Share of its scale that an effect must have to be named: less is what the tolerances of all effects stand for."""
+DOMINANT = 0.35
+"""Share of its scale that an effect must have to be named: less, twice the widest spike, is what the tolerances of all
+effects stand for."""
 LEAST = 1e-12
 """Share below which a normal counts as lying wholly among the small sizes."""
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Literal
 
-KINDS = ("single", "pair", "none", "outside")
+KINDS: tuple[Literal["single", "pair", "none", "outside"], ...] = ("single", "pair", "none", "outside")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
