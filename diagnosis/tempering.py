@@ -52,7 +52,7 @@ class Tempering:
 
 
 DEVELOPED = "fitted on 100 development cases, clean and cluttered; docs/blind.md has the sealed ones"
-FEW = Tempering(1.0, -3.0, 0.3, 1.5, 1.0, 1.2, 0.0, 0.5, DEVELOPED)
+FEW = Tempering(1.0, -3.0, 0.3, 1.0, 1.0, 1.2, 0.0, 0.5, DEVELOPED)
 
 TABLE: dict[str, Tempering] = {
     "tip": FEW,
