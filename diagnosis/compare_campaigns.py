@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .case import CaseLike, states
+from .case import CaseLike, States, states
 from .errors import TooLittle
 from .posterior import UNKNOWN, posterior, prior
 from .prepare import Prepared, prepare
@@ -44,7 +44,7 @@ def compare_campaigns(later: CaseLike, reference: CaseLike) -> Change:
             f"reference was measured on robot {reference.robot.name!r}, this campaign on {later.robot.name!r} or with another "
             "robot.yaml: give both the same one"
         )
-    before, after = (prepare(c.robot, states(c)[0]) for c in (reference, later))
+    before, after = (prepare(later.robot, s) for s in _alike(states(reference)[0], states(later)[0]))
     search = Search(_joined(before, after))
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
@@ -61,6 +61,17 @@ def compare_campaigns(later: CaseLike, reference: CaseLike) -> Change:
         if parameters.effects[i] in named and named != UNKNOWN
     }
     return Change(_sentence(named, p, sizes, own.bench), found.ranking[:10], sizes)
+
+
+def _alike(before: States, after: States) -> tuple[States, States]:
+    """Both with what both hold: states of the robot, stiffness trials, or both."""
+    kinds = [sum(bool((s.pushed == pushed).any()) for s in (before, after)) == 2 for pushed in (False, True)]
+    if not any(kinds):
+        raise TooLittle(
+            "one campaign holds stiffness trials alone and the other none: compare what was measured in both, or record the other"
+        )
+    both = [s.take(np.array(kinds)[s.pushed.astype(int)]) for s in (before, after)]
+    return both[0], both[1]
 
 
 def _sentence(named: Sequence[str], p: float, sizes: dict[str, float], bench: str) -> str:

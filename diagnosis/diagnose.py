@@ -7,17 +7,17 @@ answer.statement, answer.attribute.verdict, answer.to_json()
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from model.effects.catalogue import CATALOGUE
 
 from . import assemble, next_experiment
 from .attribute import Found, attribute
-from .case import CaseLike, states
+from .case import CaseLike, enough, states
 from .prepare import prepare
 from .quantify import shrink
 from .result import Diagnosis, Locate, Proposal, Shrink
-from .verdict import statement
+from .verdict import decide, statement
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     own, concerns = states(case)
     prepared = prepare(case.robot, own)
     found = attribute(prepared)
+    decided = decide(found.posterior, found.tempering, found.signs.outlier_trial is not None, enough(own))
+    found = replace(found, decision=decided)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
     proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
     where = assemble.where(found, {e: spec.stage for e, spec in CATALOGUE.items()})

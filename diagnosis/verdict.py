@@ -49,7 +49,9 @@ def statement(
 ) -> str:  # fmt: skip
     """The verdict in a few sentences; `breaker` is the experiment that would separate the candidates best."""
     gap, floor = where.gap_rmse_mm, where.noise_floor_mm
-    head = f"The calibrated model misses the tip by {gap:.2f} mm rms; the noise floor is {floor:.2f} mm."
+    # Deflections at the stand are small.
+    what, digits = ("the tip", 2) if where.of == "tip" else ("the deflections of the stiffness trials", 3)
+    head = f"The calibrated model misses {what} by {gap:.{digits}f} mm rms; the noise floor is {floor:.{digits}f} mm."
     sure = f"p = {d.probability:.2f}, {bench}"
     if d.verdict == "none":
         return f"{head} Below the floor: no effect of the catalogue is supported ({sure})."
@@ -64,4 +66,4 @@ def statement(
     if shrunk is None:
         return text
     closed = f", {shrunk.share_closed * 100:.0f} % of what can be closed" if shrunk.share_closed is not None else ""
-    return f"{text} With it {shrunk.after_mm:.2f} mm are left on data that the fit did not see{closed}."
+    return f"{text} With it {shrunk.after_mm:.{digits}f} mm are left on data that the fit did not see{closed}."

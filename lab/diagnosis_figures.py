@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from diagnosis.case import levels
+from diagnosis.levels import levels
 from diagnosis.result import Diagnosis
 
 from .figures import STYLE, colours, save

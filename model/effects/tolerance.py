@@ -16,7 +16,8 @@ from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
-Scope = Literal["all", "trial", "spine_length"]
+Scope = Literal["all", "trial", "spine_length", "push"]
+"""push: each stiffness trial, whatever its specimen; trial: each trial with spine."""
 Group = Literal["effect", "calibration", "nuisance"]
 
 
@@ -78,6 +79,14 @@ def _jamming(q: Quantities, v: Values) -> None:
     q.jamming_exponent = q.jamming_exponent + v["exponent"]
 
 
+def _touch(q: Quantities, v: Values) -> None:
+    q.contact_offset = q.contact_offset + v["late"]
+
+
+def _zero(r: Readings, v: Values) -> None:
+    r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
+
+
 def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter) -> EffectSpec:
     return EffectSpec(id, stage, "", parameters, law, "tolerance", "")
 
@@ -111,6 +120,17 @@ BY_TRIAL = (
         "nuisance", "trial",
     ),
 )  # fmt: skip
+BY_PUSH = (
+    Source(
+        _tolerance("touch", "measurement", Law(before=_touch), Parameter("late", "m", 0.3e-3, -3e-3, 3e-3)),
+        "nuisance", "push",
+    ),
+    Source(
+        _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0)),
+        "nuisance", "push",
+    ),
+)  # fmt: skip
+"""Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
 JAMMING = Source(
     _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5)), "nuisance"
 )
@@ -131,4 +151,6 @@ def sources(
         spined = design.vacuum[design.spine_length > 0]
         if np.ptp(spined) > 0.05 * design.nominal_vacuum:
             found.append(JAMMING)
+    if design.stiffness.any():
+        found += BY_PUSH
     return tuple(found)
