@@ -164,9 +164,10 @@ def _stiffness(p: Prepared, held: Stand, predicted: Mapping[str, Array]) -> dict
         "floor_mm": held.reading * MM,
         "floor": {**held.floor.channel, "deflection": held.floor.pressure, "trial": dict(held.floor.trial)},
         "trial": p.states.trial[own].tolist(),
-        "specimen": [r.specimen or "spine" for r in p.states.rows if r.protocol == "stiffness"],
+        "specimen": [r.specimen or "spine" for r, pushed in zip(p.states.rows, own, strict=True) if pushed],
         "spine_length": p.states.spine_length[own].tolist(),
         "deflection": p.states.deflection[own].tolist(),
+        "stiffness": held.stiffness[own].tolist(),
         "force": (held.stiffness * p.deflection(p.problem.observed))[own].tolist(),
         **{name: values[own].tolist() for name, values in forces.items() if name != "as given"},
     }

@@ -7,7 +7,9 @@ answer.statement, answer.attribute.verdict, answer.to_json()
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from model.effects.catalogue import CATALOGUE
 
@@ -17,7 +19,7 @@ from .case import CaseLike, enough, states
 from .prepare import prepare
 from .quantify import shrink
 from .result import Diagnosis, Locate, Proposal, Shrink
-from .verdict import decide, statement
+from .verdict import beside, decide, statement
 
 
 @dataclass(frozen=True)
@@ -41,21 +43,25 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
     proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
     where = assemble.where(found, {e: spec.stage for e, spec in CATALOGUE.items()})
+    detail = assemble.detail(found, unseen)
     return Diagnosis(
-        statement=_statement(found, where, shrunk, proposals),
+        statement=_statement(found, where, shrunk, proposals, detail.get("stiffness")),
         data=assemble.data(prepared, case.table),
         locate=where,
         attribute=assemble.which(found, unseen),
         shrink=shrunk,
         next_experiment=proposals,
         concerns=concerns,
-        detail=assemble.detail(found, unseen),
+        detail=detail,
     )
 
 
-def _statement(f: Found, where: Locate, shrunk: Shrink | None, proposals: tuple[Proposal, ...]) -> str:
+def _statement(
+    f: Found, where: Locate, shrunk: Shrink | None, proposals: tuple[Proposal, ...], pushes: Mapping[str, Any] | None
+) -> str:
     named = f.decision.effects
     alike = (group for group in f.rivals if set(named) & set(group))
     rivals = tuple(dict.fromkeys(e for group in alike for e in group if e not in named))
-    return statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
+    text = statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
                      f.signs.outlier_trial, f.tempering.bench)  # fmt: skip
+    return text if pushes is None or where.of == "deflection" else f"{text} {beside(pushes, f.decision)}"

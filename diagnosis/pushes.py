@@ -98,6 +98,7 @@ def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
             "stiffness trials only: nothing can be said about chambers, pressures, loads on the robot, base or cameras; only "
             "effects that move these readings are weighed; record a bending sweep"
         )
+        said.append("stiffness trials only: probabilities were tempered on bending campaigns, not on such data")
     if own.repeats < FEWEST_REPEATS:
         word = "no deflection was repeated" if own.repeats < 2 else "deflections were read twice only"
         said.append(

@@ -10,6 +10,7 @@ from diagnosis.compare_campaigns import Change
 from diagnosis.result import Diagnosis
 
 from . import diagnosis_figures as draw
+from .pushes_figure import pushes as draw_pushes
 from .report import Report, Section
 
 
@@ -26,8 +27,11 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
             report.section("What changed since the reference").text(change.statement)
         _how_much(report.section("How large, and how far it shrinks"), d, length, folder)
         _where(report.section("Where"), d, folder)
+        if "stiffness" in d.detail:
+            _pushed(report.section("Stiffness trials"), d, folder)
         _which(report.section("Which cause"), d, folder)
-        _hidden(report.section("What calibration hides"), d, folder)
+        if d.detail["masking"]:
+            _hidden(report.section("What calibration hides"), d, folder)
         _next(report.section("What to do next"), d)
     return report.write(path)
 
@@ -35,7 +39,8 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
 def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     s.figure(
         draw.waterfall(d, length, folder / "waterfall.png"),
-        "Tip error step by step; unseen: each predicted without its own data",
+        f"{'Tip error' if d.locate.of == 'tip' else 'Error of the deflections'} step by step; unseen: each predicted without "
+        "its own data",
     )
     if d.shrink is None:
         return
@@ -52,10 +57,12 @@ def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
 
 
 def _where(s: Section, d: Diagnosis, folder: Path) -> None:
-    s.figure(
-        draw.gap_map(d, folder / "map.png"), "Gap by spine length and pressure, before and after, one colour scale"
-    )
-    s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
+    tips = d.locate.of == "tip"
+    if tips:
+        s.figure(
+            draw.gap_map(d, folder / "map.png"), "Gap by spine length and pressure, before and after, one colour scale"
+        )
+        s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
     rows = [
         [
             name,
@@ -69,9 +76,21 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
         for c in cells
     ]
     s.table(("factor", "value (SI)", "n", "rms, mm", "95 %", "above the floor"), rows)
+    if not tips:
+        return
     s.text(
         f"The paper's Euler integration alone would add {d.locate.numerical_error_mm:.2f} mm rms; it is not part of this gap."
     )
+
+
+def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
+    found = d.detail["stiffness"]
+    s.figure(
+        draw_pushes(found, folder / "pushes.png"),
+        "Force missed, over the specimen's stiffness: as a deflection; grey: noise floor",
+    )
+    rows = [[name, f"{value:.3f}"] for name, value in found["waterfall_mm"].items()]
+    s.table(("model", "deflection missed, mm rms"), [*rows, ["noise floor", f"{found['floor_mm']:.3f}"]])
 
 
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:

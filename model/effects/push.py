@@ -31,9 +31,12 @@ def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
         second = annulus_second_moment(q.robot.spine.radius)
         bare = np.maximum(q.spine_length, 1e-3) ** 3 / (3 * np.maximum(moduli(q, shear)[2], 1.0) * second)
     given = np.where(design.body, _body_compliance(q, shear), bare) if design.body.any() else bare
+    given = given + q.arm_compliance
     reached = design.deflection - q.contact_offset
-    pressed = np.maximum(reached, np.minimum(design.deflection, 0.0))
-    return np.where(design.stiffness, pressed / (given + q.arm_compliance), 0.0)
+    pressed = np.maximum(reached, np.minimum(design.deflection, 0.0)) / given
+    # Softer than what comes behind it, the layer counts until it is squeezed flat.
+    squeezed = np.maximum(design.deflection, 0.0) * q.contact_layer / (1 + q.contact_layer * given)
+    return np.where(design.stiffness, np.maximum(pressed, squeezed), 0.0)
 
 
 def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
