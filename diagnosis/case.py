@@ -97,12 +97,9 @@ class States:
     @property
     def repeats(self) -> int:
         """Trials in which a state was read, in the middle over all states in which the gap is looked for."""
-        return usual_repeats(self.condition[self.main])
-
-
-def usual_repeats(condition: Ints) -> int:
-    """How often a state was read, in the middle over all."""
-    return int(np.median(np.bincount(condition)[np.unique(condition)]))
+        # A state read twice in one trial is not repeated: what differs from trial to trial is not in it.
+        pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
+        return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
 
 
 def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
