@@ -96,9 +96,7 @@ def main() -> int:
     return show("Log evidence: Laplace against nested sampling", figures, a.json)
 
 
-def _figure(
-    q: Question, named: Hypothesis, h: Hypothetical, found: tuple[float, float, int], seconds: float
-) -> Figure:
+def _figure(q: Question, named: Hypothesis, h: Hypothetical, found: tuple[float, float, int], seconds: float) -> Figure:
     sampled, error, calls = found
     off = h.laplace - sampled
     truth, asked = " + ".join(q.true) or "none", " + ".join(named) or "none"
@@ -107,7 +105,14 @@ def _figure(
         f"within {TARGET} + 2 sd",
         f"Laplace {h.laplace:.2f}, sampled {sampled:.2f} +- {error:.2f}: {off:+.2f} ({calls} calls, {seconds:.0f} s)",
         abs(off) <= TARGET + 2 * error,
-        {"laplace": h.laplace, "sampled": sampled, "sd": error, "off": off, "calls": calls, "parameters": len(h.sampled)},
+        {
+            "laplace": h.laplace,
+            "sampled": sampled,
+            "sd": error,
+            "off": off,
+            "calls": calls,
+            "parameters": len(h.sampled),
+        },
     )
 
 

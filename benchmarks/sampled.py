@@ -52,7 +52,9 @@ class Hypothetical:
     def laplace(self) -> float:
         """Log evidence as the diagnosis has it."""
         cell = one_cell(self.size)
-        return weigh(self.around.linear, cell, self.problem.parameters, [self.named])[0].log_evidence - self.around.short
+        return (
+            weigh(self.around.linear, cell, self.problem.parameters, [self.named])[0].log_evidence - self.around.short
+        )
 
     def prior(self, unit: Array) -> Array:
         """Values of the sampled parameters (d,) from a point (d,) of the unit cube."""

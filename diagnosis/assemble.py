@@ -52,7 +52,9 @@ def where(f: Found, stages: Mapping[str, str]) -> Locate:
     gap = p.gap(missed)
     seen = np.asarray(np.isfinite(gap).all(axis=1))
     own = p.states.take(seen)
-    by = locate.cells(own, gap[seen], p.reading, {s: m[seen] for s, m in _markers(p, missed).items()}, _pushes(p, missed))
+    by = locate.cells(
+        own, gap[seen], p.reading, {s: m[seen] for s, m in _markers(p, missed).items()}, _pushes(p, missed)
+    )
     rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
@@ -147,7 +149,9 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
     if unseen is not None:
         made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
     if p.stand is not None:
-        made["stiffness"] = _stiffness(p, p.stand, {"as given": given, "calibrated": calibrated, "explained": explained})
+        made["stiffness"] = _stiffness(
+            p, p.stand, {"as given": given, "calibrated": calibrated, "explained": explained}
+        )
         if unseen is not None:
             pairs = (("unseen: calibrated", unseen.stand_before), ("unseen: explained", unseen.stand_after))
             made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}

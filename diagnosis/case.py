@@ -120,7 +120,9 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
         bad = every - len(sound) - len(held)
         concerns.append(f"{bad} of {every} states hold values that are not finite and are left out")
     if not sound and not held:
-        raise BadCase(f"all {len(of_robot) + len(of_stand)} states hold values that are not finite: nothing can be compared")
+        raise BadCase(
+            f"all {len(of_robot) + len(of_stand)} states hold values that are not finite: nothing can be compared"
+        )
     _refuse_strange(robot, sound)
     pushes.refuse_strange(robot, held)
     made = _arrays(sound, held, len(robot.chambers.azimuths_deg))
@@ -164,7 +166,10 @@ def _arrays(of_robot: list[TrialRow], of_stand: list[TrialRow], chambers: int) -
     kind = np.concatenate([_kinds(of_robot, pressure[:n], gap), pushes.kinds(of_stand)])
     kind[n:] += kind[:n].max(initial=-1) + 1
     condition = np.concatenate(
-        [_conditions(of_robot, spine[:n], pressure[:n], branch[:n], kind[:n], gap), pushes.conditions(of_stand, spine[n:])]
+        [
+            _conditions(of_robot, spine[:n], pressure[:n], branch[:n], kind[:n], gap),
+            pushes.conditions(of_stand, spine[n:]),
+        ]
     )
     condition[n:] += condition[:n].max(initial=-1) + 1
     time = np.array([np.nan if r.t is None else r.t for r in rows])
@@ -174,9 +179,7 @@ def _arrays(of_robot: list[TrialRow], of_stand: list[TrialRow], chambers: int) -
     )
 
 
-def _conditions(
-    rows: list[TrialRow], spine: Array, pressure: Array, branch: Array, kind: Ints, gap: float
-) -> Ints:
+def _conditions(rows: list[TrialRow], spine: Array, pressure: Array, branch: Array, kind: Ints, gap: float) -> Ints:
     """Number of each row's condition."""
     if not rows:
         return np.zeros(0, np.int64)

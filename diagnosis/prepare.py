@@ -180,9 +180,7 @@ def _moving(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
     return {id: spec for id, spec in CATALOGUE.items() if id in moved}
 
 
-def _noise(
-    states: States, labels: Labels, made: Parameters, floor: Components, slope: Array
-) -> tuple[Array, Array]:
+def _noise(states: States, labels: Labels, made: Parameters, floor: Components, slope: Array) -> tuple[Array, Array]:
     """White noise (n,) of the values, and what one sd of the pressure reading does to them (n,); forces left to the stand."""
     usual = np.array([floor.channel.get(k, 1.0) for k in KINDS])
     white = usual[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
@@ -293,9 +291,7 @@ def _by_pressure(states: States, labels: Labels, made: Parameters, slope: Array)
     return np.where(open_, 0.0, slope[:, made.names.index("pressure_offset.offset")])
 
 
-def _scattered(
-    made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components, held: Stand | None
-) -> Parameters:
+def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components, held: Stand | None) -> Parameters:
     """The priors of what a trial has of its own as wide as the repeats show: those of the robot, those at the stand."""
 
     def own(p: ParameterInfo) -> float:

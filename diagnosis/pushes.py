@@ -38,11 +38,17 @@ def refuse_strange(robot: Robot, given: list[TrialRow]) -> None:
         where = f"trial {r.trial} step {r.step}"
         body = r.specimen == "body"
         if not body and robot.spine is None:
-            raise BadCase(f"{where}: pushes a spine, but robot {robot.name!r} has none: give robot.yaml its spine's moduli")
+            raise BadCase(
+                f"{where}: pushes a spine, but robot {robot.name!r} has none: give robot.yaml its spine's moduli"
+            )
         if r.spine_length > robot.length * 1.001:
-            raise BadCase(f"{where}: spine length {r.spine_length:g} m is beyond the robot's {robot.length:g} m: check the unit (m)")
+            raise BadCase(
+                f"{where}: spine length {r.spine_length:g} m is beyond the robot's {robot.length:g} m: check the unit (m)"
+            )
         if not body and r.spine_length < SHORTEST:
-            raise BadCase(f"{where}: pushes a spine of {r.spine_length:g} m: check spine_length (m), or write specimen body")
+            raise BadCase(
+                f"{where}: pushes a spine of {r.spine_length:g} m: check spine_length (m), or write specimen body"
+            )
         long = robot.length if body else r.spine_length
         if abs(r.deflection or 0.0) > FARTHEST * long:
             raise BadCase(
@@ -105,5 +111,7 @@ def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
             f"stiffness trials: {word}: the usual scatter of touch point, sensor zero and jamming is taken; repeat them three times"
         )
     if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
-        said.append("stiffness trials at one spine length only: modulus, sensor zero and touch point look alike; push at two")
+        said.append(
+            "stiffness trials at one spine length only: modulus, sensor zero and touch point look alike; push at two"
+        )
     return said

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .levels import SPINE_GAP, levels
 from .fit import Fit
 from .heldout import Model, left_out
+from .levels import SPINE_GAP, levels
 from .prepare import Prepared
 from .result import LengthShrink, Shrink
 from .search import Candidate

@@ -60,9 +60,7 @@ class Stand:
         return out
 
 
-def stand(
-    states: States, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
-) -> Stand:
+def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array) -> Stand:
     """From forces missed (n,) by the baseline and the slope (n, k) of all values there; other values are not looked at."""
     own = np.flatnonzero(labels.kind == 3)
     state, trial = labels.state[own], labels.trial[own]

@@ -66,14 +66,20 @@ def statement(
     text = f"{head} Best supported cause: {' and '.join(d.effects)} ({sure}){tied}{broken}."
     if shrunk is None:
         return text
-    closed = f", {min(shrunk.share_closed, 1.0) * 100:.0f} % of what can be closed" if shrunk.share_closed is not None else ""
+    closed = (
+        f", {min(shrunk.share_closed, 1.0) * 100:.0f} % of what can be closed"
+        if shrunk.share_closed is not None
+        else ""
+    )
     return f"{text} With it {shrunk.after_mm:.{digits}f} mm are left on data that the fit did not see{closed}."
 
 
 def beside(pushes: Mapping[str, Any], d: Decision) -> str:
     """A sentence about the stiffness trials beside tips; `pushes` is the diagnosis' detail of them."""
     missed, floor = pushes["waterfall_mm"], pushes["floor_mm"]
-    text = f"Of the stiffness trials it misses the deflections by {missed['calibrated']:.3f} mm rms (floor {floor:.3f} mm)"
+    text = (
+        f"Of the stiffness trials it misses the deflections by {missed['calibrated']:.3f} mm rms (floor {floor:.3f} mm)"
+    )
     if d.verdict != "effect":
         return f"{text}."
     return f"{text}, with the cause by {missed['explained']:.3f} mm."

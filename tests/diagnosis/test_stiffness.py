@@ -103,7 +103,10 @@ def test_effects_that_pushes_cannot_show_are_not_weighed_and_that_is_said() -> N
 
 
 def test_the_floor_comes_from_repeats_and_not_from_what_the_model_gets_wrong() -> None:
-    p = [prepare(ROBOT, states(case(list(pushes(effect, size, 2))))[0]) for effect, size in (("", 0), ("force_bias", 0.15))]
+    p = [
+        prepare(ROBOT, states(case(list(pushes(effect, size, 2))))[0])
+        for effect, size in (("", 0), ("force_bias", 0.15))
+    ]
     for one in p:
         assert one.stand is not None
         assert one.stand.floor.channel["force"] == pytest.approx(FORCE, rel=0.3)
