@@ -1,8 +1,8 @@
 """Predicting data that a fit did not see: a share of the values is left out, the model refitted, the rest predicted.
 
-A refit solves the linear problem of the other values around a fit to all of them; where that leads astray, as it does when
-the model is far off or hardly any value is left that says something about a parameter, the search is made in full. Its parameters then predict with the model in
-full. The discrepancy weighs the fit but takes no part in the prediction.
+A refit solves the linear problem of the other values around a fit to all of them. Where that leads astray, as it does when
+the model is far off or hardly any value is left that says something about a parameter, the search is made in full. Its
+parameters then predict with the model in full. The discrepancy weighs the fit but takes no part in the prediction.
 """
 
 from __future__ import annotations

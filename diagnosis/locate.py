@@ -1,8 +1,9 @@
 """Where the gap lies: root mean square by factor, with trial-bootstrap intervals, against the noise floor.
 
-The gap is measured minus baseline model (of stiffness trials: force missed over the specimen's stiffness), the baseline being calibrated with one area factor and nothing else. A cell is
-called significant when its mean square exceeds what the floor gives, the readings of a trial taken as erring together,
-with the expected share of false calls over all cells held to 5 % (Benjamini and Hochberg).
+The gap is measured minus baseline model, the baseline being calibrated with one area factor and nothing else; that of
+stiffness trials is the force missed over the specimen's stiffness. A cell is called significant when its mean square
+exceeds what the floor gives, the readings of a trial taken as erring together, with the expected share of false calls
+over all cells held to 5 % (Benjamini and Hochberg).
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
     if own.repeats < FEWEST_REPEATS:
         word = "no deflection was repeated" if own.repeats < 2 else "deflections were read twice only"
         said.append(
-            f"stiffness trials: {word}: the usual scatter of touch point, sensor zero and jamming is taken; repeat them three times"
+            f"stiffness trials: {word}: the usual scatter of touch, zero and jamming is taken; repeat them three times"
         )
     if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
         said.append(

@@ -1,9 +1,10 @@
 """Whether repeats of the same state change with time: what no effect of the catalogue does.
 
 How strongly a trial bends is taken as one number: its readings beside the average of their repeats, along what more
-chamber area would do (at the stiffness stand: a stiffer specimen). Trials of one spine length are then ranked by it and by time; the sum of Kendall's S over all spine
-lengths has an exact distribution when time does not matter (M. G. Kendall, Biometrika 30, 1938). Nothing of the model but
-the direction enters, so nothing that the model gets wrong can pass for a trend.
+chamber area would do (of stiffness trials alone: along what a stiffer specimen would do). Trials of one spine length are
+then ranked by it and by time; the sum of Kendall's S over all spine lengths has an exact distribution when time does not
+matter (M. G. Kendall, Biometrika 30, 1938). Nothing of the model but the direction enters, so nothing that the model gets
+wrong can pass for a trend.
 """
 
 from __future__ import annotations
