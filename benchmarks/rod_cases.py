@@ -23,7 +23,7 @@ def _robots(
     spine: Array, moduli: tuple[Array, Array], push: Array, roll: Array, dead: tuple[Array, Array, Array], weight: Array,
     form: Form | None = None,
 ) -> Rods:  # fmt: skip
-    """Rods (n) of spine lengths (m), moduli of both parts (Pa), force of a chamber (N), roll (rad), tip load (N), weight (N/m)."""
+    """Rods (n): spine lengths (m), moduli of both parts (Pa), force of a chamber (N), roll (rad), tip load (N), weight (N/m)."""
     azimuth, push = np.deg2rad([-40.0, 0.0, 40.0]) + roll[:, None], push[:, None]
     modulus, zero = np.stack(moduli, 1)[:, :, None], np.zeros(len(spine))
     return rods(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import asdict
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,17 @@ from numpy.typing import NDArray
 from recordings.trials import Table
 
 from . import locate
+from .apart import TIED
 from .attribute import Found
 from .evidence import NONE
+from .holdout import Holdout
 from .masking import absorbed
 from .posterior import UNKNOWN
 from .prepare import Prepared
 from .quantify import Unseen, baseline_model, candidate_model, folds, unseen_error
-from .result import STAGES, Attribute, Data, Locate, Ranked, Value
-from .search import Candidate
+from .result import STAGES, Attribute, Data, Locate, Ranked
+from .shapes import worst
+from .size import sizes, values
 from .stand import Stand
 
 Array = NDArray[np.float64]
@@ -59,7 +63,7 @@ def where(f: Found, stages: Mapping[str, str]) -> Locate:
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
     numerical = locate.numerical_error(p.robot, own) * MM
-    what = "deflection" if p.pushes_only else "tip"
+    what: Literal["tip", "deflection"] = "deflection" if p.pushes_only else "tip"
     return Locate(rmse * MM, p.reading * MM, significant, by, stage, numerical, what)
 
 
@@ -93,28 +97,12 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
             model = baseline_model(p, f.calibrated) if named == NONE else candidate_model(p, c)
             errors = unseen.after if c is f.best and named != NONE else unseen_error(p, model, fold)[0]
             heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
-        ranked.append(Ranked(named, probability, c.log_evidence, heldout, _sizes(p, c)))
+        ranked.append(Ranked(named, probability, c.log_evidence, heldout, values(sizes(p, c))))
     d = f.decision
     return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals)
 
 
-def _sizes(p: Prepared, c: Candidate) -> dict[str, Value]:
-    """Fitted parameters of the named effects with standard deviations."""
-    parameters = p.problem.parameters
-    if c.unknown or not c.named:
-        return {}
-    reduced = c.fit.linear.reduced(c.cell.size, c.cell.form)
-    _, covariance = reduced.posterior(parameters.variance(c.named, c.cell.spike))
-    sd = np.sqrt(np.diag(covariance)) * parameters.scale
-    rows = np.flatnonzero(parameters.of_effect)
-    return {
-        parameters.names[i]: Value(float(c.fit.theta[i]), float(sd[j]), parameters.units[i])
-        for j, i in enumerate(rows)
-        if parameters.effects[i] in c.named
-    }
-
-
-def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
+def detail(f: Found, unseen: Unseen | None, holdout: Holdout | None) -> dict[str, Any]:
     """What the figures show beyond the contract. Tips in m, base frame; states are those with a tip."""
     p = f.prepared
     of_robot = p.states.take(~p.states.pushed)
@@ -135,6 +123,9 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
         "masking": _masking(p, slope),
         "floor": {"channel": dict(p.floor.channel), "pressure": p.floor.pressure, "trial": dict(p.floor.trial)},
         "bench": f.tempering.bench,
+        "sizes": [asdict(size) | {"impossible": size.impossible} for size in sizes(p, f.best)],
+        "apart": _apart(f),
+        "shapes": worst(p, f.calibrated.theta, f.best.fit.theta),
         "states": {
             "trial": of_robot.trial.tolist(),
             "spine_length": of_robot.spine_length.tolist(),
@@ -155,14 +146,16 @@ def detail(f: Found, unseen: Unseen | None) -> dict[str, Any]:
         if unseen is not None:
             pairs = (("unseen: calibrated", unseen.stand_before), ("unseen: explained", unseen.stand_after))
             made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}
+    if holdout is not None:
+        made["holdout"] = asdict(holdout) | {"statement": holdout.statement}
     return made
 
 
 def _stiffness(p: Prepared, held: Stand, predicted: Mapping[str, Array]) -> dict[str, Any]:
     """Force, deflection and what each model gives for it, by reading; N and m."""
     own = p.states.pushed
-    forces = {name: held.stiffness * p.deflection(values) for name, values in predicted.items()}
-    missed = {name: _rms_of(p.deflection(p.problem.observed - values)) for name, values in predicted.items()}
+    forces = {name: held.stiffness * p.deflection(y) for name, y in predicted.items()}
+    missed = {name: _rms_of(p.deflection(p.problem.observed - y)) for name, y in predicted.items()}
     return {
         "waterfall_mm": missed,
         "floor_mm": held.reading * MM,
@@ -173,13 +166,22 @@ def _stiffness(p: Prepared, held: Stand, predicted: Mapping[str, Array]) -> dict
         "deflection": p.states.deflection[own].tolist(),
         "stiffness": held.stiffness[own].tolist(),
         "force": (held.stiffness * p.deflection(p.problem.observed))[own].tolist(),
-        **{name: values[own].tolist() for name, values in forces.items() if name != "as given"},
+        **{name: force[own].tolist() for name, force in forces.items() if name != "as given"},
     }
 
 
 def _rms_of(error: Array) -> float:
     """mm."""
     return float(np.sqrt(np.nanmean(error**2))) * MM
+
+
+def _apart(f: Found) -> dict[str, Any]:
+    """Separations at the honest floor; effects of most weight first, with that weight."""
+    weight = {e: f.posterior.of_effect(e) for e in f.apart.effects}
+    order = sorted(range(len(f.apart.effects)), key=lambda i: -weight[f.apart.effects[i]])
+    effects = [f.apart.effects[i] for i in order]
+    separation = f.apart.separation[np.ix_(order, order)].tolist()
+    return {"effects": effects, "weight": [weight[e] for e in effects], "separation": separation, "tied_below": TIED}
 
 
 def _rms(p: Prepared, missed: Array) -> float:

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .apart import Apart, apart
-from .case import PRESSURE_GAP, States
+from .case import enough
 from .evidence import NONE, Hypothesis
 from .fit import Fit, fit
-from .posterior import UNKNOWN, Posterior, posterior, prior
+from .posterior import Posterior, beside_unknown, posterior, prior
 from .prepare import Prepared
 from .search import Candidate, Search
 from .tempering import Tempering, tempering
-from .trend import log_odds, trend
+from .trend import trend
 from .unknown import Signs, signs
 from .verdict import Decision, decide
 
@@ -66,19 +66,15 @@ def attribute(p: Prepared) -> Found:
     own = tempering(bool((p.labels.kind == 1).any()), bool((p.states.branch < 0).any()))
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
-    trended = trend(p, found[NONE].fit.slope)
-    weighed = posterior(candidates, unknown, effects, own.temperature, log_odds(trended))
-    best = search.whole(found[next(h for h, _ in weighed.ranking if h != UNKNOWN)])
+    known = posterior(candidates, effects, own.temperature)
+    best = search.whole(found[known.ranking[0][0]])
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)
-    decision = decide(weighed, own, sign.outlier_trial is not None, _enough(p.states))
+    trended = trend(p, found[NONE].fit.slope)
+    weighed = beside_unknown(known, unknown, own.outside(sign, trended))
+    decision = decide(weighed, own, enough(p.states))
     return Found(
         p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, _apart(p, found, weighed, best), own
     )
-
-
-def _enough(s: States) -> bool:
-    """Whether a cause may be named at all: the robot is bent, at two pressures, and states were repeated."""
-    return s.repeats >= 2 and bool(s.highest.max() > PRESSURE_GAP) and len(np.unique(np.round(s.highest / 5e3))) > 1
 
 
 def _calibrated(p: Prepared) -> Fit:

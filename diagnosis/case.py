@@ -18,7 +18,6 @@ from recordings.trials import Table, TrialRow
 
 from . import pushes
 from .errors import BadCase
-from .levels import PRESSURE_GAP as PRESSURE_GAP
 from .levels import SPINE_GAP, VACUUM_GAP, levels, pressure_gap
 
 Array = NDArray[np.float64]

@@ -7,19 +7,23 @@ outside the catalogue. What both campaigns have in common, the smooth discrepanc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects.catalogue import CATALOGUE
+from model.effects.spec import EffectSpec
+
 from .case import CaseLike, States, states
 from .errors import TooLittle
-from .posterior import UNKNOWN, posterior, prior
+from .posterior import UNKNOWN, beside_unknown, posterior, prior
 from .prepare import Prepared, prepare
 from .problem import Parameters, Problem
 from .search import Search
 from .tempering import tempering
+from .unknown import signs
 
 Array = NDArray[np.float64]
 
@@ -37,21 +41,27 @@ class Change:
     """Fitted change of the parameters of the leading hypothesis, in their units."""
 
 
-def compare_campaigns(later: CaseLike, reference: CaseLike) -> Change:
+def compare_campaigns(later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Change:
     """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:
         raise TooLittle(
             f"reference was measured on robot {reference.robot.name!r}, this campaign on {later.robot.name!r} or with another "
             "robot.yaml: give both the same one"
         )
-    before, after = (prepare(later.robot, s) for s in _alike(states(reference)[0], states(later)[0]))
+    both = _alike(states(reference)[0], states(later)[0])
+    before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
     search = Search(_joined(before, after))
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
     own = tempering(bool((after.labels.kind == 1).any()), bool((after.states.branch < 0).any()))
     leading = candidates[:6]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
-    found = posterior(candidates, unknown, effects, own.temperature)
+    known = posterior(candidates, effects, own.temperature)
+    first = search.whole(known.candidates[known.ranking[0][0]])
+    trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
+    kinds = [x.labels.experiment for x in (before, after)]
+    sign = signs(search.problem, first, np.concatenate(trials), np.concatenate(kinds))
+    found = beside_unknown(known, unknown, own.outside(sign, 1.0))
     named, p = found.ranking[0]
     best = found.candidates[named]
     parameters = search.problem.parameters
@@ -144,11 +154,12 @@ class _Both:
 def _joined(before: Prepared, after: Prepared) -> Problem:
     forward = _Both(before, after)
     first, second = before.problem, after.problem
+    wide = max(x.noise.shared.shape[1] for x in (first, second))
     noise = replace(
         first.noise,
         state=np.concatenate([first.noise.state, second.noise.state + first.noise.state.max() + 1]),
         sd=np.concatenate([first.noise.sd, second.noise.sd]),
-        shared=np.concatenate([first.noise.shared, second.noise.shared]),
+        shared=np.concatenate([_wide(x.noise.shared, wide) for x in (first, second)]),
     )
     n, m = first.discrepancy.shape[1], second.discrepancy.shape[1]
     smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
@@ -158,3 +169,8 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     own[len(first.observed) :] = second.alike
     measured = np.concatenate([first.observed, second.observed])
     return Problem(forward, forward.parameters, measured, noise, smooth, own)
+
+
+def _wide(columns: Array, wide: int) -> Array:
+    """Columns (n, r) with empty ones behind (n, wide)."""
+    return np.pad(columns, ((0, 0), (0, wide - columns.shape[1])))

@@ -8,44 +8,51 @@ answer.statement, answer.attribute.verdict, answer.to_json()
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from model.effects.catalogue import CATALOGUE
+from model.effects.spec import EffectSpec
 
 from . import assemble, next_experiment
 from .attribute import Found, attribute
-from .case import CaseLike, enough, states
+from .case import CaseLike, states
+from .holdout import hold_out, unmet
 from .prepare import prepare
 from .quantify import shrink
 from .result import Diagnosis, Locate, Proposal, Shrink
-from .verdict import beside, decide, statement
+from .verdict import beside, statement
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is computed beyond the attribution and the place of the gap."""
+    """What is weighed, and what is computed beyond the attribution and the place of the gap."""
 
     quantify: bool = True
     """Held-out errors."""
     experiments: bool = True
     """What to do next."""
+    catalogue: Mapping[str, EffectSpec] = field(default_factory=lambda: CATALOGUE)
+    """The effects that are weighed."""
+    holdout: CaseLike | None = None
+    """A campaign that the fit never sees, on which the answer is tried."""
 
 
 def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
-    """Diagnose a case; raises `DiagnosisError` when the table cannot be used at all."""
+    """Diagnose a case; raises `DiagnosisError` when the table, or the campaign held out, cannot be used at all."""
     wanted = options or Options()
     own, concerns = states(case)
-    prepared = prepare(case.robot, own)
+    other = unmet(case, wanted.holdout) if wanted.holdout is not None else None
+    prepared = prepare(case.robot, own, catalogue=wanted.catalogue)
     found = attribute(prepared)
-    decided = decide(found.posterior, found.tempering, found.signs.outlier_trial is not None, enough(own))
-    found = replace(found, decision=decided)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
     proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
-    where = assemble.where(found, {e: spec.stage for e, spec in CATALOGUE.items()})
-    detail = assemble.detail(found, unseen)
+    tried = hold_out(found, other) if other is not None else None
+    where = assemble.where(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
+    detail = assemble.detail(found, unseen, tried)
+    said = _statement(found, where, shrunk, proposals, detail.get("stiffness"))
     return Diagnosis(
-        statement=_statement(found, where, shrunk, proposals, detail.get("stiffness")),
+        statement=said + (f" {tried.statement}" if tried is not None else ""),
         data=assemble.data(prepared, case.table),
         locate=where,
         attribute=assemble.which(found, unseen),

@@ -2,6 +2,7 @@
 
     DiagnosisError                 anything the diagnosis refuses
     |-- BadCase       (ValueError)     the table cannot be used at all: nothing measured, mixed units, not finite
+    |-- BadHoldout    (ValueError)     the campaign held out cannot be used, or the fit saw it
     `-- TooLittle     (ValueError)     the table is sound but does not hold what this question needs
 
 Each message says what is there, what would be needed and what to do next.
@@ -16,6 +17,10 @@ class DiagnosisError(Exception):
 
 class BadCase(DiagnosisError, ValueError):
     """The table cannot be used at all."""
+
+
+class BadHoldout(DiagnosisError, ValueError):
+    """The campaign held out cannot be used, was measured on another robot, or is among what the fit saw."""
 
 
 class TooLittle(DiagnosisError, ValueError):

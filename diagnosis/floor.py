@@ -40,7 +40,7 @@ class Repeated:
     group: tuple[str, ...]
     """(c,) kind of each channel: channels of a kind share their white noise."""
     pressure_response: Array
-    """(n, c) d(prediction)/d(pressure reading), per Pa."""
+    """(n, c, r) d(prediction)/d(pressure reading) of each regulator, per Pa."""
     trial_response: Mapping[str, Array]
     """Component -> (n, c) d(prediction)/d(what a trial has of its own)."""
     resting: NDArray[np.bool_]
@@ -123,7 +123,7 @@ class _Loss:
         self._member = np.tile(member, k)
         # A contrast's weights squared sum to one: the response of its states, averaged.
         self._resting = np.repeat(contrast**2 @ data.resting, c)
-        self._pressure = (contrast**2 @ data.pressure_response).ravel()
+        self._pressure = np.einsum("kn,ncr->kcr", contrast**2, data.pressure_response).reshape(k * c, -1)
         own = data.trial[:, None] == np.unique(data.trial)[None, :]
         self._trial = [
             np.einsum("kn,nc,nt->kct", contrast, data.trial_response[name], own, optimize=True).reshape(k * c, -1)

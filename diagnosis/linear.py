@@ -38,6 +38,10 @@ class Linear:
     """Sum of the logarithms of the noise's standard deviations (half its log determinant)."""
     form: Array
     """(n, f) F, for laws that are wrong by all of what they do; no columns where nothing is named."""
+    spill: float = 0.0
+    """Size of the discrepancy that such a law makes besides, in units of D."""
+    gram: Array | None = None
+    """(m, m) D^T D where it is known."""
 
     def __post_init__(self) -> None:
         n = len(self.observed)
@@ -46,17 +50,25 @@ class Linear:
             if value.ndim != 2 or len(value) != n:
                 raise ValueError(f"{name}: shape {value.shape}, must be ({n}, columns)")
 
+    def discrepancy_size(self, size: float, form: float) -> float:
+        """Size of the discrepancy with what laws that are wrong by a share `form` add to it."""
+        return float(np.hypot(size, form * self.spill))
+
     def reductions(self, sizes: Array, forms: Array) -> list[list[Reduced]]:
         """The problem in theta alone, for each size (s,) of the discrepancy and (f,) of the laws' errors."""
-        blocks = [self.nuisance, self.discrepancy, self.form]
-        wide = [b.shape[1] for b in blocks]
-        other = np.hstack(blocks)
+        wide = [b.shape[1] for b in (self.discrepancy, self.nuisance, self.form)]
+        rest, m = np.hstack([self.nuisance, self.form]), wide[0]
         known = np.column_stack([self.effects, self.observed])
         own = known.T @ known
-        across, within = other.T @ known, other.T @ other
+        across = np.vstack([self.discrepancy.T @ known, rest.T @ known])
+        within = np.empty((sum(wide), sum(wide)))
+        within[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
+        within[m:, :m] = rest.T @ self.discrepancy
+        within[:m, m:] = within[m:, :m].T
+        within[m:, m:] = rest.T @ rest
 
         def at(size: float, form: float) -> Reduced:
-            scale = np.repeat([1.0, size, form], wide)
+            scale = np.repeat([self.discrepancy_size(size, form), 1.0, form], wide)
             kept = np.flatnonzero(scale)
             gram = scale[kept, None] * within[np.ix_(kept, kept)] * scale[kept]
             return self._reduced(own, scale[kept, None] * across[kept], gram)

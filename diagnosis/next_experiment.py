@@ -93,7 +93,9 @@ def _covariance(problem: Problem, c: Candidate) -> Array:
     own = p.of_effect
     ours = np.empty((len(linear.observed), len(scale)))
     ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance
-    every = np.hstack([ours, c.cell.form * linear.form, c.cell.size * linear.discrepancy])
+    every = np.hstack(
+        [ours, c.cell.form * linear.form, linear.discrepancy_size(c.cell.size, c.cell.form) * linear.discrepancy]
+    )
     inverse = np.linalg.inv(np.eye(every.shape[1]) + every.T @ every)[: len(scale), : len(scale)]
     out: Array = scale[:, None] * inverse * scale[None, :]
     return out
@@ -106,9 +108,7 @@ def _predictions(
     measured = tuple(name for name in ("x", "y", "z", "qw", "qx", "qy", "qz") if name in _channels(p))
     table = columns(e, len(p.robot.chambers.azimuths_deg), measured)
     try:
-        forward = ForwardModel(
-            p.robot, design_from_columns(p.robot, table), area_factor=float(p.forward.area_factor[0])
-        )
+        forward = p.forward.on(design_from_columns(p.robot, table))
     except ModelError:
         return None
     names = {info.name: i for i, info in enumerate(forward.parameters)}

@@ -1,15 +1,18 @@
-"""The noise of the measured values: each channel's own, and what one wrong reading of the pressure does to a whole state.
+"""The noise of the measured values: each channel's own, and what wrong readings of the pressures do to a whole state.
 
-One state is read at one pressure reading, so its channels err together by s = d(prediction)/d(pressure) * sd(pressure).
-Its covariance is diag(sd^2) + s s^T, whose inverse square root is known in closed form.
+Chambers of one regulator are read wrongly together, and so are all channels of a state: with the columns
+s_g = d(prediction)/d(pressure of regulator g) * sd(pressure) its covariance is diag(sd^2) + sum_g s_g s_g^T, whose inverse
+square root needs no more than an eigenvalue problem as small as the regulators are many.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import bsr_array, csr_array, diags_array, eye_array
 
 Array = NDArray[np.float64]
 
@@ -23,39 +26,47 @@ class Noise:
     sd: Array
     """(n,) each value's own standard deviation."""
     shared: Array
-    """(n,) response of each value to one standard deviation of its state's pressure reading."""
+    """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
 
-    @property
-    def _ratio(self) -> tuple[Array, Array]:
-        """s / sd of each value, and its squared norm in each state."""
-        ratio = self.shared / self.sd
-        return ratio, np.bincount(self.state, ratio**2).astype(np.float64)
+    @cached_property
+    def _norm(self) -> tuple[csr_array, Array, Array]:
+        """s / sd (n, states r), and eigenvalues (states, r) and vectors (states, r, r) of each state's s^T s / sd^2."""
+        n, r = self.shared.shape
+        states = int(self.state.max(initial=-1)) + 1
+        ratio = self.shared / self.sd[:, None]
+        place = self.state[:, None] * r + np.arange(r)
+        spread = csr_array((ratio.ravel(), place.ravel(), np.arange(0, n * r + 1, r)), shape=(n, states * r))
+        squares = np.zeros((states, r, r))
+        np.add.at(squares, self.state, ratio[:, :, None] * ratio[:, None, :])
+        value, vector = np.linalg.eigh(squares)
+        return spread, np.maximum(value, 0.0), vector
+
+    @cached_property
+    def _white(self) -> csr_array:
+        """(n, n)"""
+        return csr_array(self._power(-0.5) @ diags_array(1 / self.sd))
 
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""
-        ratio, norm = self._ratio
-        share = (1 / np.sqrt(1 + norm) - 1) / np.maximum(norm, 1e-300)
-        return self._stretched((values.T / self.sd).T, ratio, share)
+        return np.asarray(self._white @ values)
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
-        ratio, norm = self._ratio
-        share = (np.sqrt(1 + norm) - 1) / np.maximum(norm, 1e-300)
-        return (self._stretched(white, ratio, share).T * self.sd).T
+        return np.asarray(diags_array(self.sd) @ (self._power(0.5) @ white))
 
-    def _stretched(self, values: Array, ratio: Array, share: Array) -> Array:
-        """Within each state, (I + share ratio ratio^T) values."""
-        columns = values.reshape(len(values), -1)
-        order = np.argsort(self.state, kind="stable")
-        first = np.flatnonzero(np.diff(self.state[order], prepend=-1))
-        summed = np.zeros((len(share), columns.shape[1]))
-        summed[self.state[order][first]] = np.add.reduceat((ratio[:, None] * columns)[order], first, axis=0)
-        return (columns + (ratio * share[self.state])[:, None] * summed[self.state]).reshape(values.shape)
+    def _power(self, power: float) -> csr_array:
+        """(n, n) (I + s s^T / sd^2)^power, state by state."""
+        spread, value, vector = self._norm
+        grown = np.expm1(power * np.log1p(value)) / np.maximum(value, 1e-300)
+        inner = (vector * grown[:, None, :]) @ vector.swapaxes(1, 2)
+        states = len(value)
+        blocks = bsr_array((inner, np.arange(states), np.arange(states + 1)), shape=(spread.shape[1],) * 2)
+        return csr_array(eye_array(len(self.sd)) + spread @ blocks @ spread.T)
 
     @property
     def log_sd(self) -> float:
         """Half the log determinant of the covariance."""
-        return float(np.log(self.sd).sum() + 0.5 * np.log1p(self._ratio[1]).sum())
+        return float(np.log(self.sd).sum() + 0.5 * np.log1p(self._norm[1]).sum())
 
     def take(self, kept: NDArray[np.bool_]) -> Noise:
         """The noise of some of the values."""

@@ -1,8 +1,8 @@
 """From evidence to probabilities: prior over hypotheses, tempered evidence, the 95 % set.
 
-Prior: none, one effect, two, three, or something outside the catalogue have fixed shares; within a share all
-combinations of the catalogue are alike. A pair must therefore pay not only for its free parameters but also for being
-one of several hundred.
+Prior: none, one effect, two or three have fixed shares; within a share all combinations of the catalogue are alike. A
+pair must therefore pay not only for its free parameters but also for being one of several hundred. How probable a cause
+outside the catalogue is follows from its signs (see tempering); the catalogue shares what is left.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
 SHARES = {0: 0.32, 1: 0.46, 2: 0.11, 3: 0.01}
 """Prior share of hypotheses by the number of effects they name."""
-UNKNOWN_SHARE = 0.10
 COVERED = 0.95
 
 
@@ -68,21 +67,23 @@ def prior(named: Hypothesis, effects: int) -> float:
     return SHARES.get(len(named), 0.0) / comb(effects, len(named))
 
 
-def posterior(
-    candidates: Sequence[Candidate], unknown: Candidate | None, effects: int, temperature: float, signs: float = 0.0
-) -> Posterior:
-    """Probabilities; `effects` is how many the catalogue holds, `temperature` divides log evidence (see tempering).
-
-    `signs` are log odds in favour of a cause outside the catalogue that the fits do not see.
-    """
-    entries = [(c.named, c, np.log(prior(c.named, effects))) for c in candidates]
-    if unknown is not None:
-        entries.append((UNKNOWN, unknown, np.log(UNKNOWN_SHARE) + signs))
-    score = np.array([c.log_evidence / temperature + before for _, c, before in entries])
+def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
+    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence (see tempering)."""
+    score = np.array([c.log_evidence / temperature + np.log(prior(c.named, effects)) for c in candidates])
     share = np.exp(score - score.max())
     share /= share.sum()
     order = np.argsort(-share, kind="stable")
     return Posterior(
-        ranking=tuple((entries[i][0], float(share[i])) for i in order),
-        candidates={named: c for named, c, _ in entries},
+        ranking=tuple((candidates[i].named, float(share[i])) for i in order),
+        candidates={c.named: c for c in candidates},
+    )
+
+
+def beside_unknown(known: Posterior, unknown: Candidate, probability: float) -> Posterior:
+    """The same with a cause outside the catalogue of some probability beside it."""
+    ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
+    ranking.append((UNKNOWN, probability))
+    return Posterior(
+        ranking=tuple(sorted(ranking, key=lambda entry: -entry[1])),
+        candidates={**known.candidates, UNKNOWN: unknown},
     )

@@ -37,6 +37,8 @@ USUAL_PRESSURE = 500.0
 STIFFNESS_ONLY = ("force_bias", "arm_compliance", "contact_offset")
 IDLE, IDLE_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
+STEP = 500.0
+"""Pa by which pressures are moved for a derivative."""
 LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
 """m, between which the unit of the discrepancy is kept."""
 
@@ -133,15 +135,15 @@ def prepare(
     robot: Robot,
     states: States,
     area: Literal["one", "per_length"] = "one",
-    catalogue: Mapping[str, EffectSpec] | None = None,
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
 ) -> Prepared:
     """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
     table = table_columns(states)
     design = design_from_columns(robot, table)
-    forward = ForwardModel(robot, design, area, catalogue or seen_by(states))
+    forward = ForwardModel(robot, design, area, seen_by(states, catalogue))
     start = np.zeros(len(forward.parameters))
     predicted, slope = forward.linearise(start)
-    if catalogue is None and states.pushed.all():
+    if states.pushed.all():
         forward = ForwardModel(robot, design, area, _moving(forward, slope))
         start = np.zeros(len(forward.parameters))
         predicted, slope = forward.linearise(start)
@@ -153,15 +155,10 @@ def prepare(
         )
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
-    missed = (observed - predicted)[kept]
-    floor, reading = _floor(states, labels, made, forward.parameters, missed, slope[kept])
+    missed, response = (observed - predicted)[kept], by_pressure(forward, states, made, slope)[kept]
+    floor, reading = _floor(states, labels, forward.parameters, missed, slope[kept], response)
     held = stand(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
-    white, shared = _noise(states, labels, made, floor, slope[kept])
-    if held is not None:
-        own = labels.kind == 3
-        white[own] = held.floor.channel["force"]
-        shared[own] = held.floor.pressure * held.stiffness[labels.state[own]]
-    noise = Noise(labels.state, white, shared)
+    noise = _noise(states, labels, floor, held, response)
     if held is not None and states.pushed.all():
         known = held.reading
     else:
@@ -177,19 +174,26 @@ def prepare(
 def _moving(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
     """The effects that move any value at all: those that the readings cannot bear on are not weighed."""
     moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
-    return {id: spec for id, spec in CATALOGUE.items() if id in moved}
+    return {id: spec for id, spec in forward.catalogue.items() if id in moved}
 
 
-def _noise(states: States, labels: Labels, made: Parameters, floor: Components, slope: Array) -> tuple[Array, Array]:
-    """White noise (n,) of the values, and what one sd of the pressure reading does to them (n,); forces left to the stand."""
+def _noise(states: States, labels: Labels, floor: Components, held: Stand | None, response: Array) -> Noise:
+    """Of the robot's values, with their response (n, r) to the pressures' readings, and of the forces at the stand."""
     usual = np.array([floor.channel.get(k, 1.0) for k in KINDS])
     white = usual[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
-    return white, floor.pressure * _by_pressure(states, labels, made, slope)
+    shared = floor.pressure * response
+    if held is not None:
+        own = labels.kind == 3
+        white[own] = held.floor.channel["force"]
+        # No pressure is read there: the deflection's error, the state's own as well, takes the first column.
+        shared[own] = 0.0
+        shared[own, 0] = held.floor.pressure * held.stiffness[labels.state[own]]
+    return Noise(labels.state, white, shared)
 
 
-def seen_by(states: States) -> Mapping[str, EffectSpec]:
-    """The catalogue without the effects of stiffness trials, which states of the robot cannot show."""
-    return {id: spec for id, spec in CATALOGUE.items() if states.pushed.any() or id not in STIFFNESS_ONLY}
+def seen_by(states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+    """A catalogue without the effects of stiffness trials, which states of the robot cannot show."""
+    return {id: spec for id, spec in catalogue.items() if states.pushed.any() or id not in STIFFNESS_ONLY}
 
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
@@ -242,7 +246,7 @@ def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> L
 
 
 def _floor(
-    states: States, labels: Labels, made: Parameters, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array
+    states: States, labels: Labels, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array, response: Array
 ) -> tuple[Components, float]:
     """Components of the noise of the robot's states, and the rms of a single tip reading (m)."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
@@ -253,7 +257,7 @@ def _floor(
     column = np.array([names.index(c) for c in labels.channel[of_robot]])
 
     def grid(values: Array) -> Array:
-        out = np.full((len(states), len(names)), np.nan)
+        out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
         out[labels.state[of_robot], column] = values[of_robot]
         return out
 
@@ -269,7 +273,7 @@ def _floor(
         states.condition[whole],
         states.trial[whole],
         kinds,
-        grid(_by_pressure(states, labels, made, slope))[whole],
+        grid(response)[whole],
         {source: grid(values)[whole] for source, values in by_trial.items()},
         resting(states)[whole],
     )
@@ -283,12 +287,31 @@ def resting(states: States) -> NDArray[np.bool_]:
     return np.array([r.hold is None or r.hold > 0 for r in states.rows])
 
 
-def _by_pressure(states: States, labels: Labels, made: Parameters, slope: Array) -> Array:
-    """d(value)/d(pressure reading), per Pa: none where all chambers are vented."""
+def by_pressure(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
+    """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
+    row, pressure = forward.observations.row, vented(states)
+    together = regulators(pressure)
     if "pressure_offset.offset" not in made.names:
-        return np.zeros(len(slope))
-    open_ = states.highest[labels.state] < states.pressure_gap
-    return np.where(open_, 0.0, slope[:, made.names.index("pressure_offset.offset")])
+        return np.zeros((len(slope), len(together)))
+    inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
+    alone = inflated.sum(axis=1) == 1
+    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index("pressure_offset.offset")]]
+    several = (~alone & inflated.any(axis=1))[row]
+    if several.any():
+        for r, own in enumerate(together):
+            change = np.zeros(pressure.shape)
+            change[:, own] = STEP * inflated[:, [r]]
+            out[several, r] = forward.respond(change)[several] / STEP
+    return np.asarray(np.nan_to_num(out))
+
+
+def regulators(pressure: Array) -> list[Ints]:
+    """Chambers (indices) that are inflated together wherever they are (n, chambers) Pa: taken as fed by one regulator."""
+    pattern = np.unique(pressure > 0, axis=0).T
+    _, member = np.unique(pattern, axis=0, return_inverse=True)
+    groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
+    found = [own for own in groups if pattern[own[0]].any()]
+    return found or [np.arange(pressure.shape[1])]
 
 
 def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components, held: Stand | None) -> Parameters:

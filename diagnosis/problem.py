@@ -119,6 +119,10 @@ class Problem:
         """(n, m)."""
         return self.noise.whiten(self.discrepancy)
 
+    @cached_property
+    def _gram(self) -> Array:
+        return np.asarray(self.whitened_discrepancy.T @ self.whitened_discrepancy)
+
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """As the forward model's; a state next to its point of snapping has no derivative and is left where it is."""
         predicted, slope = self.forward.linearise(theta, columns)
@@ -136,20 +140,28 @@ class Problem:
         shift = scaled @ ((theta - p.mean) / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
         none = np.zeros((len(observed), 0))
-        return Linear(observed, scaled[:, own], scaled[:, ~own], self.whitened_discrepancy, self.noise.log_sd, none)
+        return Linear(
+            observed,
+            scaled[:, own],
+            scaled[:, ~own],
+            self.whitened_discrepancy,
+            self.noise.log_sd,
+            none,
+            gram=self._gram,
+        )
 
     def loosened(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
         """The linear problem with columns for what each named effect's law may get wrong, smoothly over the states; a
         coefficient of 1 is all of what the effect does at theta."""
-        columns = []
+        columns, spill = [], 0.0
         for effect in named:
             without = theta.copy()
             without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
                 columns.append(self.noise.whiten(done[:, None] * self.alike))
-                columns.append(AFTER * self.noise.whiten(self.discrepancy * self._typical(done)))
-        return replace(linear, form=np.hstack(columns)) if columns else linear
+                spill = float(np.hypot(spill, AFTER * self._typical(done)))
+        return replace(linear, form=np.hstack(columns), spill=spill) if columns else linear
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""

@@ -72,25 +72,27 @@ def unseen_error(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:
     return gap, np.abs(p.deflection(missed))
 
 
-def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen]:
-    """Before and after for the named hypothesis."""
+def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen] | tuple[None, None]:
+    """Before and after for the named hypothesis; nothing where there is but one part, of which none can be left out."""
     fold, how = folds(p)
+    if len(np.unique(fold)) < 2:
+        return None, None
     before, stand_before = unseen_error(p, baseline_model(p, calibrated), fold)
     after, stand_after = unseen_error(p, candidate_model(p, best), fold)
     seen = np.isfinite(before) & np.isfinite(after)
-    share, interval = _closed(before[seen], after[seen], p.reading, p.states.trial[seen])
+    share, interval = closed(before[seen], after[seen], p.reading, p.states.trial[seen])
     length = levels(p.states.spine_length, SPINE_GAP)
     by_length = tuple(
         LengthShrink(
             float(np.round(p.states.spine_length[own].mean(), 6)),
-            _rms(before[own]) * MM,
-            _rms(after[own]) * MM,
+            rms(before[own]) * MM,
+            rms(after[own]) * MM,
             int(own.sum()),
         )
         for own in (seen & (length == k) for k in np.unique(length))
         if own.any()
     )
-    made = Shrink(how, _rms(before[seen]) * MM, _rms(after[seen]) * MM, p.reading * MM, share, interval, by_length)
+    made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.reading * MM, share, interval, by_length)
     return made, Unseen(before, after, how, stand_before, stand_after)
 
 
@@ -101,14 +103,22 @@ def share_closed(before: float, after: float, floor: float) -> float | None:
     return 1 - (after**2 - floor**2) / (before**2 - floor**2)
 
 
-def _closed(before: Array, after: Array, floor: float, trial: Ints) -> tuple[float | None, tuple[float, float] | None]:
-    share = share_closed(_rms(before), _rms(after), floor)
+def closed(
+    before: Array, after: Array, floor: float, trial: Ints, kind: Ints | None = None
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials.
+
+    Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
+    """
+    share = share_closed(rms(before), rms(after), floor)
     if share is None:
         return None, None
-    names, index = np.unique(trial, return_inverse=True)
+    names, first, index = np.unique(trial, return_index=True, return_inverse=True)
+    if len(names) < 2:
+        return share, None
     count = np.bincount(index).astype(float)
     worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
-    drawn = np.random.default_rng(SEED).integers(0, len(names), (DRAWS, len(names)))
+    drawn = _drawn(np.zeros(len(names), np.int64) if kind is None else kind[first])
     n = count[drawn].sum(axis=1)
     top = better[drawn].sum(axis=1) / n - floor**2
     bottom = worse[drawn].sum(axis=1) / n - floor**2
@@ -119,5 +129,18 @@ def _closed(before: Array, after: Array, floor: float, trial: Ints) -> tuple[flo
     return share, (float(low), float(high))
 
 
-def _rms(values: Array) -> float:
+def _drawn(kind: Ints) -> Ints:
+    """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
+    _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
+    alone = count[kind] < 2
+    rng = np.random.default_rng(SEED)
+    out = np.empty((DRAWS, len(kind)), np.int64)
+    for group in (np.flatnonzero(np.where(alone, -1, kind) == k) for k in (-1, *range(len(count)))):
+        if group.size:
+            out[:, group] = group[rng.integers(0, group.size, (DRAWS, group.size))]
+    return out
+
+
+def rms(values: Array) -> float:
+    """Root mean square; NaN of nothing."""
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

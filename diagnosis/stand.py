@@ -65,7 +65,7 @@ def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed
     own = np.flatnonzero(labels.kind == 3)
     state, trial = labels.state[own], labels.trial[own]
     by_source = {
-        source: slope[np.ix_(own, [i for i, p in enumerate(infos) if p.source == source])].sum(axis=1)
+        source: slope[own][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
         for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name)
     }
     stiff = np.zeros(len(own))
@@ -78,7 +78,7 @@ def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed
         states.condition[state],
         trial,
         ("force",),
-        stiff[:, None],
+        stiff[:, None, None],
         {source: values[:, None] for source, values in by_source.items()},
         np.zeros(len(own), bool),
     )

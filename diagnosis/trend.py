@@ -9,8 +9,6 @@ wrong can pass for a trend.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,11 +16,6 @@ from .levels import SPINE_GAP, levels
 from .prepare import Prepared
 
 Array = NDArray[np.float64]
-
-OF_TIME = 0.2
-"""Share of the causes outside the catalogue that are taken to act over time."""
-CERTAIN = 1e-6
-"""Probabilities are not believed below this."""
 
 
 def trend(p: Prepared, slope: Array) -> float:
@@ -42,16 +35,6 @@ def trend(p: Prepared, slope: Array) -> float:
     reach = len(distribution) // 2
     values = np.arange(-reach, reach + 1)
     return float(distribution[np.abs(values) >= abs(total)].sum())
-
-
-def log_odds(probability: float) -> float:
-    """What a trend adds to the log evidence of a cause outside the catalogue."""
-    return max(math.log(1 - OF_TIME + OF_TIME * _density(probability)), 0.0)
-
-
-def _density(probability: float) -> float:
-    """Density of a p-value where there is a trend: as strong as 1 / p, over p from `CERTAIN` to 1."""
-    return 1 / (max(probability, CERTAIN) * math.log(1 / CERTAIN))
 
 
 def _trials(p: Prepared, slope: Array) -> tuple[Array, Array, Array]:

@@ -1,8 +1,10 @@
 """Signs that no effect of the catalogue explains the data.
 
-Four signs, each a number that grows with doubt: the evidence for a large smooth discrepancy beside the best hypothesis,
-lack of fit against pure error, surprise on kinds of experiment that the fit did not see, and a single trial that the
-others do not predict. What each is worth was found on a bench (see tempering).
+A cause outside the catalogue is absorbed by whatever comes nearest to it, and what is absorbed does not show in the
+residual. It shows in what had to give way: tolerances, other effects and errors of the laws that are further from where
+they may be than their priors allow (strain), a kind of experiment that all others do not predict (transport), a single
+trial that needs a spine of its own, a trend over time, the evidence for a large smooth discrepancy. What each is worth
+was found on a bench (see tempering).
 """
 
 from __future__ import annotations
@@ -15,17 +17,22 @@ from scipy.stats import chi2
 
 from .evidence import KNOWN, LARGE, weigh
 from .linear import Linear
-from .problem import Problem
+from .problem import Parameters, Problem
 from .search import Candidate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 LEAST_DISCREPANCY = 0.1
 """Size of the discrepancy that is always allowed for when values are predicted from others."""
 LARGE_SHARE = 0.1
 """Prior share of a large discrepancy beside a named effect."""
+SEEN = 0.05
+"""Directions in which the data take away less than this share of the prior's variance tell nothing of strain."""
+STRAINED = 4.0
+"""Standard deviations from its prior at which a parameter is named as strained."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +45,16 @@ class Signs:
     """Expected size of the discrepancy, in units of the noise floor."""
     lack_of_fit: float
     """Squared misfit per degree of freedom after the fit, without discrepancy; 1 where the model holds."""
+    strain: float
+    """How much further all that the priors hold lies from them than it should, in standard deviations; about 0 where the
+    model holds."""
+    strained: str
+    """The tolerance, effect or shape that lies furthest from its prior; empty when none lies far."""
     transport: float | None
-    """Squared surprise per value on experiments of another kind; None where all states are of one kind."""
+    """Largest squared surprise per value of a kind of experiment that is predicted from all others; None where all
+    states are of one kind."""
+    odd_spine: float
+    """Standard deviations from its prior of the strangest spine that a single trial needs; 0 without spines."""
     outlier_trial: int | None
     """The trial that fits least with the others, when its surprise has a probability below 0.001 over all trials."""
     outlier_surprise: float
@@ -47,19 +62,20 @@ class Signs:
 
 
 def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
-    """Look for all four around the best hypothesis; `trial`, `kind` (n,) of each measured value."""
-    linear = best.fit.linear
+    """Look for all of them around the best hypothesis; `trial`, `kind` (n,) of each measured value."""
+    linear, p = best.fit.linear, problem.parameters
     large = LARGE.part(best.loose)
-    beside = weigh(linear, large, problem.parameters, [best.named])[0]
+    beside = weigh(linear, large, p, [best.named])[0]
     cells = [np.logaddexp.reduce(w.cells, axis=2) for w in (best.weighed, beside)]
     both = np.concatenate([cells[0], cells[1] + np.log(LARGE_SHARE)], axis=1)
     weight = np.exp(both - both.max())
     sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
-    variance = problem.parameters.variance(best.named, best.cell.spike)
+    variance = p.variance(best.named, best.cell.spike)
     form = best.cell.form
     plain = _Gaussian(linear, variance, 0.0, form)
     within = _Gaussian(linear, variance, max(best.cell.size, LEAST_DISCREPANCY), form)
+    own = _Gaussian(linear, variance, best.cell.size, form)
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
         value, n = within.surprise(trial == t)
@@ -67,18 +83,44 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
         probability.append(float(chi2.sf(value, n)))
     worst = int(np.argmin(probability))
     odd = probability[worst] * len(numbers) < 1e-3
-    other = kind > 0
-    transport = None
-    if other.any() and not other.all():
-        value, n = within.surprise(other)
-        transport = value / n
+    kinds = np.unique(kind)
+    transport = [value / n for value, n in (within.surprise(kind == k) for k in kinds)] if len(kinds) > 1 else []
+    strain, strained, odd_spine = _strain(own, p, best.named)
     return Signs(
         discrepancy_gain=beside.log_evidence - best.log_evidence,
         discrepancy_size=expected,
         lack_of_fit=plain.misfit_per_dof(),
-        transport=transport,
+        strain=strain,
+        strained=strained,
+        transport=max(transport) if transport else None,
+        odd_spine=odd_spine,
         outlier_trial=int(numbers[worst]) if odd else None,
         outlier_surprise=float(surprise[worst]),
+    )
+
+
+def _strain(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
+    """Strain of all but the calibration and what trials have of their own, the furthest of it, the oddest trial's."""
+    names = np.array([*np.array(p.names)[p.of_effect], *np.array(p.names)[~p.of_effect]])
+    effects = int(p.of_effect.sum())
+    free = np.zeros(len(names), bool)
+    free[effects:] = np.array(p.calibration or (False,) * len(p.names))[~p.of_effect]
+    by_trial = np.char.find(names, "[trial=") >= 0
+    mask = np.zeros(len(names), bool)
+    mask[:effects] = p.mask(named)
+    nuisance = np.arange(len(names)) >= effects
+    form = np.arange(len(names), len(names) + g.form)
+    groups = [np.flatnonzero(~nuisance & mask), np.flatnonzero(~nuisance & ~mask)]
+    groups += [np.flatnonzero(nuisance & ~free & ~by_trial), form]
+    found = [g.distance(own) for own in groups if own.size]
+    squares, rank = (float(sum(x)) for x in zip(*found, strict=True)) if found else (0.0, 0.0)
+    single = g.single()[: len(names)]
+    held = np.where(free | by_trial, 0.0, single)
+    furthest = int(np.argmax(held))
+    return (
+        (squares - rank) / np.sqrt(2 * max(rank, 1.0)),
+        str(names[furthest]) if held[furthest] > STRAINED else "",
+        float(np.max(single[by_trial], initial=0.0)),
     )
 
 
@@ -86,14 +128,18 @@ class _Gaussian:
     """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
 
     def __init__(self, linear: Linear, variance: Array, size: float, form: float) -> None:
-        blocks = [linear.effects * np.sqrt(variance), linear.nuisance, form * linear.form]
-        if size:
-            blocks.append(size * linear.discrepancy)
+        blocks = [linear.effects * np.sqrt(variance), linear.nuisance]
+        self.form = linear.form.shape[1] if form else 0
+        """How many columns belong to errors of the laws."""
+        if form:
+            blocks.append(form * linear.form)
+        if large := linear.discrepancy_size(size, form):
+            blocks.append(large * linear.discrepancy)
         self._x = np.hstack(blocks)
         self._inverse = np.linalg.inv(np.eye(self._x.shape[1]) + self._x.T @ self._x)
         self._left = linear.observed - self._x @ (self._inverse @ (self._x.T @ linear.observed))
 
-    def surprise(self, own: NDArray[np.bool_]) -> tuple[float, int]:
+    def surprise(self, own: Flags) -> tuple[float, int]:
         """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
         x, left = self._x[own], self._left[own]
         # The block of the inverse covariance is the inverse covariance of the prediction's error.
@@ -104,3 +150,18 @@ class _Gaussian:
         """Squared residual after the fit per remaining degree of freedom."""
         spent = self._x.shape[1] - float(np.trace(self._inverse))
         return float(self._left @ self._left) / max(len(self._left) - spent, 1.0)
+
+    def distance(self, own: Ints) -> tuple[float, int]:
+        """Squared Mahalanobis distance of some coefficients' posterior mean from what their prior leads to expect of it,
+        chi-square with as many degrees of freedom as are returned besides."""
+        mean = self._x[:, own].T @ self._left
+        value, vector = np.linalg.eigh(np.eye(own.size) - self._inverse[np.ix_(own, own)])
+        seen = value > SEEN
+        along = vector[:, seen].T @ mean
+        return float((along**2 / value[seen]).sum()), int(seen.sum())
+
+    def single(self) -> Array:
+        """The same distance (not squared) for each coefficient by itself."""
+        spread = 1 - np.diag(self._inverse)
+        mean = np.abs(self._x.T @ self._left)
+        return np.asarray(np.where(spread > SEEN, mean / np.sqrt(np.maximum(spread, SEEN)), 0.0))

@@ -29,18 +29,14 @@ class Decision:
     probability: float
 
 
-def decide(posterior: Posterior, tempering: Tempering, odd_trial: bool, enough: bool) -> Decision:
-    """Effect, none or unknown.
-
-    With too little data (`enough` false) nothing is named however well it fits; an odd trial that no common cause
-    explains makes the answer unknown unless an effect leads clearly.
-    """
+def decide(posterior: Posterior, tempering: Tempering, enough: bool) -> Decision:
+    """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits."""
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
     if not enough or outside >= tempering.flagged:
         return Decision("unknown", (), outside)
     if named == NONE:
-        return Decision("unknown", (), outside) if odd_trial else Decision("none", (), probability)
+        return Decision("none", (), probability)
     return Decision("effect", named, probability)
 
 

@@ -34,8 +34,8 @@ START_WITHIN = 30.0
 """Host seconds for the guard's process to start and to take the rig over from an earlier one."""
 ANSWER_WITHIN = 40.0
 """Host seconds after which a guard that lives and beats but does not answer is given up."""
-GUARD_SILENT = 2.0
-"""Host seconds without a sign of life after which the guard counts as frozen."""
+BEATS_MISSED = 2.0
+"""The guard counts as frozen after so many times the rig's `safe.heartbeat` without a sign of life."""
 SLICE = 0.05
 HELD_BACK = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 """Signals that a terminal sends to everybody; the guard must not even see them while it starts."""
@@ -62,6 +62,7 @@ class Actuators:
     ) -> None:
         """Raises RigLocked when a person has to see to the rig first, or another program owns it."""
         self._on_sample, self._on_event = on_sample, on_event
+        self._silent = BEATS_MISSED * rig.safe.heartbeat
         self._lock = threading.RLock()
         self._numbers = itertools.count(1)
         self._heard = time.monotonic()
@@ -132,7 +133,7 @@ class Actuators:
                 raise self._lost(what) from e
             now = time.monotonic()
             self.pulse.mark()
-            if number and now - self._heard > GUARD_SILENT:
+            if number and now - self._heard > self._silent:
                 self._give_up(f"no sign of life for {now - self._heard:.1f} s")
             if now > deadline:
                 self._give_up(f"no answer within {within:g} s")
@@ -155,7 +156,7 @@ class Actuators:
     def look(self) -> None:
         """Raises ActuatorsLost when the guard is gone or silent."""
         silent = time.monotonic() - self._heard
-        if not self.lost and silent > GUARD_SILENT:
+        if not self.lost and silent > self._silent:
             self._give_up(f"no sign of life for {silent:.1f} s")
         if self.lost:
             raise self._lost("the experiment")

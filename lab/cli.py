@@ -95,9 +95,10 @@ def _compare(a: argparse.Namespace) -> int:
 
 
 def _diagnose(a: argparse.Namespace) -> int:
-    from .diagnose import Outputs, diagnose
+    from .diagnose import Beside, Outputs, diagnose
 
-    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), a.reference)
+    beside = Beside(a.reference, a.holdout, a.effects)
+    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), beside)
 
 
 def _paper(a: argparse.Namespace) -> int:
@@ -117,7 +118,7 @@ def _effects(a: argparse.Namespace) -> int:
 
     from .effects import run
 
-    return run(a.out, load_robot(a.robot) if a.robot else None, a.file, a.json)
+    return run(a.out, load_robot(a.robot) if a.robot else None, a.effects, a.json)
 
 
 def _demo(a: argparse.Namespace) -> int:
@@ -139,6 +140,9 @@ def parser() -> argparse.ArgumentParser:
         if reads:
             p.add_argument("--json", action="store_true", help="print the result as JSON")
         return p
+
+    def own_effects(p: argparse.ArgumentParser) -> None:
+        p.add_argument("--effects", type=Path, metavar="FILE.py", help="effects of your own (a tuple named EFFECTS)")
 
     p = verb("demo", _demo, "the whole story on fake instruments, ending in an HTML report")
     p.add_argument("--out", type=Path, default=Path("demo"), help="folder for recordings and report")
@@ -224,6 +228,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--report", type=Path, metavar="OUT.html", help="write the page with all figures here")
     p.add_argument("--protocols", type=Path, metavar="FOLDER", help="write the proposed experiments as protocol files")
     p.add_argument("--reference", type=Path, metavar="A", help="an earlier campaign: say what changed since")
+    p.add_argument(
+        "--holdout",
+        type=Path,
+        metavar="B",
+        help="a campaign the fit never sees (case folder or .mcap): try the answer on it",
+    )
+    own_effects(p)
 
     from .blind.options import add_arguments
 
@@ -232,7 +243,7 @@ def parser() -> argparse.ArgumentParser:
     p = verb("effects", _effects, "the catalogue of effects and the signature of each, drawn", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/effects"), help="folder for the picture")
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the paper's robot)")
-    p.add_argument("--file", type=Path, help="Python file with effects of your own (a tuple named EFFECTS)")
+    own_effects(p)
 
     p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/paper"), help="folder for the figures")

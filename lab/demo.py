@@ -88,7 +88,7 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     after = story.step("lab compare: calibrated", lambda: comparison(Case(fit.robot, case.table)))
     out.print(error_sheet(before.table))
     answers = Outputs(json=folder / "diagnosis.json", report=folder / "diagnosis.html", protocols=folder / "next")
-    story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers, None))
+    story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
     page = story.step("Report", lambda: write(folder, case, files, fit, before, after, equal, seal))
     out.print(f"{page}")
     out.print(f"\nThe seal: {seal.text}")

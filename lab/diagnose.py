@@ -10,15 +10,18 @@ import yaml
 from rich.table import Table as Sheet
 
 from diagnosis.compare_campaigns import Change, compare_campaigns
+from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
-from diagnosis.errors import DiagnosisError
-from diagnosis.result import Diagnosis, Ranked
+from diagnosis.errors import BadHoldout, DiagnosisError
+from diagnosis.result import Diagnosis, Proposal, Ranked
 from model.errors import ModelError
+from recordings.errors import RecordingError
 
 from .config import ConfigError
 from .console import out
 from .diagnosis_report import write
-from .inputs import read_case
+from .inputs import Case, read_case
+from .own_effects import catalogue
 
 
 @dataclass(frozen=True)
@@ -31,18 +34,28 @@ class Outputs:
     """Folder for the proposed experiments as protocol files."""
 
 
-def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, reference: Path | None) -> int:
-    """Diagnose recordings or a case folder; with a reference, say what changed since. Raises ConfigError."""
+@dataclass(frozen=True)
+class Beside:
+    """What is read besides the campaign that is diagnosed."""
+
+    reference: Path | None = None
+    """An earlier campaign: what changed since?"""
+    holdout: Path | None = None
+    """A campaign that the fit never sees."""
+    effects: Path | None = None
+    """Python file with effects of one's own."""
+
+
+def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, beside: Beside | None = None) -> int:
+    """Diagnose recordings or a case folder. Raises ConfigError, BadEffect, RecordingError."""
+    besides = beside or Beside()
+    _writable(outputs)
     case = read_case(inputs, robot)
-    try:
-        answer = diagnosed(case)
-        change = compare_campaigns(case, read_case([reference], robot)) if reference is not None else None
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
+    answer, change = _answer(case, robot, besides)
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
-        write_protocols(answer, outputs.protocols)
+        write_protocols(answer.next_experiment, outputs.protocols)
     _show(answer, change)
     if outputs.report is not None:
         write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change)
@@ -50,11 +63,39 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, refer
     return 0
 
 
-def write_protocols(answer: Diagnosis, folder: Path) -> list[Path]:
+def _answer(case: Case, robot: Path | None, beside: Beside) -> tuple[Diagnosis, Change | None]:
+    weighed = catalogue(case.robot, beside.effects)
+    held = _held_out(beside.holdout, robot) if beside.holdout is not None else None
+    try:
+        answer = diagnosed(case, Options(catalogue=weighed, holdout=held))
+        if beside.reference is None:
+            return answer, None
+        return answer, compare_campaigns(case, read_case([beside.reference], robot), weighed)
+    except BadHoldout as e:
+        raise ConfigError(f"--holdout {beside.holdout}: {e}") from e
+    except (DiagnosisError, ModelError) as e:
+        raise ConfigError(str(e)) from e
+
+
+def _held_out(path: Path, robot: Path | None) -> Case:
+    try:
+        return read_case([path], robot)
+    except (ConfigError, RecordingError, OSError) as e:
+        raise ConfigError(f"--holdout {path}: {e}") from e
+
+
+def _writable(outputs: Outputs) -> None:
+    """A folder that is not there is told before minutes are spent, not after."""
+    for path in (outputs.json, outputs.report):
+        if path is not None and (path.is_dir() or not path.parent.is_dir()):
+            raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
+
+
+def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     """One protocol file for each proposed experiment, as `lab run` takes it."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for p in answer.next_experiment:
+    for p in proposals:
         path = folder / f"{p.id}.yaml"
         head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
         path.write_text(head + yaml.safe_dump(dict(p.protocol), sort_keys=False), encoding="utf-8")

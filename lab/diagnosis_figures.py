@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, gap map, loops, posterior, size, masking."""
+"""Figures of a diagnosis: waterfall, gap map, loops, posterior, masking."""
 
 from __future__ import annotations
 
@@ -26,10 +26,14 @@ def waterfall(d: Diagnosis, length: float, path: Path) -> Path:
     floor = steps.pop("noise floor")
     if d.shrink is not None:
         steps |= {"unseen: calibrated": d.shrink.before_mm, "unseen: explained": d.shrink.after_mm}
+    if "holdout" in d.detail:
+        held = d.detail["holdout"]
+        steps |= {"held out: calibrated": held["before_mm"], "held out: explained": held["after_mm"]}
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(7.2, 3.4), layout="constrained")
-        shades = [GREY, GREY, BLUE, GREY, BLUE][: len(steps)]
-        bars = axis.bar(list(steps), list(steps.values()), 0.6, color=shades)
+        shades = [BLUE if "explained" in name or "hypothesis" in name else GREY for name in steps]
+        names = [name.replace(": ", ":\n").replace("best ", "best\n") for name in steps]
+        bars = axis.bar(names, list(steps.values()), 0.6, color=shades)
         labels = [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in steps.values()]
         axis.bar_label(bars, labels, fontsize=8, padding=2)
         axis.axhline(floor, color=RED, lw=1.2, ls="--", label=f"noise floor {floor:.2f} mm")
@@ -47,20 +51,22 @@ def gap_map(d: Diagnosis, path: Path) -> Path:
     missed = {"calibrated": s["tip"] - s["calibrated"], "with the best hypothesis": s["tip"] - s["explained"]}
     main = s["experiment"] == 0
     branches = [(b, name) for b, name in ((1, "load"), (-1, "unload")) if (main & (s["branch"] == b)).any()]
-    lengths, pressures = _levels(s["spine_length"][main], 0.01), _levels(s["pressure"][main], _grain(s["pressure"]))
+    lengths, grain = _levels(s["spine_length"][main], 0.01), _grain(s["pressure"])
+    # Sweeps read on the fly turn at other pressures up than down, so each branch has levels of its own.
+    pressures = {b: _levels(s["pressure"][main & (s["branch"] == b)], grain) for b, _ in branches}
     maps = [
-        (f"{word}, {name}", _mapped(s, gap, main & (s["branch"] == b), lengths, pressures))
+        (f"{word}, {name}", pressures[b], _mapped(s, gap, main & (s["branch"] == b), lengths, pressures[b]))
         for word, gap in missed.items()
         for b, name in branches
     ]
-    top = max(float(np.nanmax(m)) for _, m in maps)
+    top = max(float(np.nanmax(m)) for _, _, m in maps)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(
             2, len(branches), figsize=(4.2 * len(branches) + 1, 5.6), layout="constrained", squeeze=False
         )
-        for axis, (title, values) in zip(axes.ravel(), maps, strict=True):
+        for axis, (title, levels_there, values) in zip(axes.ravel(), maps, strict=True):
             image = axis.imshow(values, origin="lower", aspect="auto", vmin=0, vmax=top, cmap="viridis")
-            axis.set_xticks(range(len(pressures)), [f"{p / 1e3:.0f}" for p in pressures])
+            axis.set_xticks(range(len(levels_there)), [f"{p / 1e3:.0f}" for p in levels_there])
             axis.set_yticks(range(len(lengths)), [f"{x * 100:.0f}" for x in lengths])
             axis.set_title(title, loc="left")
             axis.grid(False)
@@ -115,27 +121,6 @@ def posterior(d: Diagnosis, path: Path) -> Path:
         return save(figure, path)
 
 
-def sizes(d: Diagnosis, path: Path) -> Path | None:
-    """Fitted size of each parameter of the leading hypothesis with its 90 % interval, in standard deviations from zero."""
-    leading = next((r for r in d.attribute.ranking if r.parameters), None)
-    if leading is None:
-        return None
-    with plt.rc_context(STYLE):
-        rows = list(leading.parameters.items())
-        figure, axes = plt.subplots(
-            len(rows), 1, figsize=(6.4, 0.9 * len(rows) + 0.4), layout="constrained", squeeze=False
-        )
-        for axis, (name, v) in zip(axes[:, 0], rows, strict=True):
-            sd = max(v.sd, 1e-12)
-            x = np.linspace(min(v.value - 4 * sd, -sd), max(v.value + 4 * sd, sd), 200)
-            axis.plot(x, np.exp(-0.5 * ((x - v.value) / sd) ** 2), color=BLUE)
-            axis.axvspan(v.value - 1.645 * sd, v.value + 1.645 * sd, color=BLUE, alpha=0.15)
-            axis.axvline(0, color="0.3", lw=0.8)
-            axis.set_yticks([])
-            axis.set_title(f"{name}: {v.value:.3g} ± {v.sd:.2g} {v.unit}", loc="left", fontsize=9)
-        return save(figure, path)
-
-
 def masking(d: Diagnosis, path: Path) -> Path:
     """Share of each effect's tip displacement that a calibration absorbs."""
     one, each = d.detail["masking"]["one"], d.detail["masking"]["per_length"]
@@ -186,4 +171,11 @@ def _curve(axis: Axes, pressure: Array, gap: Array, colour: tuple[float, ...], s
         return
     levels = _levels(pressure, 0.6 * _grain(pressure))
     nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
-    axis.plot(levels / 1e3, [np.nanmean(gap[nearest == i]) for i in range(len(levels))], style, color=colour, lw=1.2)
+    axis.plot(
+        levels / 1e3,
+        [np.nanmean(gap[nearest == i]) for i in range(len(levels))],
+        f".{style}",
+        color=colour,
+        lw=1.2,
+        ms=4,
+    )

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from diagnosis.compare_campaigns import Change
 from diagnosis.result import Diagnosis
 
 from . import diagnosis_figures as draw
+from .diagnosis_attribution import apart as draw_apart
+from .diagnosis_attribution import sizes as draw_sizes
+from .diagnosis_shapes import shapes as draw_shapes
 from .pushes_figure import pushes as draw_pushes
 from .report import Report, Section
+
+LITTLE = 0.05
+"""Bits: an experiment that is expected to tell less is worth its time only as a trial of the answer."""
 
 
 def write(d: Diagnosis, length: float, path: Path, source: str, change: Change | None = None) -> Path:
@@ -26,10 +36,17 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
         if change is not None:
             report.section("What changed since the reference").text(change.statement)
         _how_much(report.section("How large, and how far it shrinks"), d, length, folder)
+        if "holdout" in d.detail:
+            _held_out(report.section("On a campaign the fit never saw"), d.detail["holdout"])
         _where(report.section("Where"), d, folder)
         if "stiffness" in d.detail:
             _pushed(report.section("Stiffness trials"), d, folder)
+        tips = d.locate.of == "tip"
+        if tips:
+            _shapes(report.section("The robot's shape"), d, folder)
         _which(report.section("Which cause"), d, folder)
+        if tips:
+            _told_apart(report.section("Which effects this data can tell apart"), d, folder)
         if d.detail["masking"]:
             _hidden(report.section("What calibration hides"), d, folder)
         _next(report.section("What to do next"), d)
@@ -40,19 +57,39 @@ def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     s.figure(
         draw.waterfall(d, length, folder / "waterfall.png"),
         f"{'Tip error' if d.locate.of == 'tip' else 'Error of the deflections'} step by step; unseen: each predicted without "
-        "its own data",
+        "its own data; held out: a campaign of its own (--holdout)",
     )
     if d.shrink is None:
+        s.text(
+            "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is not known."
+        )
         return
-    closed = "nothing can be closed" if d.shrink.share_closed is None else f"{100 * d.shrink.share_closed:.0f} %"
-    interval = (
-        "" if d.shrink.ci95 is None else f" (95 %: {100 * d.shrink.ci95[0]:.0f} .. {100 * d.shrink.ci95[1]:.0f} %)"
-    )
+    closed = "nothing can be closed" if d.shrink.share_closed is None else f"{_percent(d.shrink.share_closed)} %"
+    ends = d.shrink.ci95
+    interval = "" if ends is None else f" (95 %: {_percent(ends[0])} .. {_percent(ends[1])} %)"
     s.text(f"{d.shrink.how}: share of the reducible gap closed: {closed}{interval}")
     rows = [
         [f"{100 * x.value:.0f} cm", str(x.n), f"{x.before_mm:.2f}", f"{x.after_mm:.2f}"]
         for x in d.shrink.by_spine_length
     ]
+    s.table(("spine", "n", "before, mm", "after, mm"), rows)
+
+
+def _percent(share: float) -> str:
+    return f"{round(100 * share) + 0}"
+
+
+def _held_out(s: Section, found: Mapping[str, Any]) -> None:
+    s.text(found["statement"])
+    s.text(
+        "Both models know the diagnosed campaign alone; re-growing, re-jamming and whatever else differs from trial to trial "
+        "is at its expectation. The interval comes from drawing the trials of this campaign anew, within each spine length."
+    )
+    rows = [
+        [f"{100 * x['value']:.0f} cm", str(x["n"]), f"{x['before_mm']:.2f}", f"{x['after_mm']:.2f}"]
+        for x in found["by_spine_length"]
+    ]
+    rows.append(["all", str(found["states"]), f"{found['before_mm']:.2f}", f"{found['after_mm']:.2f}"])
     s.table(("spine", "n", "before, mm", "after, mm"), rows)
 
 
@@ -66,7 +103,7 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     rows = [
         [
             name,
-            str(c.value),
+            _at(name, c.value),
             str(c.n),
             f"{c.rmse_mm:.2f}",
             f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
@@ -75,7 +112,7 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
         for name, cells in d.locate.by.items()
         for c in cells
     ]
-    s.table(("factor", "value (SI)", "n", "rms, mm", "95 %", "above the floor"), rows)
+    s.table(("factor", "at", "n", "rms, mm", "95 %", "above the floor"), rows)
     if not tips:
         return
     s.text(
@@ -93,11 +130,18 @@ def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     s.table(("model", "deflection missed, mm rms"), [*rows, ["noise floor", f"{found['floor_mm']:.3f}"]])
 
 
+def _at(factor: str, value: float | str) -> str:
+    """A level of a factor as a person reads it."""
+    unit, scale, digits = {
+        "spine_length": ("cm", 100.0, 0), "pressure": ("kPa", 1e-3, 0), "time": ("s", 1.0, 0), "arc_length": ("cm", 100.0, 0),
+    }.get(factor, ("", 1.0, 0))  # fmt: skip
+    return value if isinstance(value, str) else f"{scale * value:.{digits}f} {unit}"
+
+
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(draw.posterior(d, folder / "posterior.png"), f"Probability of each hypothesis ({d.detail['bench']})")
-    size = draw.sizes(d, folder / "sizes.png")
-    if size is not None:
-        s.figure(size, "Size of the leading hypothesis; shaded: 90 %")
+    if d.detail["sizes"]:
+        _sizes(s, d.detail["sizes"], folder)
     for group in d.attribute.cannot_tell_apart:
         s.text(f"This data cannot tell apart: {', '.join(group)}.")
     rows = [
@@ -106,10 +150,87 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
         for r in d.attribute.ranking
     ]  # fmt: skip
     s.table(("hypothesis", "probability", "log evidence", "held out, mm"), rows)
+    stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
+    s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
     signs = d.detail["signs"]
     s.table(
-        ("sign of something outside the catalogue", "value"), [[k.replace("_", " "), f"{v}"] for k, v in signs.items()]
+        ("sign of something outside the catalogue", "value"),
+        [[k.replace("_", " "), _sign(v)] for k, v in signs.items()],
     )
+
+
+def _sign(value: float | None) -> str:
+    return "none" if value is None else f"{value:.3g}"
+
+
+def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
+    s.figure(
+        draw_sizes(sizes, folder / "sizes.png"),
+        "Size of the leading hypothesis: normal posterior of the problem linearised at the fit (dashed), cut at the physical "
+        "bounds (red). Left: within all that is possible; right: close up, 90 % shaded",
+    )
+    rows = [
+        [x["name"], x["unit"], f"{x['fitted']:.3g}", f"{x['sd']:.2g}", f"{x['low90']:.3g} .. {x['high90']:.3g}",
+         f"{_bound(x['low'])} .. {_bound(x['high'])}"]
+        for x in sizes
+    ]  # fmt: skip
+    s.table(("size", "unit", "fitted", "sd", "90 %", "physically possible"), rows)
+    for x in sizes:
+        if x["impossible"]:
+            s.text(
+                f"The data ask for {x['name']} = {x['mean']:.3g} {x['unit']}, beyond what is physically possible: "
+                "this speaks against the effect itself."
+            )
+
+
+def _bound(value: float | None) -> str:
+    return "unbounded" if value is None else f"{value:g}"
+
+
+def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
+    states = d.detail["shapes"]
+    if not states:
+        s.text("The model has no equilibrium in the measured states, so there is no shape to show.")
+        return
+    s.figure(
+        draw_shapes(states, folder / "shapes.png"),
+        "The state that is missed most at a spine length, at most four; equal axes, mm, base frame",
+    )
+    rows = [
+        [f"{100 * x['spine_length']:.0f} cm", f"{x['pressure'] / 1e3:.0f}", x["branch"], str(x["trial"]),
+         _point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")]
+        for x in states
+    ]  # fmt: skip
+    head = ("spine", "kPa", "branch", "trial", "measured tip, mm", "baseline off by, mm", "best hypothesis off by, mm")
+    s.table(head, rows)
+
+
+def _point(metres: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{round(1e3 * x, 1) + 0.0:.1f}" for x in metres) + ")"
+
+
+def _miss(state: Mapping[str, Any], model: str) -> str:
+    missed = np.subtract(state["measured_tip"], state[model]["tip"])
+    return f"{1e3 * float(np.linalg.norm(missed)):.2f} {_point(missed)}"
+
+
+def _told_apart(s: Section, d: Diagnosis, folder: Path) -> None:
+    found = d.detail["apart"]
+    effects, tied = found["effects"], found["tied_below"]
+    s.figure(
+        draw_apart(found, folder / "apart.png"),
+        f"T: chi-square lost when the column's effect stands for the row's, at the honest noise floor. Below {tied:g} (red "
+        "frames) they are tied; effects that carry weight come first, in bold. Sizes: as fitted where an effect carries "
+        "weight, else its plausible scale",
+    )
+    rows = []
+    for i, (effect, weight) in enumerate(zip(effects, found["weight"], strict=True)):
+        others = sorted((t, effects[j]) for j, t in enumerate(found["separation"][i]) if j != i)
+        seen = found["separation"][i][i] >= tied
+        alike = ", ".join(e for t, e in others if t < tied) if seen else "would not be seen at all"
+        nearest = f"{others[0][1]} ({others[0][0]:.1f})" if others else ""
+        rows.append([effect, f"{weight:.3f}", f"{found['separation'][i][i]:.1f}", nearest, alike])
+    s.table(("effect", "probability", "T against none", "nearest rival (T)", "tied with"), rows)
 
 
 def _hidden(s: Section, d: Diagnosis, folder: Path) -> None:
@@ -122,6 +243,10 @@ def _next(s: Section, d: Diagnosis) -> None:
     if not d.next_experiment:
         s.text("No experiment of the rig is expected to tell the remaining candidates apart better.")
         return
+    if d.next_experiment[0].expected_bits < LITTLE:
+        s.text(
+            "The leading hypothesis stands so far ahead that no experiment is expected to add much; any of these can try it."
+        )
     rows = [
         [p.do, f"{p.expected_bits:.2f}", f"{p.cost_min:.0f}", "; ".join(" | ".join(x) for x in p.separates[:3])]
         for p in d.next_experiment

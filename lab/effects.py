@@ -22,15 +22,13 @@ from model.effects import (
     ForwardModel,
     Parameter,
     design_from_columns,
-    effects_from_file,
-    installed_effects,
-    with_effects,
 )
 from model.effects.spec import STAGES
 from model.robot import Robot, load_robot
 
 from .console import out as screen
 from .example import paper_robot
+from .own_effects import catalogue
 
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.generic]]
@@ -85,10 +83,7 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json
     Raises `BadEffect` when that file declares effects wrongly.
     """
     shown = robot if robot is not None else load_robot(paper_robot())
-    catalogue = with_effects(installed_effects())
-    if more is not None:
-        catalogue = with_effects(effects_from_file(more), catalogue)
-    found = signatures(shown, catalogue)
+    found = signatures(shown, catalogue(shown, more))
     out.mkdir(parents=True, exist_ok=True)
     from .effects_figure import draw
 
@@ -101,16 +96,16 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json
     return 0
 
 
-def signatures(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> list[Signature]:
+def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> list[Signature]:
     """The signature of every effect, on the first kind of experiment that shows it."""
     spines = robot.length * np.array([0.0, 0.375, 0.75]) if robot.spine is not None else np.zeros(1)
     tried = [(how, _columns(robot, spines, how)) for how in ("settled", "on the fly", "stiffness")]
     models = [
-        (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", catalogue))
+        (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", effects))
         for how, columns in tried
         if how != "stiffness" or robot.spine is not None
     ]
-    return [_signature(spec, models) for spec in catalogue.values()]
+    return [_signature(spec, models) for spec in effects.values()]
 
 
 def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]) -> Signature:

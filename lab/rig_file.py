@@ -139,7 +139,8 @@ class Safe(Table):
     keep_vacuum: bool = False
     """True keeps the spine jammed."""
     heartbeat: float = Field(1.0, ge=0.2, le=10, json_schema_extra={"unit": "s"})
-    """The guard lands the rig when it has not heard from the program for so long, host time."""
+    """The guard lands the rig when it has not heard from the program for so long, host time; the program gives the guard up
+    after twice that."""
     hang: float = Field(10.0, ge=1, le=600, json_schema_extra={"unit": "s"})
     """And when the experiment itself has not moved on for so long, host time."""
 

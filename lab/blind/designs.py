@@ -40,7 +40,7 @@ DESIGNS = {
         Design("tip", False, False, False, False),
         Design("full", True, True, False, False),
         Design("full+markers", True, True, True, False),
-        Design("full+extras", True, True, True, True),
+        Design("full+extras", True, True, False, True),
     )
 }
 CHANNELS = ("unload", "orientation", "markers")

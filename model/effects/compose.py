@@ -126,11 +126,22 @@ def _loads(q: Quantities, out: Array) -> None:
         out[..., spring + j] = 1.0
         out[..., spring + at.SPRING_STIFFNESS] = q.tether
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
-    out[..., wall] = q.plane_direction[0]
-    out[..., wall + 1] = q.plane_direction[1]
+    c, s = np.cos(q.plane_turn), np.sin(q.plane_turn)
+    out[..., wall] = c * q.plane_direction[0] - s * q.plane_direction[1]
+    out[..., wall + 1] = s * q.plane_direction[0] + c * q.plane_direction[1]
     out[..., wall + at.SPRING_STIFFNESS] = q.plane_stiffness
     out[..., wall + at.SPRING_ORIGIN] = q.plane_distance
     out[..., wall + at.SPRING_SOFTNESS] = CONTACT_WIDTH
+    # Back along the body from the tip, which the chambers stretch and bend: y'' = k + F y / EI, k = M / EI.
+    bent = [out[..., at.TIP_MOMENT + k] / out[..., OUTER + at.BEND + k] for k in range(2)]
+    push = out[..., at.TIP_FORCE + 2]
+    back = q.plane_lever * (1 + push / out[..., OUTER + at.STRETCH + 2])
+    turned = (bent[0] ** 2 + bent[1] ** 2) * back**2
+    x = push / out[..., OUTER + at.BEND] * back**2
+    side = back**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turned / 12)
+    out[..., wall + at.SPRING_ARM] = -side * bent[1]
+    out[..., wall + at.SPRING_ARM + 1] = side * bent[0]
+    out[..., wall + at.SPRING_ARM + 2] = back * (1 - turned / 6)
 
 
 def _boundary(q: Quantities, out: Array) -> None:
@@ -139,6 +150,7 @@ def _boundary(q: Quantities, out: Array) -> None:
     for k in range(2):
         out[..., at.BASE_COMPLIANCE + k] = q.base_compliance
     out[..., at.BASE_RELIEF] = q.base_relief
+    out[..., at.BASE_STIFFENING] = q.base_stiffening
     bottom = np.zeros((1, 1))
     for element in (INNER, OUTER):
         long = out[..., element + at.LENGTH]

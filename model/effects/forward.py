@@ -17,7 +17,7 @@ from model.effects.history import DRIVES, History, add_rest, drive, loading_path
 from model.effects.observation import Noise, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
-from model.effects.readings import readings
+from model.effects.readings import Readings, readings
 from model.effects.solver import Solved, differentiate, integration_steps, solve
 from model.effects.spec import EffectSpec
 from model.effects.spine import ShearSpine, shear_spine
@@ -65,11 +65,15 @@ class ForwardModel:
         area: Literal["one", "per_length"] = "one",
         catalogue: Mapping[str, EffectSpec] = CATALOGUE,
         area_factor: float | None = None,
+        plane_direction: Array | None = None,
     ) -> None:
-        """`area_factor` is what area = 0 means: by default the robot's, its mean over the states with area "one"."""
+        """`area_factor` is what area = 0 means: by default the robot's, its mean over the states with area "one".
+
+        `plane_direction` (2,) is the way sideways to the plane that may be touched: by default where the campaign bends to.
+        """
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
-        self.robot, self.design, self.area = robot, design, area
+        self.robot, self.design, self.area, self.catalogue = robot, design, area, catalogue
         self._full, self._rest_of = with_rest(design)
         self._moved = np.flatnonzero(~design.stiffness)
         self._in_bare = np.flatnonzero(~self._full.stiffness)
@@ -99,7 +103,7 @@ class ForwardModel:
         self._steps = integration_steps(nominal)
         first = self._solved(np.zeros(len(self.parameters)))
         self._start = first.bare.solution
-        side = first.final.result[first.final.ok, :2].sum(axis=0)
+        side = first.final.result[first.final.ok, :2].sum(axis=0) if plane_direction is None else plane_direction
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)
         reference = self._every_row(first.final.result[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
@@ -112,6 +116,11 @@ class ForwardModel:
     def __len__(self) -> int:
         return len(self.observations)
 
+    def on(self, design: Design) -> ForwardModel:
+        """The same model for other states: the catalogue, what area = 0 means and the plane that may be touched stay."""
+        factor = float(self.area_factor[0]) if self.area == "one" else None
+        return ForwardModel(self.robot, design, self.area, self.catalogue, factor, self._baseline.plane_direction)
+
     def index(self, source: str) -> list[int]:
         """Indices of the parameters of an effect, tolerance or calibration by its id."""
         found = self._table.of_effect(source)
@@ -123,6 +132,17 @@ class ForwardModel:
     def predict(self, theta: Array) -> Array:
         """(observations,) at parameters (p,); NaN where a state has no equilibrium."""
         return self._prediction(self._solved(self._checked(theta)))[0]
+
+    def shapes(self, theta: Array, arcs: Array) -> Array:
+        """Backbones (n, k, 3) m at parameters (p,) and arc lengths (k,) m, base frame, as motion capture would read them.
+
+        An arc length beyond the tip gives the tip. NaN where a state has no equilibrium; rows of stiffness trials are 0.
+        """
+        here = self._solved(self._checked(theta))
+        final = here.final
+        along = solve(final.rows, np.asarray(arcs, float), final.steps, final.solution, inside=False)
+        read = self._readings(here.quantities, along.result[None], self._table.at(here.theta))
+        return read.markers[0, : len(self.design)]
 
     def observe(self, columns: Columns, noise: Noise = Noise()) -> tuple[Array, Array]:  # noqa: B008 (frozen)
         """Measured values and standard deviations of a table with the design's rows, in the order of `labels`.
@@ -149,6 +169,20 @@ class ForwardModel:
             own = self._table.of_row[slot][self.observations.row] == k
             jacobian[own, column] = by_slot[slots.index(slot), own]
         return predicted[0], jacobian
+
+    def respond(self, change: Array) -> Array:
+        """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa."""
+        spread = self._table.at(np.zeros(len(self.parameters)))
+        q = self._quantities(spread)
+        before = self._without_memory(q)
+        q.pressure = q.pressure + np.pad(change, ((0, len(self._full) - len(change)), (0, 0)))
+        return np.asarray(self._read(q, self._without_memory(q), spread) - self._read(q, before, spread))[0]
+
+    def _without_memory(self, q: Quantities) -> Array:
+        """(1, moved, columns) equilibria without memory."""
+        built = rows(q, self._shear, 1)[0, self._in_bare]
+        solved = solve(built, self._arcs, self._steps, self._start, inside=False)
+        return solved.take(slice(0, self._moved.size)).result[None]
 
     def _checked(self, theta: Array) -> Array:
         values = np.asarray(theta, float)
@@ -235,11 +269,15 @@ class ForwardModel:
 
     def _read(self, q: Quantities, results: Array, spread: Spread) -> Array:
         """(v, observations) from results (v, moved, columns) of the solver."""
+        return self.observations.of(self._readings(q, results, spread))
+
+    def _readings(self, q: Quantities, results: Array, spread: Spread) -> Readings:
+        """What instruments read of results (v, moved, columns): all laws after the rod."""
         r = readings(q, self._shear, self._every_row(results))
         for i, source in enumerate(self._table.sources):
             if source.spec.law.after is not None:
                 source.spec.law.after(r, self._table.values(i, spread))
-        return self.observations.of(r)
+        return r
 
     def _every_row(self, results: Array) -> Array:
         """(v, full, columns): results of the moved rows in their places, an unbent rod elsewhere."""

@@ -25,7 +25,10 @@ def _frame_misalignment(r: Readings, v: Values) -> None:
 
 
 def _marker_offset(r: Readings, v: Values) -> None:
-    r.tip = r.tip + to_base(r.orientation, _stack(v))
+    """The marker is rolled with the robot it sits on."""
+    c, s = np.cos(r.design.roll), np.sin(r.design.roll)
+    offset = np.stack(np.broadcast_arrays(c * v["x"] - s * v["y"], s * v["x"] + c * v["y"], v["z"]), axis=-1)
+    r.tip = r.tip + to_base(r.orientation, offset)
 
 
 def _force_bias(r: Readings, v: Values) -> None:

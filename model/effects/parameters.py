@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from model.effects.design import Design
 from model.effects.spec import EffectSpec, Sign, Values
-from model.effects.tolerance import Group, Source
+from model.effects.tolerance import Group, Source, mounts
 
 Array = NDArray[np.float64]
 
@@ -140,6 +140,9 @@ def _copies(design: Design, source: Source) -> list[tuple[str, NDArray[np.bool_]
         rounded = np.round(design.spine_length, 4)
         moved = ~design.stiffness
         return [(f"[spine_length={x:g}]", (rounded == x) & moved) for x in np.unique(rounded[moved])]
+    if source.scope == "mount":
+        turned = np.round(np.degrees(design.roll))
+        return [(f"[roll={x:g} deg]", (turned == x) & ~design.stiffness) for x in mounts(design)[1:]]
     has = design.stiffness if source.scope == "push" else design.spine_length > 0
     trials = [k for k in range(len(design.trial_id)) if has[design.trial == k].any()]
     labels = [f"[trial={design.trial_id[k]}]" for k in trials]

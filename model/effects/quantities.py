@@ -56,7 +56,7 @@ class Quantities:
     shear_mix: Array
     """Power, plus one, of the mean that blends the two: 0 compliances in series, 2 stiffnesses side by side."""
     bend_softening: Array
-    """Factor a of hyperelastic D = 1 + a (k r)^2 + b e, k r curvature times outer radius."""
+    """Factor a of hyperelastic D = 1 + g(a (k r)^2) + h(b e), k r curvature times outer radius."""
     strain_softening: Array
     """Factor b of the same."""
     tip_force: Array
@@ -67,12 +67,18 @@ class Quantities:
     """N/m of an obstacle that the tip meets."""
     plane_distance: Array
     """m from the robot's axis to the obstacle."""
+    plane_turn: Array
+    """rad by which the obstacle faces away from there."""
+    plane_lever: Array
+    """m along the body from the tip back to where it meets the obstacle."""
     plane_direction: Array
     """(2,) unit vector in the base frame's x, y towards the obstacle."""
     base_turn: Array
     """(v, n, 3) rad."""
     base_compliance: Array
     """rad/(N m) about x and y."""
+    base_stiffening: Array
+    """1 / rad^2 with which it stiffens."""
     base_relief: Array
     """Share 0..1 of the chambers' moment that the mount does not feel."""
     rest_curvature: Array
@@ -122,10 +128,13 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         tether=each(0.0),
         plane_stiffness=each(0.0),
         plane_distance=each(1.0),
+        plane_turn=each(0.0),
+        plane_lever=each(0.0),
         plane_direction=direction,
         base_turn=np.zeros((1, 1, 3)),
         base_compliance=each(0.0),
         base_relief=each(0.0),
+        base_stiffening=each(0.0),
         rest_curvature=np.zeros((1, 1, 3)),
         rest_growth=each(0.0),
         clamp_root=each(0.0),

@@ -83,8 +83,8 @@ SPECS = (
     EffectSpec(
         id="hyperelastic",
         stage="material",
-        equation="m = EI k D, D = 1 + g(a (k r)^2) + b e, g(x) = x (x / (1 - 2 x) below 0), "
-        "n3 = EA (e + b e^2 / 2) + b EI k^2 / 2; over the silicone's share",
+        equation="m = EI k D, D = 1 + g(a (k r)^2) + h(b e), g(x) = x (x / (1 - 2 x) below 0), h(x) = x (x / (1 - x) below 0), "
+        "n3 = EA e / (1 - b e / 2) + b EI k^2 h'(b e) / 2; over the silicone's share",
         parameters=(
             Parameter("curvature", "1", 20.0, -80.0, 200.0),
             Parameter("strain", "1", 2.0, -6.0, 6.0),

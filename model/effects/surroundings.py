@@ -10,7 +10,7 @@ from model.effects.quantities import Quantities
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 STIFFENED = 0.1
-"""rad, turn of a mount at which stiffening of 3 has halved its compliance."""
+"""rad, turn of a mount at which stiffening of 7 has halved its compliance."""
 PLANE = 0.07
 """m from the axis to the obstacle, before its shape parameter."""
 
@@ -33,6 +33,8 @@ def _tether_load(q: Quantities, v: Values) -> None:
 def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
     q.plane_distance = np.maximum(PLANE + v["distance"], 0.005)
+    q.plane_turn = q.plane_turn + v["turn"]
+    q.plane_lever = q.plane_lever + v["lever"]
 
 
 def _base_tilt(q: Quantities, v: Values) -> None:
@@ -40,12 +42,9 @@ def _base_tilt(q: Quantities, v: Values) -> None:
 
 
 def _base_compliance(q: Quantities, v: Values) -> None:
-    # How far the mount gives under what is known beforehand, the chambers' moment, sets its working point.
-    arm = q.robot.chambers.path_radius * q.area_factor * q.robot.chambers.area * q.pressure
-    moment = np.hypot((np.sin(q.azimuth) * arm).sum(-1), (np.cos(q.azimuth) * arm).sum(-1))
-    turned = v["give"] * (1 - v["relief"]) * moment
-    q.base_compliance = q.base_compliance + v["give"] / np.sqrt(1 + v["stiffening"] * (turned / STIFFENED) ** 2)
+    q.base_compliance = q.base_compliance + v["give"]
     q.base_relief = q.base_relief + v["relief"]
+    q.base_stiffening = q.base_stiffening + v["stiffening"] / STIFFENED**2
     q.clamp_root = q.clamp_root + v["give"]
 
 
@@ -82,10 +81,13 @@ SPECS = (
     EffectSpec(
         id="contact",
         stage="load",
-        equation="F_tip = -k <e . p - (70 mm + d)> e, e the direction the campaign bends to, < > positive part over 2 mm",
+        equation="F = -k <e . p(L - l) - (70 mm + d)> e, l from the tip, e turned by t from where the campaign bends "
+        "to, < > positive part over 2 mm",
         parameters=(
             Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
-            Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.0, 0.03)),
+            Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.03)),
+            Parameter("turn", "rad", 0.15, -1.0, 1.0, role="shape"),
+            Parameter("lever", "m", 0.05, 0.0, 0.25, role="shape", starts=(0.03,)),
         ),
         law=Law(before=_contact),
         citation="one-sided spring (penalty contact)",
@@ -106,12 +108,12 @@ SPECS = (
     EffectSpec(
         id="base_compliance",
         stage="boundary",
-        equation="R(0) = exp((C (m(0) - l m_ch))^), about x and y; l = 1: the chambers' ends pull on the mount alike; "
-        "C = c / sqrt(1 + h (c (1 - l) m_ch / 0.1 rad)^2)",
+        equation="R(0) = exp((v / (1 + h (v / 0.1 rad)^2)^(1/3))^), v = c (m(0) - l m_ch) about x and y; l = 1: the "
+        "chambers' ends pull on the mount alike",
         parameters=(
             Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),
             Parameter("relief", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
-            Parameter("stiffening", "1", 1.0, 0.0, 10.0, role="shape"),
+            Parameter("stiffening", "1", 3.0, 0.0, 40.0, role="shape"),
         ),
         law=Law(before=_base_compliance),
         citation="elastic clamp",

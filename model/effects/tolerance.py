@@ -16,8 +16,8 @@ from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
-Scope = Literal["all", "trial", "spine_length", "push"]
-"""push: each stiffness trial, whatever its specimen; trial: each trial with spine."""
+Scope = Literal["all", "trial", "spine_length", "push", "mount"]
+"""push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll but the most usual."""
 Group = Literal["effect", "calibration", "nuisance"]
 
 
@@ -54,6 +54,11 @@ def _length(q: Quantities, v: Values) -> None:
 def _tilt(q: Quantities, v: Values) -> None:
     x, y = np.broadcast_arrays(v["x"], v["y"])
     q.base_turn = q.base_turn + np.stack([x, y, np.zeros_like(x)], axis=-1)
+
+
+def _mount(q: Quantities, v: Values) -> None:
+    _tilt(q, v)
+    q.azimuth = q.azimuth + v["z"][..., None]
 
 
 def _frame_turn(r: Readings, v: Values) -> None:
@@ -131,21 +136,34 @@ BY_PUSH = (
     ),
 )  # fmt: skip
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
+MOUNT = (
+    Source(_tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE)), "nuisance", "mount"),
+    Source(_tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3)), "nuisance", "mount"),
+)
+"""A robot that is mounted anew, rolled, stands a little differently."""
 JAMMING = Source(
     _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5)), "nuisance"
 )
 
 
+def mounts(design: Design) -> np.ndarray:
+    """Roll (deg) of each mounting, that of most states first."""
+    roll, count = np.unique(np.round(np.degrees(design.roll[~design.stiffness])), return_counts=True)
+    return roll[np.argsort(-count, kind="stable")]
+
+
 def sources(
     design: Design, catalogue: tuple[EffectSpec, ...], area: Literal["one", "per_length"]
 ) -> tuple[Source, ...]:
-    """Everything that has parameters, in the order of the parameter table: effects, tolerances,
-    calibration, those of each trial."""
+    """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, those of each
+    mounting and trial."""
     found = [Source(spec, "effect") for spec in catalogue]
     moved = bool((~design.stiffness).any())
     found += ALWAYS if moved else ALWAYS[:2]
     if moved:
         found.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
+    if len(mounts(design)) > 1:
+        found += MOUNT
     if (design.spine_length > 0).any():
         found += BY_TRIAL
         spined = design.vacuum[design.spine_length > 0]

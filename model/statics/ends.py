@@ -3,7 +3,7 @@
 Unknowns are the turn of the tip and, with springs, its shift (rad, m; mount frame). With f, g the follower loads in the
 mount frame, P the tip seen from the base and M the moment there,
     dN = phi x f + R dF + dF_dead - d(springs),   dM = phi x g + R dM_tip + dM_dead      at the tip,
-    chi(base turned back by base_turn) = K (M - relief (g + P x f))                      at the base,
+    chi(base turned back by base_turn) = v / (1 + h |v|^2)^(1/3), v = K (M - relief (g + P x f))    at the base,
 chi being four times the tangent of a quarter of the angle, along its axis. A direction in parameter space is (width,
 LANES) numbers.
 """
@@ -25,6 +25,7 @@ from model.statics.lanes import (
     PLACE,
     RELIEF,
     SPRINGS,
+    STIFFENING,
     TIP,
     WRENCH,
     M,
@@ -35,11 +36,13 @@ from model.statics.lanes import (
 from model.statics.layout import (
     BASE_COMPLIANCE,
     BASE_RELIEF,
+    BASE_STIFFENING,
     BASE_TURN,
     DEAD_FORCE,
     DEAD_MOMENT,
     HEAD,
     SPRING,
+    SPRING_ARM,
     SPRING_DIRECTION,
     SPRING_ORIGIN,
     SPRING_SOFTNESS,
@@ -111,33 +114,46 @@ def spun(x: Vector, change: Vector) -> Vector:
 
 
 @inline
-def by_shift(work: Array, springs: int, shift: Vector, l: int) -> Vector:
-    """Change of the force at the tip when it is shifted."""
-    total = (0.0, 0.0, 0.0)
+def by_motion(work: Array, springs: int, turn: Vector, shift: Vector, l: int) -> tuple[Vector, Vector]:
+    """Change of the springs' force and moment at the tip when it turns and shifts."""
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for j in range(springs):
         o = SPRINGS + j * SPRING
-        e = vector_of(work, o + SPRING_DIRECTION, l)
-        stretch = dot(e, vector_of(work, HELD, l)) - work[(o + SPRING_ORIGIN) * LANES + l]
-        found = grip(stretch, work[(o + SPRING_STIFFNESS) * LANES + l], work[(o + SPRING_SOFTNESS) * LANES + l])
-        total = along(total, -found[1] * dot(e, shift), e)
-    return total
+        e, arm, found = gripped(work, o, l)
+        swung = cross(turn, arm)
+        pulled = scaled(found[1] * (dot(e, swung) - dot(e, shift)), e)
+        force = add(force, pulled)
+        held = scaled(-work[(o + SPRING_STIFFNESS) * LANES + l] * found[0], e)
+        moment = along(moment, -1.0, add(cross(swung, held), cross(arm, pulled)))
+    return force, moment
 
 
 @inline
-def by_springs(work: Array, springs: int, d: Array, l: int) -> Vector:
-    """Change of the force at the tip with the springs themselves, along the direction d."""
-    total = (0.0, 0.0, 0.0)
+def by_springs(work: Array, springs: int, d: Array, l: int) -> tuple[Vector, Vector]:
+    """Change of force and moment at the tip with the springs themselves, along the direction d."""
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for j in range(springs):
         o, c = SPRINGS + j * SPRING, HEAD + j * SPRING
-        e, p = vector_of(work, o + SPRING_DIRECTION, l), vector_of(work, HELD, l)
+        e, arm, found = gripped(work, o, l)
+        point = along(vector_of(work, HELD, l), -1.0, arm)
         stiffness = work[(o + SPRING_STIFFNESS) * LANES + l]
-        stretch = dot(e, p) - work[(o + SPRING_ORIGIN) * LANES + l]
-        found = grip(stretch, stiffness, work[(o + SPRING_SOFTNESS) * LANES + l])
-        de = three(d, c + SPRING_DIRECTION, l)
+        de, longer = three(d, c + SPRING_DIRECTION, l), turned(quaternion_of(work, TIP, l), three(d, c + SPRING_ARM, l))
         grown = d[c + SPRING_STIFFNESS, l] * found[0] + d[c + SPRING_SOFTNESS, l] * found[2]
-        grown += found[1] * (dot(de, p) - d[c + SPRING_ORIGIN, l])
-        total = along(along(total, -grown, e), -stiffness * found[0], de)
-    return total
+        grown += found[1] * (dot(de, point) - dot(e, longer) - d[c + SPRING_ORIGIN, l])
+        pulled = along(scaled(-grown, e), -stiffness * found[0], de)
+        force = add(force, pulled)
+        moment = along(moment, -1.0, add(cross(longer, scaled(-stiffness * found[0], e)), cross(arm, pulled)))
+    return force, moment
+
+
+@inline
+def gripped(work: Array, o: int, l: int) -> tuple[Vector, Vector, Vector]:
+    """Direction of the spring at o, its arm in the mount frame, and what `grip` says of it."""
+    e = vector_of(work, o + SPRING_DIRECTION, l)
+    arm = turned(quaternion_of(work, TIP, l), vector_of(work, o + SPRING_ARM, l))
+    stretch = dot(e, vector_of(work, HELD, l)) - dot(e, arm) - work[(o + SPRING_ORIGIN) * LANES + l]
+    found = grip(stretch, work[(o + SPRING_STIFFNESS) * LANES + l], work[(o + SPRING_SOFTNESS) * LANES + l])
+    return e, arm, found
 
 
 @inline
@@ -153,8 +169,22 @@ def tip_change(work: Array, springs: int, d: Array, l: int) -> tuple[Vector, Vec
     force = add(turned(q, three(d, TIP_FORCE, l)), three(d, DEAD_FORCE, l))
     moment = add(turned(q, three(d, TIP_MOMENT, l)), three(d, DEAD_MOMENT, l))
     if springs > 0:
-        force = add(force, by_springs(work, springs, d, l))
+        pulled = by_springs(work, springs, d, l)
+        force, moment = add(force, pulled[0]), add(moment, pulled[1])
     return force, moment
+
+
+@inline
+def yielded(work: Array, ends: Array, change: Vector, stiffer: float, l: int) -> Vector:
+    """By how much the base turns more when v changes, and h by `stiffer`."""
+    h = work[STIFFENING * LANES + l]
+    if h == 0.0 and stiffer == 0.0:
+        return change
+    v = times(vector_of(work, COMPLIANCE, l), vector_of(ends, FELT, l))
+    size = dot(v, v)
+    whole = 1.0 + h * size
+    kept = whole ** (-1.0 / 3.0)
+    return along(scaled(kept, change), -kept / (3.0 * whole) * (2.0 * h * dot(v, change) + stiffer * size), v)
 
 
 @inline
@@ -166,7 +196,7 @@ def base_miss(
     relief = work[RELIEF * LANES + l]
     carried = add(cross(shift, vector_of(ends, FOLLOWED, l)), cross(vector_of(work, PLACE, l), force))
     felt = along(felt, -relief, add(twist, carried))
-    give = times(vector_of(work, COMPLIANCE, l), felt)
+    give = yielded(work, ends, times(vector_of(work, COMPLIANCE, l), felt), 0.0, l)
     return (
         dot(vector_of(ends, CHI, l), turn) - give[0],
         dot(vector_of(ends, CHI + 3, l), turn) - give[1],
@@ -184,6 +214,7 @@ def base_change(work: Array, ends: Array, d: Array, l: int) -> Vector:
     carried = add(vector_of(ends, TWISTED, l), cross(vector_of(work, PLACE, l), vector_of(ends, FOLLOWED, l)))
     give = times(three(d, BASE_COMPLIANCE, l), felt)
     give = along(give, -d[BASE_RELIEF, l], times(vector_of(work, COMPLIANCE, l), carried))
+    give = yielded(work, ends, give, d[BASE_STIFFENING, l], l)
     return (
         dot(vector_of(ends, CHI, l), back) - give[0],
         dot(vector_of(ends, CHI + 3, l), back) - give[1],

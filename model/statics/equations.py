@@ -15,11 +15,13 @@ Equilibrium and kinematics (eq. 1 and 2 of the paper: p' = R v, R' = R u^, n' = 
     dr/dt = u x r + v
 
 A hyperelastic section has the stored energy, per length, of elastic bending curvatures k1, k2 and axial strain e
-    W = Q (1 + a Q / (2 B) + b e) / 2 + EA e^2 (1 + 2 c e / 3) / 2,   Q = EIxx k1^2 + EIyy k2^2,  B^2 = EIxx EIyy
+    W = Q (1 + G(a Q / B) B / (a Q) + h(b e)) / 2 + EA K(e),   Q = EIxx k1^2 + EIyy k2^2,  B^2 = EIxx EIyy
 (for EIxx = EIyy simply Q / B = curvature squared), so that its moment and axial force are
-    m_i = EI_i k_i D,   D = 1 + g(a Q / B) + b e,   n3 = EA (e + c e^2) + b Q / 2
-where g(x) = x; a section that softens (x < 0) has g(x) = x / (1 - 2 x) and as energy the integral of it, so that it
-never carries less moment the more it is bent.
+    m_i = EI_i k_i D,   D = 1 + g(a Q / B) + h(b e),   n3 = EA k(e) + b Q h'(b e) / 2
+where g(x) = x, h(x) = x and k(e) = e + c e^2, G and K their integrals. A section that softens has g(x) = x / (1 - 2 x),
+h(x) = x / (1 - x) and k(e) = e / (1 - c e) below 0, so that it never carries less the more it is bent or stretched; for
+neo-Hookean silicone (b = -2, c = -1, R. S. Rivlin, Phil. Trans. R. Soc. A 240 (1948)) h is then right to second order
+in the strain, and k to second.
 """
 
 from __future__ import annotations
@@ -121,19 +123,21 @@ def softened(u: Vector, m: Vector, strain: float, flex: Vector, give: Vector, se
     a, b, c = series
     energy = m[0] * u[0] + m[1] * u[1]
     bending = a * energy * math.sqrt(flex[0] * flex[1])
-    coupled = 0.5 * b * energy * give[2]
+    coupled = 0.5 * energy * give[2]
     d, e = 1.0, strain
     for _ in range(SERIES_ROUNDS):
-        # Newton on D - 1 - g(a Q / B) - b e = 0 and e + c e^2 + b Q / (2 EA) - n3 / EA = 0 with Q = (m . u) / D^2.
+        # Newton on D - 1 - g(a Q / B) - h(b e) = 0 and k(e) + b h'(b e) Q / (2 EA) - n3 / EA = 0, Q = (m . u) / D^2.
         w = 1.0 / (d * d)
         x = bending * w
         level = 1.0 / (1.0 - 2.0 * min(x, 0.0))
-        first = d - 1.0 - x * level - b * e
-        second = e + c * e * e + coupled * w - strain
-        first_d = 1.0 + 2.0 * x * level * level / d
-        second_d = -2.0 * coupled * w / d
-        second_e = 1.0 + 2.0 * c * e
-        scale = 1.0 / (first_d * second_e + b * second_d)
-        d -= scale * (second_e * first + b * second)
+        loss, relief = 1.0 / (1.0 - min(b * e, 0.0)), 1.0 / (1.0 - min(c * e, 0.0))
+        rise, curl = loss * loss, 2.0 * loss * loss * loss if b * e < 0.0 else 0.0
+        first = d - 1.0 - x * level - b * e * loss
+        second = e * (relief + max(c * e, 0.0)) + b * rise * coupled * w - strain
+        first_d, first_e = 1.0 + 2.0 * x * level * level / d, -b * rise
+        second_d = -2.0 * b * rise * coupled * w / d
+        second_e = relief * relief + 2.0 * max(c * e, 0.0) + b * b * curl * coupled * w
+        scale = 1.0 / (first_d * second_e - first_e * second_d)
+        d -= scale * (second_e * first - first_e * second)
         e -= scale * (first_d * second - second_d * first)
     return d, e

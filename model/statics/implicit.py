@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.statics.algebra import Vector, add, along, cross, scaled, turned, turned_back, unit
-from model.statics.ends import ENDS, FOLLOWED, TWISTED, base_change, base_miss, by_shift, look, three, tip_change
+from model.statics.ends import ENDS, FOLLOWED, TWISTED, base_change, base_miss, by_motion, look, three, tip_change
 from model.statics.equations import strains
 from model.statics.group import AT_LARGEST, AT_ORIENTATION, AT_TIP, new_elements
 from model.statics.jit import inline, kernel, routine
@@ -223,9 +223,9 @@ def by_unknowns(work: Array, ends: Array, springs: int, seen: Array, starts: Arr
             axis = unit(c % 3)
             turn = axis if c < 3 else none
             put(start, BY_TURN, l, turn)
-            put(start, BY_MOMENT, l, cross(turn, vector_of(ends, TWISTED, l)))
-            pulled = by_shift(work, springs, axis, l) if c >= 3 else none
-            put(start, BY_FORCE, l, add(cross(turn, vector_of(ends, FOLLOWED, l)), pulled))
+            pulled = by_motion(work, springs, turn, axis if c >= 3 else none, l)
+            put(start, BY_MOMENT, l, add(cross(turn, vector_of(ends, TWISTED, l)), pulled[1]))
+            put(start, BY_FORCE, l, add(cross(turn, vector_of(ends, FOLLOWED, l)), pulled[0]))
         spread(seen, start, change)
         for l in range(LANES):
             turn = vector_of(start, BY_TURN, l)

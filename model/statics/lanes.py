@@ -16,6 +16,7 @@ from model.statics.jit import inline, routine
 from model.statics.layout import (
     BASE_COMPLIANCE,
     BASE_RELIEF,
+    BASE_STIFFENING,
     BASE_TURN,
     BEND,
     HEAD,
@@ -60,7 +61,9 @@ LARGEST, THRUST = 127, 128
 """Largest moment of the coarse solution, N m, and about the largest force, N."""
 RELIEF = 129
 """Share of the follower loads' moment that the base's compliance does not feel."""
-SPRINGS = 130
+STIFFENING = 130
+"""1 / rad^2, see `layout.BASE_STIFFENING`."""
+SPRINGS = 131
 WORK = SPRINGS + MOST_SPRINGS * SPRING
 
 
@@ -122,6 +125,7 @@ def gather_ends(rods: Array, row: int, head: int, block: int, work: Array, lane:
     for k in range(3):
         work[(COMPLIANCE + k) * LANES + lane] = rods[row, BASE_COMPLIANCE + k]
     work[RELIEF * LANES + lane] = rods[row, BASE_RELIEF]
+    work[STIFFENING * LANES + lane] = rods[row, BASE_STIFFENING]
     work[SHARE * LANES + lane] = 1.0
     whole = whole_length(rods, row, head, block)
     work[WHOLE * LANES + lane] = whole

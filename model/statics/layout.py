@@ -17,11 +17,15 @@ BASE_COMPLIANCE = 15
 """rad / (N m): how far the base turns with the moment on it, about each axis of the mount frame."""
 BASE_RELIEF = 18
 """Share (1) of the moment of the follower loads that the compliance of the base does not feel."""
-HEAD = 19
+BASE_STIFFENING = 19
+"""1 / rad^2: h of a base that turns by v / (1 + h |v|^2)^(1/3) where its compliance alone would turn it by v."""
+HEAD = 20
 
 SPRING_DIRECTION, SPRING_STIFFNESS, SPRING_ORIGIN, SPRING_SOFTNESS = 0, 3, 4, 5
 """Unit direction e (mount frame), N/m, where along e it starts to pull (m), width of a one-sided start (m)."""
-SPRING = 6
+SPRING_ARM = 6
+"""From the point it pulls at to the tip (m), tip frame: zero for a spring at the tip itself."""
+SPRING = 9
 
 LENGTH = 0
 """m. The following are offsets within an element's block."""

@@ -22,6 +22,7 @@ from model.statics.lanes import (
     RELIEF,
     SHARE,
     SPRINGS,
+    STIFFENING,
     TIP,
     TURN,
     WHOLE,
@@ -36,7 +37,14 @@ from model.statics.lanes import (
     quaternion_of,
     vector_of,
 )
-from model.statics.layout import SPRING
+from model.statics.layout import (
+    SPRING,
+    SPRING_ARM,
+    SPRING_DIRECTION,
+    SPRING_ORIGIN,
+    SPRING_SOFTNESS,
+    SPRING_STIFFNESS,
+)
 from model.statics.runge_kutta import step
 
 Array = NDArray[np.float64]
@@ -114,14 +122,17 @@ def spring_force(stretch: float, stiffness: float, softness: float) -> float:
 
 @inline
 def pull(work: Array, springs: int, active: int) -> None:
-    """Add the springs at the tip to the internal force there: -k (e . p - origin) e each."""
+    """Add the springs to the internal force and moment at the tip: -k (e . (p - R a) - origin) e each, at p - R a."""
     for j in range(springs):
         o = SPRINGS + j * SPRING
         for l in range(active):
-            e = vector_of(work, o, l)
-            stretch = dot(e, vector_of(work, HELD, l)) - work[(o + 4) * LANES + l]
-            size = spring_force(stretch, work[(o + 3) * LANES + l], work[(o + 5) * LANES + l])
-            put(work, N, l, along(vector_of(work, N, l), -work[SHARE * LANES + l] * size, e))
+            e, q = vector_of(work, o + SPRING_DIRECTION, l), quaternion_of(work, TIP, l)
+            arm = turned(q, vector_of(work, o + SPRING_ARM, l))
+            stretch = dot(e, vector_of(work, HELD, l)) - dot(e, arm) - work[(o + SPRING_ORIGIN) * LANES + l]
+            stiffness, softness = work[(o + SPRING_STIFFNESS) * LANES + l], work[(o + SPRING_SOFTNESS) * LANES + l]
+            size = work[SHARE * LANES + l] * spring_force(stretch, stiffness, softness)
+            put(work, N, l, along(vector_of(work, N, l), -size, e))
+            put(work, M, l, along(vector_of(work, M, l), size, turned_back(q, cross(arm, e))))
 
 
 @inline
@@ -179,19 +190,22 @@ def read_base(work: Array, active: int) -> None:
         put(work, MISS, l, (scale * e[1] - give[0], scale * e[2] - give[1], scale * e[3] - give[2]))
         put(work, PLACE, l, turned(q, vector_of(work, R, l)))
     for l in range(active):
-        if work[RELIEF * LANES + l] != 0.0:
+        if work[RELIEF * LANES + l] != 0.0 or work[STIFFENING * LANES + l] != 0.0:
             relieve(work, l)
 
 
 @routine
 def relieve(work: Array, l: int) -> None:
-    """Take back the share RELIEF of what the compliance made of the moment of the follower loads about the base."""
+    """Take back the share RELIEF of what the compliance made of the moment of the follower loads about the base, and what
+    a base that stiffens does not turn."""
     share = work[RELIEF * LANES + l] * work[SHARE * LANES + l]
     q = quaternion_of(work, TIP, l)
     force, moment = turned(q, vector_of(work, WRENCH, l)), turned(q, vector_of(work, WRENCH + 3, l))
     carried = add(moment, cross(vector_of(work, PLACE, l), force))
-    give = times(carried, vector_of(work, COMPLIANCE, l))
-    put(work, MISS, l, along(vector_of(work, MISS, l), share, give))
+    whole = times(turned(unit_quaternion(work, l), vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
+    left = along(whole, -share, times(carried, vector_of(work, COMPLIANCE, l)))
+    kept = (1.0 + work[STIFFENING * LANES + l] * dot(left, left)) ** (-1.0 / 3.0)
+    put(work, MISS, l, along(add(vector_of(work, MISS, l), whole), -kept, left))
 
 
 @inline

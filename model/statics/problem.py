@@ -26,12 +26,14 @@ _PER_ROD = {
     "base_turn": (layout.BASE_TURN, 3),
     "base_compliance": (layout.BASE_COMPLIANCE, 3),
     "base_relief": (layout.BASE_RELIEF, 1),
+    "base_stiffening": (layout.BASE_STIFFENING, 1),
 }
 _PER_SPRING = {
     "spring_direction": (layout.SPRING_DIRECTION, 3),
     "spring_stiffness": (layout.SPRING_STIFFNESS, 1),
     "spring_origin": (layout.SPRING_ORIGIN, 1),
     "spring_softness": (layout.SPRING_SOFTNESS, 1),
+    "spring_arm": (layout.SPRING_ARM, 3),
 }
 _PER_ELEMENT = {
     "length": (layout.LENGTH, 1),
@@ -151,7 +153,8 @@ class Rods:
             self._refuse(name, self.field(name) <= 0, "must be positive")
         self._refuse("length", self.field("length") < 0, "must not be negative: does the spine end beyond the tip?")
         self._refuse("length", (self.whole_length <= 0)[:, None], "the elements of a rod must add up to more than 0 m")
-        self._refuse("base_compliance", self.field("base_compliance") < 0, "must not be negative")
+        for name in ("base_compliance", "base_stiffening"):
+            self._refuse(name, self.field(name) < 0, "must not be negative")
         if self.form.springs:
             for name in ("spring_stiffness", "spring_softness"):
                 self._refuse(name, self.field(name) < 0, "must not be negative")

@@ -25,8 +25,8 @@ ROWS, PULLED, MOMENT, FORCE, CURVATURE, STRAIN = 0, 9, 12, 15, 18, 21
 """R row by row (9), R^T dN of a column (3), m, n, u, v (3 each, section frame)."""
 SERIES = 24
 """Elastic bending curvatures (2), 1 / D, axial strain e; what D and e change by with the first and with the second of
-their equations (2 each); coefficients by which these equations change with the section: see `softness`."""
-SIZE = 38
+their equations (2 each); coefficients by which these equations change with the section: see `keep_softness`."""
+SIZE = 40
 COLUMN = AT + STAGES * SIZE
 
 
@@ -81,9 +81,9 @@ def keep_softness(
     """How D and e of `equations.softened` answer, at its solution, for stage i of lane l.
 
     With x = a Q / B the equations are
-        F1 = D - 1 - g(x) - b e = 0,   F2 = e + c e^2 + b Q / (2 EA) - n3 / EA = 0,
+        F1 = D - 1 - g(x) - h(b e) = 0,   F2 = k(e) + b h'(b e) Q / (2 EA) - n3 / EA = 0,
     Q = T / D^2 and T = m1^2 / EI1 + m2^2 / EI2. Kept are -dD/dF1, .. (by Cramer's rule), and dF1/dT, dF2/dT,
-    dF1/d(ln EI) by the root in B, dF1/da, dF2/db, dF2/d(1/EA).
+    dF1/d(ln EI) by the root in B, dF1/da, dF2/db, dF2/d(1/EA), -dF1/db, dF2/dc.
     """
     a, b, c = terms
     root = np.sqrt(flex[0] * flex[1])
@@ -93,13 +93,18 @@ def keep_softness(
     level = 1.0 / (1.0 - 2.0 * min(x, 0.0))
     steep = level * level
     coupled = 0.5 * total * give[2] * w
-    d1, e1 = 1.0 + 2.0 * x * steep / d, -b
-    d2, e2 = -2.0 * b * coupled / d, 1.0 + 2.0 * c * strain
+    loss, relief = 1.0 / (1.0 - min(b * strain, 0.0)), 1.0 / (1.0 - min(c * strain, 0.0))
+    rise, curl = loss * loss, 2.0 * loss * loss * loss if b * strain < 0.0 else 0.0
+    d1, e1 = 1.0 + 2.0 * x * steep / d, -b * rise
+    d2 = -2.0 * b * rise * coupled / d
+    e2 = relief * relief + 2.0 * max(c * strain, 0.0) + b * b * curl * coupled
     scale = -1.0 / (d1 * e2 - e1 * d2)
     o = AT + i * SIZE + SERIES
     put(stages, o, l, (flex[0] * m[0] / d, flex[1] * m[1] / d, 1.0 / d))
     put(stages, o + 3, l, (strain, scale * e2, -scale * d2))
     put(stages, o + 6, l, (-scale * e1, scale * d1, -steep * w * a * root))
-    put(stages, o + 9, l, (0.5 * w * b * give[2], -0.5 * steep * x, -steep * w * root * total))
-    stages[(o + 12) * LANES + l] = coupled
-    stages[(o + 13) * LANES + l] = 0.5 * w * b * total - n[2]
+    put(stages, o + 9, l, (0.5 * w * b * rise * give[2], -0.5 * steep * x, -steep * w * root * total))
+    stages[(o + 12) * LANES + l] = coupled * (rise + b * strain * curl)
+    stages[(o + 13) * LANES + l] = 0.5 * w * b * rise * total - n[2]
+    stages[(o + 14) * LANES + l] = rise * strain
+    stages[(o + 15) * LANES + l] = relief * relief * strain * strain

@@ -191,8 +191,11 @@ def stored(
     x = terms[0] * bent * math.sqrt(flex[0] * flex[1])
     # The integral of g over x is half of x^2, or for a section that softens -x / 2 - ln(1 - 2 x) / 4.
     level = 0.5 * x if x >= 0.0 else -0.5 - 0.25 * math.log(1.0 - 2.0 * x) / x
-    bending = 0.5 * bent * (1.0 + level + terms[1] * strain)
-    stretching = 0.5 * strain * strain * (1.0 + 2.0 * terms[2] * strain / 3.0) / give[2]
+    y, z = terms[1] * strain, terms[2] * strain
+    bending = 0.5 * bent * (1.0 + level + y / (1.0 - min(y, 0.0)))
+    # Next to nothing the integral of e / (1 - c e) would lose its digits.
+    grown = 1.0 + z * (2.0 / 3.0 + 0.5 * min(z, 0.0)) if z > -1e-3 else -2.0 * (z + math.log(1.0 - z)) / (z * z)
+    stretching = 0.5 * strain * strain * grown / give[2]
     return bending + stretching + 0.5 * (u[2] * m[2] + v[0] * n[0] + v[1] * n[1])
 
 

@@ -150,7 +150,7 @@ def collect(
     bend, axial, terms = times(dm, m), times(dn, n), (0.0, 0.0, 0.0)
     if series is not None:
         k = vector_of(desk, o + KEPT, l)
-        e, d1, e1 = vector_of(desk, o + KEPT + 3, l)
+        _, d1, e1 = vector_of(desk, o + KEPT + 3, l)
         d2, e2, by_total = vector_of(desk, o + KEPT + 6, l)
         coupled, by_root, by_a = vector_of(desk, o + KEPT + 9, l)
         x = (dm[0] * k[0] + dm[1] * k[1]) * k[2]
@@ -162,7 +162,8 @@ def collect(
             bend[2],
         )
         axial = (axial[0], axial[1], desk[(o + KEPT + 13) * LANES + l] * second)
-        terms = (by_a * first, desk[(o + KEPT + 12) * LANES + l] * second - e * first, e * e * second)
+        by_b, by_c = desk[(o + KEPT + 14) * LANES + l], desk[(o + KEPT + 15) * LANES + l]
+        terms = (by_a * first, desk[(o + KEPT + 12) * LANES + l] * second - by_b * first, by_c * second)
     dp, left = scaled(b, a[2]), 1.0 - share
     rise = (0.0, 0.0, 0.0)
     if rises is not None:

@@ -95,11 +95,12 @@ def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
 
 def test_whitening_turns_the_noise_covariance_into_the_identity() -> None:
     state = np.repeat(np.arange(4), 3)
-    noise = Noise(state, RNG.uniform(0.5, 2, 12), np.where(state == 2, 0.0, RNG.normal(size=12)))
+    shared = np.where((state == 2)[:, None], 0.0, RNG.normal(size=(12, 2)))
+    noise = Noise(state, RNG.uniform(0.5, 2, 12), shared)
     covariance = np.diag(noise.sd**2)
     for i in range(4):
-        own = np.where(state == i, noise.shared, 0)
-        covariance += np.outer(own, own)
+        own = np.where((state == i)[:, None], noise.shared, 0)
+        covariance += own @ own.T
     white = noise.whiten(np.linalg.cholesky(covariance))
     assert white @ white.T == pytest.approx(np.eye(12), abs=1e-12)
     assert noise.colour(white) == pytest.approx(np.linalg.cholesky(covariance), abs=1e-12)

@@ -27,7 +27,7 @@ def repeated(
     residual += per_trial * own[trial][:, None]
     residual += error * np.sin(condition)[:, None]
     return Repeated(
-        residual, condition, trial, ("tip",) * 3, per_pascal, {"spine_length": per_trial}, np.zeros(n, bool)
+        residual, condition, trial, ("tip",) * 3, per_pascal[:, :, None], {"spine_length": per_trial}, np.zeros(n, bool)
     )
 
 

@@ -81,7 +81,7 @@ def test_one_bad_trial_is_named() -> None:
 
 
 def test_noise_of_a_part_is_the_part_of_the_noise() -> None:
-    noise = Noise(np.repeat(np.arange(5), 3), np.arange(1.0, 16), np.linspace(-1, 1, 15))
+    noise = Noise(np.repeat(np.arange(5), 3), np.arange(1.0, 16), np.linspace(-1, 1, 15)[:, None])
     own = np.repeat(np.arange(5), 3) == 3
     values = np.linspace(0, 1, 15)
     assert noise.take(own).whiten(values[own]) == pytest.approx(noise.whiten(values)[own])

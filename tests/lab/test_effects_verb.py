@@ -30,7 +30,7 @@ def test_every_effect_of_the_catalogue_and_of_ones_own_file_is_drawn_and_listed(
 ) -> None:
     own = tmp_path / "own.py"
     own.write_text(OWN)
-    assert main(["effects", "--out", str(tmp_path), "--file", str(own), "--json"]) == 0
+    assert main(["effects", "--out", str(tmp_path), "--effects", str(own), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     rms = {e["id"]: e["rms"] for e in told["effects"]}
     assert set(rms) == {*CATALOGUE, "colder"}
@@ -42,5 +42,5 @@ def test_every_effect_of_the_catalogue_and_of_ones_own_file_is_drawn_and_listed(
 def test_a_file_without_effects_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     own = tmp_path / "own.py"
     own.write_text("EFFECTS = 3\n")
-    assert main(["effects", "--out", str(tmp_path), "--file", str(own)]) != 0
+    assert main(["effects", "--out", str(tmp_path), "--effects", str(own)]) != 0
     assert "EFFECTS must be a tuple of EffectSpec" in capsys.readouterr().err

@@ -22,8 +22,10 @@ def rich_rods() -> Rods:
     rods.field("spring_stiffness")[:] = [20.0, 30.0, 60.0]
     rods.field("spring_origin")[:] = [0.01, 0.0, 0.3]
     rods.field("spring_softness")[:] = [0.0, 0.0, 5e-3]
-    rods.field("series")[:] = [(0.02, 0.5, 1.0), (-0.01, -0.3, 0.5)]
+    rods.field("spring_arm")[:] = [[0.0, 0.0, 0.0], [0.0, 0.01, 0.05], [0.02, -0.01, 0.08]]
+    rods.field("series")[:] = [(0.02, 0.5, 1.0), (-0.01, -2.0, -1.0)]
     rods.field("base_compliance")[:], rods.field("base_relief")[:] = (0.02, 0.03, 0.01), 0.4
+    rods.field("base_stiffening")[:] = 300.0
     rods.field("base_turn")[:] = (0.02, -0.03, 0.05)
     rods.field("rest_curvature")[:] = (0.3, -0.2, 0.4)
     rods.field("rest_strain")[..., :2] = (0.01, -0.02)
@@ -37,7 +39,8 @@ def sizes(rods: Rods) -> Array:
     size = np.zeros(rods.form.width)
     per_field = {
         "bend_stiffness": 2.0, "stretch_stiffness": 800.0, "length": 0.1, "load": 30.0, "series": 0.2,
-        "spring_stiffness": 30.0, "spring_origin": 0.05, "spring_softness": 4e-3, "base_compliance": 0.02,
+        "spring_stiffness": 30.0, "spring_origin": 0.05, "spring_softness": 4e-3, "spring_arm": 0.05, "base_compliance": 0.02,
+        "base_stiffening": 100.0,
     }  # fmt: skip
     for name in rods.form.fields():
         rods.form.view(size, name)[...] = per_field.get(name, 1.0)

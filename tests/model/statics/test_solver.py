@@ -9,6 +9,7 @@ from benchmarks.rod_cases import as_batch
 from model.batch import Status
 from model.errors import BadCondition, SolveFailed
 from model.reference import solve_rods
+from model.rotation import to_base
 from model.statics import FINE, Form, rods, solve
 from tests.model.statics.cases import LENGTH, reference_robots, robots, wild_robots
 
@@ -89,14 +90,19 @@ def test_springs_at_the_tip_pull_as_the_same_forces_would() -> None:
     held.field("spring_stiffness")[:] = [[50.0, 20.0], [500.0, 300.0]]
     held.field("spring_origin")[:] = [-0.05, 0.1]
     held.field("spring_softness")[:] = [0.0, 1e-3]
-    tip = solve(held.check(), FINE).trusted().tip
+    held.field("spring_arm")[:] = [[0.0, 0.0, 0.0], [0.01, 0.02, 0.06]]
+    found = solve(held.check(), FINE).trusted()
+    tip = found.tip
     free = robots(2, 200e3, 0.1)
     for j, softness in enumerate((0.0, 1e-3)):
         e = held.field("spring_direction")[:, j]
-        stretch = np.sum(e * tip, axis=1) - held.field("spring_origin")[:, j]
+        arm = to_base(found.orientation, held.field("spring_arm")[:, j])
+        stretch = np.sum(e * (tip - arm), axis=1) - held.field("spring_origin")[:, j]
         if softness:
             stretch = 0.5 * (stretch + np.sqrt(stretch**2 + softness**2))
-        free.field("dead_force")[:] -= (held.field("spring_stiffness")[:, j] * stretch)[:, None] * e
+        force = -(held.field("spring_stiffness")[:, j] * stretch)[:, None] * e
+        free.field("dead_force")[:] += force
+        free.field("dead_moment")[:] -= np.cross(arm, force)
     assert np.abs(solve(free, FINE).tip - tip).max() < 1e-9
     assert np.abs(solve(held).tip - tip).max() < 1e-5
 

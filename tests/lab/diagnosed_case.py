@@ -1,0 +1,143 @@
+"""Small campaigns for tests of `lab diagnose`: tips and orientations of the forward model with known effects, plus noise."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import math
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.cli import main
+from lab.example import paper_robot
+from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
+from model.robot import load_robot
+from model.rotation import from_vector, multiply
+from recordings.table_file import write_csv
+from recordings.trials import Cell, Table, TrialRow
+
+ROBOT = load_robot(paper_robot())
+LENGTHS = (0.0, 0.1, 0.2, 0.3)
+PRESSURES = (0.0, 80e3, 160e3, 240e3)
+AREA_FACTOR = 1.7
+"""Of every campaign, whatever its spine lengths."""
+TIP_NOISE, TURN_NOISE, AGAIN, JAM = 0.3e-3, math.radians(0.3), 1e-3, 0.02
+"""m and rad of a reading; m of spine length and share of spine stiffness by which trials differ."""
+
+Effects = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A case that was diagnosed by the command, and what came of it."""
+
+    case: Path
+    other: Path
+    """The campaign held out."""
+    json: Path
+    page: Path
+    protocols: Path
+    code: int = -1
+    said: str = ""
+
+
+def campaign(
+    effects: Effects,
+    seed: int = 1,
+    repeats: int = 3,
+    lengths: Sequence[float] = LENGTHS,
+    pressures: Sequence[float] = PRESSURES,
+    chambers: Sequence[int] = (9, 1, 2),
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+) -> list[TrialRow]:
+    """A bending campaign up and down; `effects` parameter name -> value."""
+    cells = list(_asked(repeats, lengths, pressures, chambers))
+    table = {name: np.array([c[name] for c in cells]) for name in cells[0]}
+    forward = ForwardModel(ROBOT, design_from_columns(ROBOT, table), catalogue=catalogue, area_factor=AREA_FACTOR)
+    rng = np.random.default_rng(seed)
+    theta = np.zeros(len(forward.parameters))
+    for k, p in enumerate(forward.parameters):
+        spread = {"spine_length": AGAIN, "spine_stiffness": JAM}.get(p.source, 0.0) if "[trial=" in p.name else 0.0
+        theta[k] = effects.get(p.name, spread * rng.normal())
+    unused = set(effects) - {p.name for p in forward.parameters}
+    if unused:
+        raise KeyError(f"no such parameters: {sorted(unused)}")
+    predicted = forward.predict(theta)
+    n = len(cells)
+    read = {name: predicted[forward.observations.channel == name] for name in ("x", "y", "z", "rx", "ry", "rz")}
+    tip = np.stack([read[k] for k in "xyz"], axis=1) + TIP_NOISE * rng.normal(size=(n, 3))
+    turn = np.stack([read[k] for k in ("rx", "ry", "rz")], axis=1) + TURN_NOISE * rng.normal(size=(n, 3))
+    q = multiply(from_vector(turn), forward.observations.reference[:n])
+    return [
+        TrialRow.from_cells({**c, **dict(zip("xyz", map(float, p), strict=True)), **_quaternion(o)})
+        for c, p, o in zip(cells, tip, q, strict=True)
+    ]
+
+
+def _quaternion(q: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip(("qw", "qx", "qy", "qz"), map(float, q), strict=True))
+
+
+def _asked(
+    repeats: int, lengths: Sequence[float], pressures: Sequence[float], chambers: Sequence[int]
+) -> list[dict[str, Cell]]:
+    levels = [(p, "load") for p in pressures] + [(p, "unload") for p in pressures[-2::-1]]
+    out: list[dict[str, Cell]] = []
+    trial = 0
+    for repeat in range(1, repeats + 1):
+        for length in lengths:
+            trial += 1
+            for step, (p, branch) in enumerate(levels, 1):
+                out.append(
+                    {
+                        "trial": trial, "step": step, "protocol": "bending", "repeat": repeat, "branch": branch,
+                        "t": 100.0 * trial + 8.0 * step, "rate": 25e3 if branch == "load" else -25e3, "hold": 3.0,
+                        "spine_length": length, "vacuum": 80e3, "tip_mass": ROBOT.tip_mass, "roll_deg": 0.0,
+                        **{f"p{c}": p if c in chambers else 0.0 for c in range(1, 10)},
+                        "x": 0.0, "y": 0.0, "z": 0.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0,
+                    }
+                )  # fmt: skip
+    return out
+
+
+def folder(path: Path, rows: Sequence[TrialRow]) -> Path:
+    """A case folder."""
+    path.mkdir(parents=True, exist_ok=True)
+    shutil.copy(paper_robot(), path / "robot.yaml")
+    write_csv(Table(tuple(rows)), path / "trials.csv")
+    return path
+
+
+def edited(path: Path, rows: Sequence[TrialRow], changes: Mapping[str, str | None]) -> Path:
+    """A case folder whose table has cells of column -> text, or lacks the column where the text is None."""
+    folder(path, rows)
+    file = path / "trials.csv"
+    with file.open(encoding="utf-8", newline="") as f:
+        table = list(csv.DictReader(f))
+    names = [name for name in table[0] if changes.get(name, "") is not None]
+    with file.open("w", encoding="utf-8", newline="") as f:
+        writer = csv.DictWriter(f, names, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows({**row, **{k: v for k, v in changes.items() if v is not None}} for row in table)
+    return path
+
+
+@cache
+def answered_once(root: Path) -> Answered:
+    """One diagnosis for all tests of a process, in a new folder: a spine credited as by area moments, tried on other chambers."""
+    effects = {"area_moment.blend": 0.7}
+    case = folder(root / "case", campaign(effects))
+    other = folder(root / "other", campaign(effects, seed=2, repeats=2, lengths=(0.0, 0.2), chambers=(3, 4, 5)))
+    made = Answered(case, other, root / "diagnosis.json", root / "diagnosis.html", root / "next")
+    written = ["--json", made.json, "--report", made.page, "--protocols", made.protocols]
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        code = main([str(a) for a in ("diagnose", case, "--holdout", other, *written)])
+    return replace(made, code=code, said=said.getvalue())

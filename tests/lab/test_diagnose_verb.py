@@ -1,0 +1,285 @@
+"""`lab diagnose`: exit codes, what is written, and that bad input never earns a confident verdict."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from diagnosed_case import ROBOT, Answered, answered_once, campaign, edited, folder
+
+from diagnosis.result import FACTORS, STAGES, Diagnosis
+from lab.cli import main
+from lab.example import paper_robot
+from model.effects import effects_from_file, with_effects
+from recordings.trials import TrialRow
+
+AREA = {"area_moment.blend": 0.7}
+CONFIDENT = 0.9
+
+BOWED = """
+import numpy as np
+
+from model.effects import EffectSpec, Law, Parameter
+
+
+def _bowed(q, v):
+    bend = v["bow"] * (q.spine_length / q.robot.length) ** 2
+    q.rest_curvature = q.rest_curvature + np.stack(np.broadcast_arrays(bend, 0 * bend, 0 * bend), axis=-1)
+
+
+EFFECTS = (
+    EffectSpec("bowed_spine", "structure", "u* = b (L_s / L)^2 about x", (Parameter("bow", "1/m", 0.1, -1.0, 1.0),),
+               Law(before=_bowed), "a look at the spine", "long spines"),
+)
+"""
+
+
+def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    """Exit code and what stood on stderr."""
+    capsys.readouterr()
+    code = main(["diagnose", *(str(a) for a in arguments)])
+    return code, capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
+    return answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
+
+
+@pytest.fixture(scope="module")
+def answer(answered: Answered) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(answered.json.read_text())
+    return found
+
+
+def test_the_effect_is_named_and_the_run_succeeds(answered: Answered, answer: dict[str, Any]) -> None:
+    assert answered.code == 0
+    assert answer["attribute"]["verdict"] == "effect" and answer["attribute"]["effects"] == ["area_moment"]
+    assert "area_moment" in answered.said and "What to do next" in answered.said
+
+
+def test_the_json_holds_every_key_of_the_contract(answer: dict[str, Any]) -> None:
+    assert answer["schema"] == "diagnosis/1"
+    assert {"data", "locate", "attribute", "shrink", "next_experiment"} <= set(answer)
+    assert {"rows", "trials", "channels", "noise_mm", "noise_from"} <= set(answer["data"])
+    assert set(answer["locate"]["by"]) == set(FACTORS) and set(answer["locate"]["stage"]) == set(STAGES)
+    assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(answer["locate"])
+    ranked = answer["attribute"]["ranking"][0]
+    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} <= set(ranked)
+    assert all(set(v) == {"value", "sd", "unit"} for v in ranked["parameters"].values())
+    assert {"verdict", "effects", "probability", "credible_set", "cannot_tell_apart"} <= set(answer["attribute"])
+    wanted = {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"}
+    assert wanted <= set(answer["shrink"])
+    assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in answer["next_experiment"])
+
+
+def test_the_json_reads_back_to_the_same_text(answered: Answered) -> None:
+    text = answered.json.read_text().rstrip("\n")
+    assert Diagnosis.from_json(text).to_json() == text
+
+
+def test_a_campaign_held_out_confirms_the_effect(answered: Answered, answer: dict[str, Any]) -> None:
+    held = answer["detail"]["holdout"]
+    assert held["hypothesis"] == ["area_moment"] and held["verdict"] == "confirmed"
+    assert held["trials"] == 4 and held["states"] == 28
+    assert held["after_mm"] < 0.5 * held["before_mm"]
+    low, high = held["ci95"]
+    assert 0.5 < low <= held["share_closed"] <= high
+    assert held["statement"] in answer["statement"] and "campaign held out" in answered.said
+
+
+def test_shapes_end_at_the_tips_of_their_models(answer: dict[str, Any]) -> None:
+    shapes = answer["detail"]["shapes"]
+    assert 1 <= len(shapes) <= 4
+    assert len({round(s["spine_length"], 2) for s in shapes}) == len(shapes)
+    for s in shapes:
+        for model in ("calibrated", "explained"):
+            backbone = s[model]["backbone"]
+            assert backbone[0] == pytest.approx([0.0, 0.0, 0.0], abs=5e-3)
+            assert backbone[-1] == pytest.approx(s[model]["tip"], abs=2e-3)
+
+
+def test_separations_list_effects_of_weight_first(answer: dict[str, Any]) -> None:
+    apart = answer["detail"]["apart"]
+    assert apart["effects"][0] == "area_moment" and apart["tied_below"] == 9.0
+    assert apart["weight"] == sorted(apart["weight"], reverse=True)
+    n = len(apart["effects"])
+    assert len(apart["separation"]) == n and all(len(row) == n for row in apart["separation"])
+
+
+def test_the_size_stays_within_what_is_possible(answer: dict[str, Any]) -> None:
+    (size,) = answer["detail"]["sizes"]
+    assert (size["low"], size["high"]) == (0.0, 1.0) and not size["impossible"]
+    assert size["low"] <= size["low90"] < 0.7 < size["high90"] <= size["high"]
+
+
+def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer: dict[str, Any]) -> None:
+    files = {p.stem: yaml.safe_load(p.read_text()) for p in answered.protocols.glob("*.yaml")}
+    assert set(files) == {p["id"] for p in answer["next_experiment"]} and files
+    assert all(f["protocol"] in ("bending", "elongation") for f in files.values())
+
+
+@pytest.mark.parametrize(
+    ("rows", "concern"),
+    [
+        (lambda: campaign(AREA, lengths=(0.2,)), "one spine length only"),
+        (lambda: campaign(AREA, pressures=(160e3,)), "one pressure only"),
+        (lambda: campaign(AREA, repeats=1), "no state was repeated"),
+    ],
+    ids=["one spine length", "one pressure", "no repeats"],
+)
+def test_a_small_table_is_answered_with_its_limits_and_without_confidence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: Callable[[], list[TrialRow]], concern: str
+) -> None:
+    path = tmp_path / "diagnosis.json"
+    code, _ = ran(capsys, folder(tmp_path / "case", rows()), "--json", path)
+    found = json.loads(path.read_text())
+    assert code == 0
+    assert any(concern in said for said in found["concerns"])
+    assert found["attribute"]["verdict"] != "effect" or found["attribute"]["probability"] < CONFIDENT
+
+
+def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.html"
+    code, _ = ran(
+        capsys, folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,), pressures=(160e3,))), "--report", page
+    )
+    text = page.read_text()
+    assert code == 0 and "No cause can be named" in text and "A single trial" in text
+    assert "one spine length only" in text and "one pressure only" in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "words"),
+    [
+        ({"x": "nan"}, 1, ["trials.csv line 2", "x", "leave the cell empty"]),
+        ({"z": "40.0"}, 1, ["z", "40 m", "lengths are in m"]),
+        ({"x": "4.0"}, 2, ["4.02 m", "0.4 m long", "check the unit"]),
+        ({"x": None, "y": None, "z": None}, 1, ["line 2", "needs the tip's x, y, z"]),
+        ({"p1": None}, 1, ["no column p1"]),
+        ({"spine_length": None}, 1, ["no column spine_length"]),
+        ({"spine_length": "0.45"}, 2, ["0.45 m", "beyond the robot's 0.4 m"]),
+        ({"p9": None}, 2, ["[8] pressures", "9 chambers"]),
+    ],
+    ids=["NaN", "40 m away", "4 m away", "no tip", "no pressure", "no spine length", "long spine", "other robot"],
+)
+def test_a_table_that_cannot_be_right_is_one_clear_error(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    changes: Mapping[str, str | None],
+    code: int,
+    words: list[str],
+) -> None:
+    case = edited(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,)), changes)
+    path = tmp_path / "diagnosis.json"
+    found, text = ran(capsys, case, "--json", path)
+    assert found == code, text
+    assert len(text.strip().splitlines()) == 1 and all(word in text for word in words), text
+    assert not path.exists()
+
+
+def test_campaigns_of_two_robots_are_not_mixed(
+    answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = heavier(folder(tmp_path / "other", campaign({}, repeats=1, lengths=(0.2,))))
+    code, text = ran(capsys, answered.case, other)
+    assert code == 2 and "another robot.yaml" in text and "--robot" in text
+
+
+def heavier(case: Path) -> Path:
+    robot = yaml.safe_load(paper_robot().read_text())
+    (case / "robot.yaml").write_text(yaml.safe_dump({**robot, "tip_mass": 0.2}))
+    return case
+
+
+def tipless(case: Path) -> Path:
+    rows = [
+        TrialRow(1, k, "stiffness", 1, "load", float(k), 0.2, (0.0,) * 9, specimen="spine", force=0.1 * k, deflection=0.001 * k)
+        for k in range(1, 4)
+    ]  # fmt: skip
+    return folder(case, rows)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path, case: case, "fit saw them"),
+        (lambda path, case: heavier(folder(path, campaign(AREA, seed=3, repeats=1))), "another robot.yaml"),
+        (lambda path, case: tipless(path), "none with a tip"),
+        (lambda path, case: edited(path, campaign(AREA, seed=3, repeats=1), {"p9": None}), "9 chambers"),
+        (lambda path, case: edited(path, campaign(AREA, seed=3, repeats=1), {"x": None}), "y, z without x"),
+        (lambda path, case: path / "nowhere", "nowhere"),
+    ],
+    ids=["the same", "another robot", "no tip", "other chambers", "no x", "not there"],
+)
+def test_a_campaign_that_cannot_be_held_out_is_refused_before_anything_is_fitted(
+    answered: Answered,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    make: Callable[[Path, Path], Path],
+    words: str,
+) -> None:
+    code, text = ran(capsys, answered.case, "--holdout", make(tmp_path / "other", answered.case))
+    assert code == 2 and "--holdout" in text and words in text, text
+    assert len(text.strip().splitlines()) == 1
+
+
+def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(BOWED)
+    effects = with_effects(effects_from_file(file))
+    case = folder(tmp_path / "case", campaign({"bowed_spine.bow": 0.3}, catalogue=effects))
+    path = tmp_path / "diagnosis.json"
+    assert ran(capsys, case, "--effects", file, "--json", path)[0] == 0
+    found = json.loads(path.read_text())
+    assert found["attribute"]["verdict"] == "effect" and found["attribute"]["effects"] == ["bowed_spine"]
+    size = found["attribute"]["ranking"][0]["parameters"]["bowed_spine.bow"]
+    assert size["value"] == pytest.approx(0.3, abs=4 * size["sd"]) and size["unit"] == "1/m"
+    assert found["locate"]["stage"]["structure"] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("EFFECTS = 3\n", "EFFECTS must be a tuple"),
+        ("def oops(:\n", "SyntaxError"),
+        (BOWED.replace('v["bow"]', 'v["bough"]'), "bowed_spine: its law fails: KeyError: 'bough'"),
+        (BOWED.replace('v["bow"] *', '(0.1 + v["bow"]) *'), "bowed_spine: moves readings"),
+        (BOWED.replace("bowed_spine", "contact"), "the id is taken"),
+    ],
+    ids=["no effects", "no Python", "misspelt", "not nothing at zero", "taken"],
+)
+def test_an_effect_of_one_s_own_that_is_wrong_is_refused_before_it_is_weighed(
+    answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
+) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(text)
+    code, said = ran(capsys, answered.case, "--effects", file)
+    assert code == 2 and words in said, said
+    assert len(said.strip().splitlines()) == 1
+
+
+def test_a_file_that_cannot_be_written_is_told_at_once(
+    answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, text = ran(capsys, answered.case, "--json", tmp_path / "none" / "diagnosis.json")
+    assert code == 2 and "cannot be written" in text
+
+
+def test_rows_without_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
+    from diagnosis.diagnose import Options, diagnose
+    from lab.inputs import Case
+    from recordings.trials import Table
+
+    rows = campaign({}, repeats=1, lengths=(0.2,))
+    rows[3] = replace(rows[3], tip=(float("nan"), 0.0, 0.4))
+    found = diagnose(Case(ROBOT, Table(tuple(rows))), Options(quantify=False, experiments=False))
+    assert any("1 of 7 states" in c for c in found.concerns)
+    assert found.attribute.verdict == "unknown"

@@ -1,0 +1,106 @@
+"""The page of a diagnosis: whole without a network, with a picture in every frame, and drawn by a real browser."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from diagnosed_case import Answered, answered_once
+from numpy.typing import NDArray
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+QUIET = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--window-size=1200,6000",
+)  # fmt: skip
+"""No profile of a person, nothing looked up anywhere."""
+OF_THE_BROWSER = "not an origin"
+"""Initiator of what a browser asks for by itself, whatever page is open."""
+SECTIONS = (
+    "How large, and how far it shrinks", "On a campaign the fit never saw", "Where", "The robot's shape", "Which cause",
+    "Which effects this data can tell apart", "What calibration hides", "What to do next",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
+    return answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
+
+
+@pytest.fixture(scope="module")
+def browser() -> str:
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
+    return found
+
+
+def opened(browser: str, page: Path, folder: Path, *what: str) -> str:
+    """What a browser prints on opening a page."""
+    command = [browser, *QUIET, f"--user-data-dir={folder / 'profile'}", *what, page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+def asked_for(browser: str, page: Path, folder: Path) -> list[str]:
+    """Addresses that the page made the browser ask for, other than of files and of data within it."""
+    log = folder / "net.json"
+    opened(browser, page, folder, f"--log-net-log={log}", "--virtual-time-budget=3000", "--dump-dom")
+    requests = [e.get("params") or {} for e in json.loads(log.read_text())["events"]]
+    return sorted(
+        {
+            r["url"]
+            for r in requests
+            if r.get("initiator", OF_THE_BROWSER) != OF_THE_BROWSER and not r["url"].startswith(("file:", "data:"))
+        }
+    )
+
+
+def test_every_picture_of_the_page_shows_something(answered: Answered) -> None:
+    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', answered.page.read_text())
+    assert len(pictures) == 8
+    for picture in pictures:
+        assert ink(matplotlib.image.imread(io.BytesIO(base64.b64decode(picture)))) > 0.01
+
+
+def test_the_page_points_nowhere(answered: Answered) -> None:
+    text = answered.page.read_text()
+    assert not re.search(r'(?:src|href|url\()\s*=?\s*["\']?\s*(?:https?:)?//', text)
+    assert "<script" not in text
+
+
+def test_the_browser_shows_title_verdict_and_all_sections(answered: Answered, browser: str, tmp_path: Path) -> None:
+    dom = opened(browser, answered.page, tmp_path, "--dump-dom")
+    assert "<title>The gap between model and robot</title>" in dom
+    assert "Best supported cause: area_moment" in dom and "On the campaign held out" in dom
+    assert re.findall(r"<h2>([^<]+)</h2>", dom) == list(SECTIONS)
+
+
+def test_the_browser_draws_the_page_from_top_to_bottom(answered: Answered, browser: str, tmp_path: Path) -> None:
+    picture = tmp_path / "page.png"
+    opened(browser, answered.page, tmp_path, f"--screenshot={picture}")
+    drawn = matplotlib.image.imread(picture)
+    assert drawn.shape[:2] == (6000, 1200)
+    assert all(ink(part) > 0.01 for part in np.array_split(drawn, 6))
+
+
+def test_the_browser_is_asked_for_nothing_outside_the_page(answered: Answered, browser: str, tmp_path: Path) -> None:
+    assert asked_for(browser, answered.page, tmp_path) == []
+    leaking = tmp_path / "leaking.html"
+    leaking.write_text(answered.page.read_text().replace("<h1>", '<img src="http://127.0.0.1:9/pixel.png"><h1>', 1))
+    assert asked_for(browser, leaking, tmp_path) == ["http://127.0.0.1:9/pixel.png"]
+
+
+def ink(picture: NDArray[np.float32]) -> float:
+    """Share of pixels that are not (nearly) white."""
+    return float((picture[..., :3].min(axis=-1) < 0.9).mean())
