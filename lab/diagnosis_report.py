@@ -159,7 +159,9 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     )
 
 
-def _sign(value: float | None) -> str:
+def _sign(value: float | str | None) -> str:
+    if isinstance(value, str):
+        return value or "none"
     return "none" if value is None else f"{value:.3g}"
 
 
