@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from .quantify import Unseen, baseline_model, candidate_model, folds, unseen_err
 from .result import STAGES, Attribute, Data, Locate, Ranked
 from .shapes import worst
 from .size import sizes, values
+from .stand import Stand
 
 Array = NDArray[np.float64]
 
@@ -35,28 +36,42 @@ PREDICTED = 4
 
 def data(p: Prepared, table: Table) -> Data:
     """What was diagnosed."""
-    repeated = p.floor.contrasts
+    repeated = p.floor.contrasts + (p.stand.floor.contrasts if p.stand is not None else 0)
     source = (
         f"{repeated} differences between repeats"
         if repeated
         else "usual values of settled readings: nothing was repeated"
     )
     channels = tuple(dict.fromkeys(p.labels.channel.tolist()))
-    return Data(len(table), len(np.unique(p.states.trial)), channels, p.floor.channel["tip"] * MM, source)
+    noise = p.floor.channel["tip"]
+    if p.stand is not None and p.pushes_only:
+        noise = float(np.median(p.stand.floor.channel["force"] / p.stand.stiffness))
+    return Data(len(table), len(np.unique(p.states.trial)), channels, noise * MM, source)
 
 
 def where(f: Found, stages: Mapping[str, str]) -> Locate:
     """Where the gap of the calibrated baseline lies; `stages` effect id -> stage of the chain."""
     p = f.prepared
     missed = p.problem.observed - p.problem.forward.predict(p.shared(f.calibrated.theta))
-    gap = p.tip(missed)
+    gap = p.gap(missed)
     seen = np.asarray(np.isfinite(gap).all(axis=1))
     own = p.states.take(seen)
-    by = locate.cells(own, gap[seen], p.reading, {s: m[seen] for s, m in _markers(p, missed).items()})
+    by = locate.cells(
+        own, gap[seen], p.reading, {s: m[seen] for s, m in _markers(p, missed).items()}, _pushes(p, missed)
+    )
     rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
-    return Locate(rmse * MM, p.reading * MM, significant, by, stage, locate.numerical_error(p.robot, own) * MM)
+    numerical = locate.numerical_error(p.robot, own) * MM
+    what: Literal["tip", "deflection"] = "deflection" if p.pushes_only else "tip"
+    return Locate(rmse * MM, p.reading * MM, significant, by, stage, numerical, what)
+
+
+def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:
+    if p.stand is None:
+        return None
+    own = p.states.pushed
+    return locate.Pushes(p.states.take(own), p.deflection(missed)[own], p.stand.reading)
 
 
 def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
@@ -80,7 +95,7 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
         heldout = None
         if unseen is not None and rank < PREDICTED and named != UNKNOWN:
             model = baseline_model(p, f.calibrated) if named == NONE else candidate_model(p, c)
-            errors = unseen.after if c is f.best and named != NONE else unseen_error(p, model, fold)
+            errors = unseen.after if c is f.best and named != NONE else unseen_error(p, model, fold)[0]
             heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
         ranked.append(Ranked(named, probability, c.log_evidence, heldout, values(sizes(p, c))))
     d = f.decision
@@ -88,8 +103,9 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
 
 
 def detail(f: Found, unseen: Unseen | None, holdout: Holdout | None) -> dict[str, Any]:
-    """What the figures show beyond the contract. Tips in m, base frame."""
+    """What the figures show beyond the contract. Tips in m, base frame; states are those with a tip."""
     p = f.prepared
+    of_robot = p.states.take(~p.states.pushed)
     observed = p.problem.observed
     given, slope = p.problem.forward.linearise(p.problem.parameters.mean)
     calibrated, explained = (p.problem.forward.predict(p.shared(t)) for t in (f.calibrated.theta, f.best.fit.theta))
@@ -111,21 +127,52 @@ def detail(f: Found, unseen: Unseen | None, holdout: Holdout | None) -> dict[str
         "apart": _apart(f),
         "shapes": worst(p, f.calibrated.theta, f.best.fit.theta),
         "states": {
-            "trial": p.states.trial.tolist(),
-            "spine_length": p.states.spine_length.tolist(),
-            "pressure": p.states.highest.tolist(),
-            "branch": p.states.branch.tolist(),
-            "experiment": p.states.kind.tolist(),
-            "tip": p.states.tip.tolist(),
-            "calibrated": p.tip(calibrated).tolist(),
-            "explained": p.tip(explained).tolist(),
+            "trial": of_robot.trial.tolist(),
+            "spine_length": of_robot.spine_length.tolist(),
+            "pressure": of_robot.highest.tolist(),
+            "branch": of_robot.branch.tolist(),
+            "experiment": of_robot.kind.tolist(),
+            "tip": of_robot.tip.tolist(),
+            "calibrated": p.tip(calibrated)[~p.states.pushed].tolist(),
+            "explained": p.tip(explained)[~p.states.pushed].tolist(),
         },
     }
     if unseen is not None:
         made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
+    if p.stand is not None:
+        made["stiffness"] = _stiffness(
+            p, p.stand, {"as given": given, "calibrated": calibrated, "explained": explained}
+        )
+        if unseen is not None:
+            pairs = (("unseen: calibrated", unseen.stand_before), ("unseen: explained", unseen.stand_after))
+            made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}
     if holdout is not None:
         made["holdout"] = asdict(holdout) | {"statement": holdout.statement}
     return made
+
+
+def _stiffness(p: Prepared, held: Stand, predicted: Mapping[str, Array]) -> dict[str, Any]:
+    """Force, deflection and what each model gives for it, by reading; N and m."""
+    own = p.states.pushed
+    forces = {name: held.stiffness * p.deflection(y) for name, y in predicted.items()}
+    missed = {name: _rms_of(p.deflection(p.problem.observed - y)) for name, y in predicted.items()}
+    return {
+        "waterfall_mm": missed,
+        "floor_mm": held.reading * MM,
+        "floor": {**held.floor.channel, "deflection": held.floor.pressure, "trial": dict(held.floor.trial)},
+        "trial": p.states.trial[own].tolist(),
+        "specimen": [r.specimen or "spine" for r, pushed in zip(p.states.rows, own, strict=True) if pushed],
+        "spine_length": p.states.spine_length[own].tolist(),
+        "deflection": p.states.deflection[own].tolist(),
+        "stiffness": held.stiffness[own].tolist(),
+        "force": (held.stiffness * p.deflection(p.problem.observed))[own].tolist(),
+        **{name: force[own].tolist() for name, force in forces.items() if name != "as given"},
+    }
+
+
+def _rms_of(error: Array) -> float:
+    """mm."""
+    return float(np.sqrt(np.nanmean(error**2))) * MM
 
 
 def _apart(f: Found) -> dict[str, Any]:
@@ -138,13 +185,15 @@ def _apart(f: Found) -> dict[str, Any]:
 
 
 def _rms(p: Prepared, missed: Array) -> float:
-    """Root mean square tip distance, mm."""
-    return float(np.sqrt(np.nanmean((p.tip(missed) ** 2).sum(axis=1)))) * MM
+    """Root mean square of the gap, mm."""
+    return float(np.sqrt(np.nanmean((p.gap(missed) ** 2).sum(axis=1)))) * MM
 
 
 def _masking(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:
     """Share of each effect's tip displacement that a calibration absorbs: one area factor, or one a spine length."""
     parameters = p.problem.parameters
+    if "area.excess" not in parameters.names:
+        return {}
     weight = np.where(p.labels.kind == 0, 1.0, 0.0)
     area = slope[:, [parameters.names.index("area.excess")]]
     length = np.round(p.states.spine_length[p.labels.state], 2)

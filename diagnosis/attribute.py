@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .apart import Apart, apart
-from .case import PRESSURE_GAP, States
+from .case import enough
 from .evidence import NONE, Hypothesis
 from .fit import Fit, fit
 from .posterior import Posterior, beside_unknown, posterior, prior
@@ -71,15 +71,10 @@ def attribute(p: Prepared) -> Found:
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)
     trended = trend(p, found[NONE].fit.slope)
     weighed = beside_unknown(known, unknown, own.outside(sign, trended))
-    decision = decide(weighed, own, _enough(p.states))
+    decision = decide(weighed, own, enough(p.states))
     return Found(
         p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, _apart(p, found, weighed, best), own
     )
-
-
-def _enough(s: States) -> bool:
-    """Whether a cause may be named at all: the robot is bent, at two pressures, and states were repeated."""
-    return s.repeats >= 2 and bool(s.highest.max() > PRESSURE_GAP) and len(np.unique(np.round(s.highest / 5e3))) > 1
 
 
 def _calibrated(p: Prepared) -> Fit:

@@ -7,6 +7,7 @@ and what a sound but small table does not hold is said as a concern that travels
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -15,15 +16,17 @@ from numpy.typing import NDArray
 from model.robot import Robot
 from recordings.trials import Table, TrialRow
 
+from . import pushes
 from .errors import BadCase
+from .levels import SPINE_GAP, VACUUM_GAP, levels, pressure_gap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FARTHEST = 1.5
 """Robot lengths: no tip of a rod that stretches by less than half is further from its base."""
-SPINE_GAP, PRESSURE_GAP, VACUUM_GAP, RATE_GAP = 3e-3, 3e3, 10e3, 1e3
-"""m, Pa, Pa, Pa/s: readings that differ by less were meant to be the same setting."""
+RATE_GAP = 1e3
+"""Pa/s: ramps that differ by less were meant to be the same."""
 HOLD_GAP = 0.4
 """Of log(1 + hold / s): settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ."""
 FEWEST_REPEATS = 3
@@ -41,7 +44,7 @@ class CaseLike(Protocol):
 
 @dataclass(frozen=True)
 class States:
-    """n states with a tip, in the order in which they happened; SI, angles in rad."""
+    """n states in the order in which they happened, those of the robot before those of stiffness trials; SI, rad."""
 
     rows: tuple[TrialRow, ...]
     trial: Ints
@@ -53,11 +56,15 @@ class States:
     time: Array
     """s; NaN where not recorded."""
     tip: Array
-    """(n, 3) m, base frame."""
+    """(n, 3) m, base frame; NaN for pushes."""
     condition: Ints
     """States of equal number were meant to be the same."""
     kind: Ints
     """States of equal number belong to the same kind of experiment; 0 is the sweep that most states belong to."""
+    pushed: NDArray[np.bool_]
+    """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
+    pressure_gap: float
+    """Pa within which pressures count as one setting."""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -67,8 +74,18 @@ class States:
         kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
         return States(
             kept, self.trial[rows], self.spine_length[rows], self.pressure[rows], self.branch[rows], self.time[rows],
-            self.tip[rows], self.condition[rows], self.kind[rows],
+            self.tip[rows], self.condition[rows], self.kind[rows], self.pushed[rows], self.pressure_gap,
         )  # fmt: skip
+
+    @cached_property
+    def main(self) -> NDArray[np.bool_]:
+        """(n,) states in which the gap is looked for: all with a tip; the pushes where there are no others."""
+        return ~self.pushed if (~self.pushed).any() else self.pushed
+
+    @cached_property
+    def deflection(self) -> Array:
+        """(n,) m; 0 for states of the robot."""
+        return np.array([(r.deflection or 0.0) if p else 0.0 for r, p in zip(self.rows, self.pushed, strict=True)])
 
     @property
     def highest(self) -> Array:
@@ -78,31 +95,42 @@ class States:
 
     @property
     def repeats(self) -> int:
-        """Trials in which a state was read, in the middle over all states."""
-        return int(np.median(np.bincount(self.condition)[np.unique(self.condition)]))
+        """Trials in which a state was read, in the middle over all states in which the gap is looked for."""
+        # A state read twice in one trial is not repeated: what differs from trial to trial is not in it.
+        pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
+        return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
 
 
 def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
-    """The states with a tip, and what is to be said about the table; raises `BadCase`."""
+    """The states with a tip and those of stiffness trials, and what is to be said about the table; raises `BadCase`."""
     robot = case.robot
     of_robot = [r for r in case.table if r.protocol != "stiffness" and r.tip is not None]
-    if not of_robot:
+    of_stand = pushes.rows(case.table)
+    if not of_robot and not of_stand:
         raise BadCase(
-            f"{len(case.table)} rows, none with a tip position: a bending or elongation run is needed to see a gap of the robot"
+            f"{len(case.table)} rows, none with a tip position and no stiffness row with force and deflection: a bending, "
+            "elongation or stiffness run is needed to see a gap"
         )
     sound = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
+    held = [r for r in of_stand if np.isfinite((r.spine_length, r.force, r.deflection)).all()]  # type: ignore[arg-type]
     concerns = []
-    if len(sound) < len(of_robot):
-        bad = len(of_robot) - len(sound)
-        concerns.append(f"{bad} of {len(of_robot)} states hold values that are not finite and are left out")
-    if not sound:
-        raise BadCase(f"all {len(of_robot)} states hold values that are not finite: nothing can be compared")
+    if len(sound) + len(held) < len(of_robot) + len(of_stand):
+        every = len(of_robot) + len(of_stand)
+        bad = every - len(sound) - len(held)
+        concerns.append(f"{bad} of {every} states hold values that are not finite and are left out")
+    if not sound and not held:
+        raise BadCase(
+            f"all {len(of_robot) + len(of_stand)} states hold values that are not finite: nothing can be compared"
+        )
     _refuse_strange(robot, sound)
-    made = _arrays(sound)
-    return made, tuple(concerns + _concerns(made))
+    pushes.refuse_strange(robot, held)
+    made = _arrays(sound, held, len(robot.chambers.azimuths_deg))
+    return made, tuple(concerns + (_concerns(made) if sound else []) + pushes.concerns(held, made, bool(sound)))
 
 
 def _refuse_strange(robot: Robot, rows: list[TrialRow]) -> None:
+    if not rows:
+        return
     tips = np.array([r.tip for r in rows])
     distance = np.linalg.norm(tips, axis=1)
     worst = int(np.argmax(distance))
@@ -125,24 +153,46 @@ def _refuse_strange(robot: Robot, rows: list[TrialRow]) -> None:
         )
 
 
-def _arrays(rows: list[TrialRow]) -> States:
+def _arrays(of_robot: list[TrialRow], of_stand: list[TrialRow], chambers: int) -> States:
+    rows = of_robot + of_stand
+    gap = pressure_gap(of_robot)
     trial = np.array([r.trial for r in rows], np.int64)
     spine = np.clip([r.spine_length for r in rows], 0.0, None)
-    pressure = np.array([r.pressures for r in rows])
+    none = (0.0,) * chambers
+    pressure = np.array([r.pressures for r in of_robot] + [none] * len(of_stand)).reshape(len(rows), chambers)
     branch = np.array([-1.0 if r.branch == "unload" else 1.0 for r in rows])
-    kind = _kinds(rows, pressure)
-    level = levels(pressure.max(axis=1), PRESSURE_GAP)
+    n = len(of_robot)
+    kind = np.concatenate([_kinds(of_robot, pressure[:n], gap), pushes.kinds(of_stand)])
+    kind[n:] += kind[:n].max(initial=-1) + 1
+    condition = np.concatenate(
+        [
+            _conditions(of_robot, spine[:n], pressure[:n], branch[:n], kind[:n], gap),
+            pushes.conditions(of_stand, spine[n:]),
+        ]
+    )
+    condition[n:] += condition[:n].max(initial=-1) + 1
+    time = np.array([np.nan if r.t is None else r.t for r in rows])
+    tip = np.array([r.tip for r in of_robot] + [(np.nan,) * 3] * len(of_stand))
+    return States(
+        tuple(rows), trial, spine, pressure, branch, time, tip, condition, kind, np.arange(len(rows)) >= n, gap
+    )
+
+
+def _conditions(rows: list[TrialRow], spine: Array, pressure: Array, branch: Array, kind: Ints, gap: float) -> Ints:
+    """Number of each row's condition."""
+    if not rows:
+        return np.zeros(0, np.int64)
+    level = levels(pressure.max(axis=1), gap)
     held = levels(np.log1p([r.hold or 0.0 for r in rows]), HOLD_GAP)
     keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind, held])
-    condition = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
-    time = np.array([np.nan if r.t is None else r.t for r in rows])
-    tip = np.array([r.tip for r in rows])
-    return States(tuple(rows), trial, spine, pressure, branch, time, tip, condition, kind)
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
-def _kinds(rows: list[TrialRow], pressure: Array) -> Ints:
+def _kinds(rows: list[TrialRow], pressure: Array, gap: float) -> Ints:
     """Number of each row's kind of experiment: protocol, chambers inflated, tip mass, roll, vacuum, rate and hold."""
-    inflated = (pressure > 0.5 * pressure.max(axis=1, keepdims=True)) & (pressure > PRESSURE_GAP)
+    if not rows:
+        return np.zeros(0, np.int64)
+    inflated = (pressure > 0.5 * pressure.max(axis=1, keepdims=True)) & (pressure > gap)
     on_the_fly = np.array([r.hold is not None and r.hold <= 0 for r in rows])
     rate = np.array([abs(r.rate or 0.0) for r in rows])
     speed = np.zeros(len(rows))
@@ -165,25 +215,28 @@ def _kinds(rows: list[TrialRow], pressure: Array) -> Ints:
     return rank[index.reshape(-1)].astype(np.int64)
 
 
-def levels(values: Array, gap: float) -> Ints:
-    """Number of each value's level: sorted values further than `gap` apart belong to different levels."""
-    order = np.argsort(values, kind="stable")
-    out = np.empty(len(values), np.int64)
-    out[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
-    return out
+def enough(s: States) -> bool:
+    """Whether a cause may be named at all: states were repeated, and the robot is bent at two pressures, or a specimen is
+    pushed to two deflections at two lengths."""
+    own = s.take(~s.pushed)
+    if len(own) and own.repeats >= 2:
+        bent = own.highest.max() > s.pressure_gap
+        return bool(bent and len(np.unique(levels(own.highest, s.pressure_gap))) > 1)
+    return pushes.enough(s.take(s.pushed))
 
 
 def _concerns(s: States) -> list[str]:
     said = []
-    lengths = len(np.unique(levels(s.spine_length, SPINE_GAP)))
-    pressures = len(np.unique(levels(s.highest, PRESSURE_GAP)))
+    own = s.take(s.main)
+    lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))
+    pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
     if lengths < 2:
         said.append(
             "one spine length only: what the spine does cannot be told from what the body does; record at least two lengths"
         )
     if pressures < 2:
         said.append("one pressure only: no cause can be told from the chambers' area; record at least two pressures")
-    if s.highest.max() < PRESSURE_GAP:
+    if s.highest.max() < s.pressure_gap:
         said.append("no state is bent: nothing can be said about chambers, spine or material; record a bending sweep")
     if s.repeats < FEWEST_REPEATS:
         word = "no state was repeated" if s.repeats < 2 else "states were read twice only"
@@ -191,6 +244,6 @@ def _concerns(s: States) -> list[str]:
             f"{word}: the noise floor is taken from the spread of settled readings and misses what differs from trial to "
             "trial, so no cause can be named with confidence; repeat the sweep three times"
         )
-    if not (s.branch < 0).any():
+    if not (own.branch < 0).any():
         said.append("no unload branch: friction, creep and a shift in time look alike; read the way down too")
     return said

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
-from .case import CaseLike, states
+from .case import CaseLike, States, states
 from .errors import TooLittle
 from .posterior import UNKNOWN, beside_unknown, posterior, prior
 from .prepare import Prepared, prepare
@@ -48,7 +48,8 @@ def compare_campaigns(later: CaseLike, reference: CaseLike, catalogue: Mapping[s
             f"reference was measured on robot {reference.robot.name!r}, this campaign on {later.robot.name!r} or with another "
             "robot.yaml: give both the same one"
         )
-    before, after = (prepare(c.robot, states(c)[0], catalogue=catalogue) for c in (reference, later))
+    both = _alike(states(reference)[0], states(later)[0])
+    before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
     search = Search(_joined(before, after))
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
@@ -70,6 +71,17 @@ def compare_campaigns(later: CaseLike, reference: CaseLike, catalogue: Mapping[s
         if parameters.effects[i] in named and named != UNKNOWN
     }
     return Change(_sentence(named, p, sizes, own.bench), found.ranking[:10], sizes)
+
+
+def _alike(before: States, after: States) -> tuple[States, States]:
+    """Both with what both hold: states of the robot, stiffness trials, or both."""
+    kinds = [sum(bool((s.pushed == pushed).any()) for s in (before, after)) == 2 for pushed in (False, True)]
+    if not any(kinds):
+        raise TooLittle(
+            "one campaign holds stiffness trials alone and the other none: compare what was measured in both, or record the other"
+        )
+    both = [s.take(np.array(kinds)[s.pushed.astype(int)]) for s in (before, after)]
+    return both[0], both[1]
 
 
 def _sentence(named: Sequence[str], p: float, sizes: dict[str, float], bench: str) -> str:

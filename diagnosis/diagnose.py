@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
@@ -20,7 +21,7 @@ from .holdout import hold_out, unmet
 from .prepare import prepare
 from .quantify import shrink
 from .result import Diagnosis, Locate, Proposal, Shrink
-from .verdict import statement
+from .verdict import beside, statement
 
 
 @dataclass(frozen=True)
@@ -48,21 +49,26 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
     tried = hold_out(found, other) if other is not None else None
     where = assemble.where(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
+    detail = assemble.detail(found, unseen, tried)
+    said = _statement(found, where, shrunk, proposals, detail.get("stiffness"))
     return Diagnosis(
-        statement=_statement(found, where, shrunk, proposals) + (f" {tried.statement}" if tried is not None else ""),
+        statement=said + (f" {tried.statement}" if tried is not None else ""),
         data=assemble.data(prepared, case.table),
         locate=where,
         attribute=assemble.which(found, unseen),
         shrink=shrunk,
         next_experiment=proposals,
         concerns=concerns,
-        detail=assemble.detail(found, unseen, tried),
+        detail=detail,
     )
 
 
-def _statement(f: Found, where: Locate, shrunk: Shrink | None, proposals: tuple[Proposal, ...]) -> str:
+def _statement(
+    f: Found, where: Locate, shrunk: Shrink | None, proposals: tuple[Proposal, ...], pushes: Mapping[str, Any] | None
+) -> str:
     named = f.decision.effects
     alike = (group for group in f.rivals if set(named) & set(group))
     rivals = tuple(dict.fromkeys(e for group in alike for e in group if e not in named))
-    return statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
+    text = statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
                      f.signs.outlier_trial, f.tempering.bench)  # fmt: skip
+    return text if pushes is None or where.of == "deflection" else f"{text} {beside(pushes, f.decision)}"

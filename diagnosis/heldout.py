@@ -1,21 +1,27 @@
 """Predicting data that a fit did not see: a share of the values is left out, the model refitted, the rest predicted.
 
-A refit solves the linear problem of the other values around a fit to all of them; its parameters then predict with the
-model in full. The discrepancy weighs the fit but takes no part in the prediction.
+A refit solves the linear problem of the other values around a fit to all of them. Where that leads astray, as it does when
+the model is far off or hardly any value is left that says something about a parameter, the search is made in full. Its
+parameters then predict with the model in full. The discrepancy weighs the fit but takes no part in the prediction.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit import Fit
-from .problem import Problem
+from .fit import Fit, fit
+from .problem import Forward, Problem
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+WORSE = 10.0
+"""A refit that leaves so many times the squared misfit of the fit to all values was led astray."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +43,38 @@ def left_out(problem: Problem, model: Model, fold: Ints) -> Array:
     missed = np.full(len(problem.observed), np.nan)
     for part in np.unique(fold[fold >= 0]):
         seen, own = fold != part, fold == part
-        theta = _refitted(problem, model, seen)
-        missed[own] = (problem.observed - problem.forward.predict(theta))[own]
+        missed[own] = (problem.observed - _predicted(problem, model, seen))[own]
     return missed
+
+
+def _predicted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
+    """What a fit to the values marked `seen` predicts (n,)."""
+    predicted = problem.forward.predict(_refitted(problem, model, seen))
+    noise = problem.noise.take(seen)
+    after, before = (noise.whiten((problem.observed - y)[seen]) for y in (predicted, model.around.predicted))
+    if np.isfinite(predicted).all() and float(after @ after) <= WORSE * float(before @ before):
+        return predicted
+    rest = replace(
+        problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
+        discrepancy=problem.discrepancy[seen], alike=problem.alike[seen],
+    )  # fmt: skip
+    return problem.forward.predict(fit(rest, model.variance, model.size, model.around.theta).theta)
+
+
+class _Part:
+    """A forward model of which only some values are looked at."""
+
+    def __init__(self, forward: Forward, seen: NDArray[np.bool_]) -> None:
+        self._forward, self._seen = forward, seen
+
+    def predict(self, theta: Array) -> Array:
+        """Predicted values that are looked at."""
+        return self._forward.predict(theta)[self._seen]
+
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """The same, and their derivatives."""
+        predicted, slope = self._forward.linearise(theta, columns)
+        return predicted[self._seen], slope[self._seen]
 
 
 def _refitted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:

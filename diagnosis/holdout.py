@@ -18,8 +18,9 @@ from model.effects.design import design_from_columns
 from recordings.trials import TrialRow
 
 from .attribute import Found
-from .case import SPINE_GAP, CaseLike, States, levels, states
+from .case import CaseLike, States, states
 from .errors import BadCase, BadHoldout
+from .levels import SPINE_GAP, levels
 from .prepare import Prepared, table_columns
 from .quantify import closed, rms
 from .result import LengthShrink
@@ -79,7 +80,7 @@ class Holdout:
 
 
 def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
-    """The states of `other`; raises `BadHoldout` when it cannot be used, has another robot or shares states."""
+    """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
     if diagnosed.robot != other.robot:
         raise BadHoldout(
             f"measured on robot {other.robot.name!r} with another robot.yaml than the diagnosed {diagnosed.robot.name!r}; "
@@ -89,6 +90,13 @@ def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
         own, _ = states(other)
     except BadCase as e:
         raise BadHoldout(str(e)) from e
+    own = own.take(~own.pushed)
+    if not len(own) or all(r.tip is None or r.protocol == "stiffness" for r in diagnosed.table):
+        which = "the campaign held out" if not len(own) else "what is diagnosed"
+        raise BadHoldout(
+            f"an answer is tried on tips, and {which} has none: stiffness trials alone cannot be held out, "
+            "nor be tried on a bending run; diagnose and hold out bending or elongation runs"
+        )
     known = {_key(r) for r in diagnosed.table}
     again = sum(_key(r) in known for r in own.rows)
     if again:

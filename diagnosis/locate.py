@@ -1,14 +1,15 @@
 """Where the gap lies: root mean square by factor, with trial-bootstrap intervals, against the noise floor.
 
-The gap is measured minus baseline model, the baseline being calibrated with one area factor and nothing else. A cell is
-called significant when its mean square exceeds what the floor gives, the readings of a trial taken as erring together,
-with the expected share of false calls over all cells held to 5 % (Benjamini and Hochberg).
+The gap is measured minus baseline model, the baseline being calibrated with one area factor and nothing else; that of
+stiffness trials is the force missed over the specimen's stiffness. A cell is called significant when its mean square
+exceeds what the floor gives, the readings of a trial taken as erring together, with the expected share of false calls
+over all cells held to 5 % (Benjamini and Hochberg).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,8 @@ from model.euler import solve_euler
 from model.robot import Robot
 from model.rod import solve
 
-from .case import PRESSURE_GAP, SPINE_GAP, States, levels
+from .case import States
+from .levels import SPINE_GAP, levels
 from .result import Cell
 
 Array = NDArray[np.float64]
@@ -33,22 +35,39 @@ MM = 1e3
 TIME_BINS = 4
 
 
-def cells(states: States, gap: Array, floor: float, markers: Mapping[float, Array]) -> dict[str, tuple[Cell, ...]]:
-    """The gap (n, 3) m of the tip by factor; `floor` m, rms distance of a single reading; `markers` arc length m -> (n, 3) m.
+@dataclass(frozen=True)
+class Pushes:
+    """The gap of stiffness trials."""
 
-    A floor that is not known (NaN) makes no cell significant.
+    states: States
+    """Those of the stiffness trials."""
+    missed: Array
+    """(n,) m of deflection."""
+    floor: float
+    """m of deflection, rms of a single reading."""
+
+
+def cells(
+    states: States, gap: Array, floor: float, markers: Mapping[float, Array], pushes: Pushes | None = None
+) -> dict[str, tuple[Cell, ...]]:
+    """The gap (n, 3) m by factor; `floor` m, rms distance of a single reading; `markers` arc length m -> (n, 3) m.
+
+    The gap is that of tips; of stiffness trials alone it is the deflection, along x. `pushes` adds their gap by specimen
+    and spine length. A floor that is not known (NaN) makes no cell significant.
     """
     rng = np.random.default_rng(SEED)
-    length, pressure = levels(states.spine_length, SPINE_GAP), levels(states.highest, PRESSURE_GAP)
+    length, pressure = levels(states.spine_length, SPINE_GAP), levels(states.highest, states.pressure_gap)
     found: dict[str, list[tuple[Cell, float]]] = {}
 
     def cell(value: float | str, own: Mask, missed: Array, share: float = 1.0) -> tuple[Cell, float]:
         return _cell(value, states.trial[own], missed[own], floor * np.sqrt(share), rng)
 
+    tips = not states.pushed.all()
+    gap = gap if tips else gap[:, :1]
     found["spine_length"] = [cell(_middle(states.spine_length, m), m, gap) for m in _each(length)]
-    found["pressure"] = [cell(_middle(states.highest, m), m, gap) for m in _each(pressure)]
+    found["pressure"] = [cell(_middle(states.highest, m), m, gap) for m in _each(pressure) if tips]
     everything = np.ones(len(states), bool)
-    found["axis"] = [cell(name, everything, gap[:, [k]], 1 / 3) for k, name in enumerate("xyz")]
+    found["axis"] = [cell(name, everything, gap[:, [k]], 1 / 3) for k, name in enumerate("xyz") if tips]
     branches: dict[str, Mask] = {"load": states.branch > 0, "unload": states.branch < 0}
     found["branch"] = [cell(name, own, gap) for name, own in branches.items() if own.any()]
     found["time"] = [cell(_middle(states.time, m), m, gap) for m in _bins(states.time)]
@@ -57,7 +76,22 @@ def cells(states: States, gap: Array, floor: float, markers: Mapping[float, Arra
         for s, missed in markers.items()
         if np.isfinite(missed).any()
     ]
+    if pushes is not None:
+        found["stiffness"] = _specimens(pushes, rng)
     return _called(found)
+
+
+def _specimens(p: Pushes, rng: np.random.Generator) -> list[tuple[Cell, float]]:
+    """A cell for each specimen and spine length."""
+    body = np.array([r.specimen == "body" for r in p.states.rows], np.int64)
+    length = levels(p.states.spine_length, SPINE_GAP)
+    found = []
+    for specimen, k in np.unique(np.column_stack([body, length]), axis=0):
+        own = (body == specimen) & (length == k)
+        at = 100 * float(p.states.spine_length[own].mean())
+        name = f"body, spine {at:.3g} cm" if specimen else f"spine {at:.3g} cm"
+        found.append(_cell(name, p.states.trial[own], p.missed[own, None], p.floor, rng))
+    return found
 
 
 def _each(level: NDArray[np.int64]) -> list[Mask]:
@@ -107,6 +141,9 @@ def _called(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str, tuple[Ce
 
 def numerical_error(robot: Robot, states: States) -> float:
     """Rms tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where it has none."""
+    states = states.take(~states.pushed)
+    if not len(states):
+        return float("nan")
     _, first = np.unique(states.condition, return_index=True)
     rows = [states.rows[i] for i in first]
     mass = np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from model.robot import Robot
 
-from .case import PRESSURE_GAP, States
+from .case import States
 
 Columns = dict[str, NDArray[np.generic]]
 
@@ -66,7 +66,7 @@ class _State:
 
 def menu(robot: Robot, s: States) -> list[Experiment]:
     """Experiments that the campaign does not hold yet."""
-    lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > PRESSURE_GAP], PRESSURE_GAP)
+    lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > s.pressure_gap], s.pressure_gap)
     chambers = _inflated(s)
     others = [(c - 1 + len(robot.chambers.azimuths_deg) // 3) % len(robot.chambers.azimuths_deg) + 1 for c in chambers]
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
@@ -107,7 +107,7 @@ def _done(id: str, s: States) -> bool:
         "unload": any(r.branch == "unload" for r in rows),
         "orientation": any(r.orientation is not None for r in rows),
         "markers": any(r.markers for r in rows),
-        "elongation": any(min(r.pressures) > PRESSURE_GAP for r in rows),
+        "elongation": any(min(r.pressures) > s.pressure_gap for r in rows),
         "roll": len({round(r.roll_deg or 0.0) for r in rows}) > 1,
         "tip_mass": len({round(r.tip_mass or 0.0, 3) for r in rows}) > 1,
         "vacuum": len({round((r.vacuum or 0.0) / 10e3) for r in rows if r.spine_length > 0.01}) > 2,

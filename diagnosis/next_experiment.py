@@ -54,15 +54,15 @@ class _Prediction:
 
 
 def propose(p: Prepared, weighed: Posterior, separation: Apart) -> tuple[Proposal, ...]:
-    """Experiments that are not in the campaign, best bits for their time first."""
+    """Experiments that are not in the campaign, best bits for their time first; none after stiffness trials alone."""
     remaining = _remaining(weighed, separation)
-    if len(remaining) < 2:
+    if len(remaining) < 2 or p.pushes_only:
         return ()
     weight = np.maximum([weighed.probability(c.named) for c in remaining], LEAST_WEIGHT)
     weight /= weight.sum()
     spread = [_covariance(p.problem, c) for c in remaining]
     found = []
-    for experiment in menu(p.robot, p.states):
+    for experiment in menu(p.robot, p.states.take(~p.states.pushed)):
         predictions = _predictions(p, experiment, remaining, spread)
         if predictions is None:
             continue

@@ -17,25 +17,26 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import TEXTS
 
-from .case import PRESSURE_GAP, States
+from .case import States
 from .discrepancy import Settings, by_channel, columns, settings
 from .errors import BadCase
 from .floor import Components, Repeated, components, reading_rms
 from .noise import Noise
 from .problem import Parameters, Problem
+from .stand import OF_STAND, Stand, stand
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TIP = ("x", "y", "z")
-KINDS = ("tip", "turn", "marker")
+KINDS = ("tip", "turn", "marker", "force")
 USUAL = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
 """Usual white noise of a reading: m, rad, m."""
 USUAL_PRESSURE = 500.0
 """Pa."""
 STIFFNESS_ONLY = ("force_bias", "arm_compliance", "contact_offset")
-IDLE = 5e3
-"""Pa; a chamber that never reads more within a trial is vented."""
+IDLE, IDLE_SHARE = 5e3, 0.025
+"""Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
@@ -50,9 +51,9 @@ class Labels:
     """(n,) index into the states."""
     channel: NDArray[np.str_]
     kind: Ints
-    """(n,) 0 tip, 1 orientation, 2 marker."""
+    """(n,) 0 tip, 1 orientation, 2 marker, 3 force."""
     axis: Ints
-    """(n,) which of its kind's three axes."""
+    """(n,) which of its kind's three axes; 0 for forces."""
     trial: Ints
     experiment: Ints
     """(n,) kind of experiment, see `States.kind`."""
@@ -72,6 +73,13 @@ class Prepared:
     unit: float
     """m, size 1 of the discrepancy."""
     forward: ForwardModel
+    stand: Stand | None
+    """What is known of the stiffness trials; None where there are none."""
+
+    @property
+    def pushes_only(self) -> bool:
+        """Whether the gap is that of stiffness trials, as no state has a tip."""
+        return bool(self.states.pushed.all())
 
     def shared(self, theta: Array) -> Array:
         """Parameters (k,) with what each trial has of its own set to nothing: what a model can say of the next trial."""
@@ -83,6 +91,23 @@ class Prepared:
         out = np.full((len(self.states), 3), np.nan)
         own = self.labels.kind == 0
         out[self.labels.state[own], self.labels.axis[own]] = values[own]
+        return out
+
+    def deflection(self, values: Array) -> Array:
+        """(states,) m: forces among values (n,) as the deflection that each specimen gives way by under them, NaN elsewhere."""
+        out = np.full(len(self.states), np.nan)
+        if self.stand is not None:
+            own = self.labels.kind == 3
+            state = self.labels.state[own]
+            out[state] = values[own] / self.stand.stiffness[state]
+        return out
+
+    def gap(self, values: Array) -> Array:
+        """(states, 3) m where the gap is looked for: tips, or, of stiffness trials alone, the deflection along x."""
+        if not self.pushes_only:
+            return self.tip(values)
+        out = np.zeros((len(self.states), 3))
+        out[:, 0] = self.deflection(values)
         return out
 
 
@@ -114,10 +139,15 @@ def prepare(
 ) -> Prepared:
     """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
     table = table_columns(states)
-    forward = ForwardModel(robot, design_from_columns(robot, table), area, seen_by(states, catalogue))
-    observed, sd = forward.observe(table)
+    design = design_from_columns(robot, table)
+    forward = ForwardModel(robot, design, area, seen_by(states, catalogue))
     start = np.zeros(len(forward.parameters))
     predicted, slope = forward.linearise(start)
+    if states.pushed.all():
+        forward = ForwardModel(robot, design, area, _moving(forward, slope))
+        start = np.zeros(len(forward.parameters))
+        predicted, slope = forward.linearise(start)
+    observed, sd = forward.observe(table)
     kept = np.isfinite(sd) & np.isfinite(predicted)
     if not kept.any():
         raise BadCase(
@@ -125,26 +155,45 @@ def prepare(
         )
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
-    response = by_pressure(forward, states, made, slope)[kept]
-    floor, reading = _floor(states, labels, forward.parameters, (observed - predicted)[kept], slope[kept], response)
-    white = (
-        np.array([floor.channel[k] for k in KINDS])[labels.kind]
-        * np.where(resting(states), floor.rest, 1.0)[labels.state]
-    )
-    noise = Noise(labels.state, white, floor.pressure * response)
-    known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
+    missed, response = (observed - predicted)[kept], by_pressure(forward, states, made, slope)[kept]
+    floor, reading = _floor(states, labels, forward.parameters, missed, slope[kept], response)
+    held = stand(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
+    noise = _noise(states, labels, floor, held, response)
+    if held is not None and states.pushed.all():
+        known = held.reading
+    else:
+        known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
     unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
-    smooth, alike = _smooth(robot, states, labels, unit)
+    smooth, alike = _smooth(robot, states, labels, unit, held)
     problem = Problem(
-        Kept(forward, kept), _scattered(made, forward.parameters, floor), observed[kept], noise, smooth, alike
+        Kept(forward, kept), _scattered(made, forward.parameters, floor, held), observed[kept], noise, smooth, alike
     )
-    return Prepared(robot, states, problem, labels, floor, known, unit, forward)
+    return Prepared(robot, states, problem, labels, floor, known, unit, forward, held)
+
+
+def _moving(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
+    """The effects that move any value at all: those that the readings cannot bear on are not weighed."""
+    moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
+    return {id: spec for id, spec in forward.catalogue.items() if id in moved}
+
+
+def _noise(states: States, labels: Labels, floor: Components, held: Stand | None, response: Array) -> Noise:
+    """Of the robot's values, with their response (n, r) to the pressures' readings, and of the forces at the stand."""
+    usual = np.array([floor.channel.get(k, 1.0) for k in KINDS])
+    white = usual[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
+    shared = floor.pressure * response
+    if held is not None:
+        own = labels.kind == 3
+        white[own] = held.floor.channel["force"]
+        # No pressure is read there: the deflection's error, the state's own as well, takes the first column.
+        shared[own] = 0.0
+        shared[own, 0] = held.floor.pressure * held.stiffness[labels.state[own]]
+    return Noise(labels.state, white, shared)
 
 
 def seen_by(states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
     """A catalogue without the effects of stiffness trials, which states of the robot cannot show."""
-    forces = any(r.protocol == "stiffness" for r in states.rows)
-    return {id: spec for id, spec in catalogue.items() if forces or id not in STIFFNESS_ONLY}
+    return {id: spec for id, spec in catalogue.items() if states.pushed.any() or id not in STIFFNESS_ONLY}
 
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
@@ -163,10 +212,11 @@ def vented(states: States) -> Array:
     would otherwise bend the model.
     """
     out = states.pressure.copy()
+    idle = min(IDLE, IDLE_SHARE * float(out.max()))
     for t in np.unique(states.trial):
         own = np.flatnonzero(states.trial == t)
-        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < IDLE))] = 0.0
-    out[out.max(axis=1) < PRESSURE_GAP] = 0.0
+        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < idle))] = 0.0
+    out[out.max(axis=1) < states.pressure_gap] = 0.0
     return out
 
 
@@ -190,28 +240,32 @@ def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> L
     row = forward.observations.row[kept]
     channel = forward.observations.channel[kept].astype(np.str_)
     turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
-    axis = np.array(["xyz".index(name[-1]) for name in channel], np.int64)
-    kind = np.where(turn, 1, np.where(marker, 2, 0)).astype(np.int64)
+    axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
+    kind = np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
     return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
 
 
 def _floor(
     states: States, labels: Labels, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array, response: Array
 ) -> tuple[Components, float]:
-    """Components of the noise, and the rms of a single tip reading (m)."""
-    names = list(dict.fromkeys(labels.channel.tolist()))
-    column = np.array([names.index(c) for c in labels.channel])
+    """Components of the noise of the robot's states, and the rms of a single tip reading (m)."""
+    names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
+    usual = Components(dict(USUAL), USUAL_PRESSURE, {}, 1.0, 0)
+    if not names:
+        return usual, float("nan")
+    of_robot = labels.kind < 3
+    column = np.array([names.index(c) for c in labels.channel[of_robot]])
 
     def grid(values: Array) -> Array:
         out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
-        out[labels.state, column] = values
+        out[labels.state[of_robot], column] = values[of_robot]
         return out
 
     residual = grid(missed)
     whole = np.isfinite(residual).all(axis=1)
     by_trial = {
         source: slope[:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
-        for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name)
+        for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name and p.source not in OF_STAND)
     }
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
     data = Repeated(
@@ -224,7 +278,7 @@ def _floor(
         resting(states)[whole],
     )
     trial = {source: next(p.sd for p in infos if p.source == source) for source in by_trial}
-    found = components(data, Components({k: USUAL[k] for k in KINDS}, USUAL_PRESSURE, trial, 1.0, 0))
+    found = components(data, replace(usual, trial=trial))
     return found, reading_rms(data, np.array([name in TIP for name in names]))
 
 
@@ -237,6 +291,8 @@ def by_pressure(forward: ForwardModel, states: States, made: Parameters, slope: 
     """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
     row, pressure = forward.observations.row, vented(states)
     together = regulators(pressure)
+    if "pressure_offset.offset" not in made.names:
+        return np.zeros((len(slope), len(together)))
     inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
     alone = inflated.sum(axis=1) == 1
     out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index("pressure_offset.offset")]]
@@ -258,18 +314,28 @@ def regulators(pressure: Array) -> list[Ints]:
     return found or [np.arange(pressure.shape[1])]
 
 
-def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components) -> Parameters:
-    """The priors of what a trial has of its own as wide as the repeats show."""
-    sd = np.array([floor.trial.get(p.source, p.sd) for p in infos])
-    return replace(made, sd=sd)
+def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components, held: Stand | None) -> Parameters:
+    """The priors of what a trial has of its own as wide as the repeats show: those of the robot, those at the stand."""
+
+    def own(p: ParameterInfo) -> float:
+        at_stand = held is not None and p.name in held.names
+        trial = held.floor.trial if held is not None and at_stand else floor.trial
+        return trial.get(p.source, p.sd)
+
+    return replace(made, sd=np.array([own(p) for p in infos]))
 
 
-def _smooth(robot: Robot, states: States, labels: Labels, unit: float) -> tuple[Array, Array]:
+def _smooth(robot: Robot, states: States, labels: Labels, unit: float, held: Stand | None) -> tuple[Array, Array]:
     """Columns of a discrepancy of size 1, and of a smooth factor over the states."""
-    where = settings(states.spine_length, states.highest, states.branch, states.kind, robot.length)
+    load = states.highest if held is None else held.load(states)
+    where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
     channels = sorted(set(labels.channel.tolist()))
     number = np.array([channels.index(c) for c in labels.channel])
-    # A bend that moves the tip by d turns it by about 2 d / L.
-    size = np.array([2 * unit / robot.length if name.startswith("r") else unit for name in channels])
+    # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
+    size = np.array([2 * unit / robot.length if n.startswith("r") else 1.0 if n == "force" else unit for n in channels])
     alike = columns(Settings(where.place, np.ones(len(states))))
-    return by_channel(alike * where.size[:, None], labels.state, number, size), alike[labels.state]
+    smooth = by_channel(alike * where.size[:, None], labels.state, number, size)
+    if held is not None:
+        own = labels.kind == 3
+        smooth[own] *= held.unit[labels.state[own], None]
+    return smooth, alike[labels.state]

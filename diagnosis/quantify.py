@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .case import SPINE_GAP, levels
 from .fit import Fit
 from .heldout import Model, left_out
+from .levels import SPINE_GAP, levels
 from .prepare import Prepared
 from .result import LengthShrink, Shrink
 from .search import Candidate
@@ -31,11 +31,14 @@ CLOSABLE = 1.1
 
 @dataclass(frozen=True)
 class Unseen:
-    """Tip errors (n,) m of states, each predicted without its fold."""
+    """Errors (n,) m of states, each predicted without its fold."""
 
     before: Array
     after: Array
     how: str
+    stand_before: Array
+    """(n,) m of deflection, of stiffness trials; NaN elsewhere."""
+    stand_after: Array
 
 
 def folds(p: Prepared) -> tuple[Ints, str]:
@@ -43,8 +46,8 @@ def folds(p: Prepared) -> tuple[Ints, str]:
     length = levels(p.states.spine_length, SPINE_GAP)
     if len(np.unique(length)) >= 3:
         return length, "leave one spine length out"
-    pressure = levels(p.states.highest, 3e3)
-    if len(np.unique(pressure)) >= 3:
+    pressure = levels(p.states.highest, p.states.pressure_gap)
+    if len(np.unique(pressure[~p.states.pushed])) >= 3:
         return pressure, "leave one pressure out"
     return np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64), "leave one trial out"
 
@@ -59,11 +62,14 @@ def candidate_model(p: Prepared, c: Candidate) -> Model:
     return Model(p.problem.parameters.variance(c.named, c.cell.spike), c.cell.size, c.fit)
 
 
-def unseen_error(p: Prepared, model: Model, fold: Ints) -> Array:
-    """Tip distance (states,) m between measured and predicted, each state predicted without its fold (states,)."""
+def unseen_error(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:
+    """Distance (states,) m between measured and predicted, each state predicted without its fold (states,).
+
+    The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections.
+    """
     missed = left_out(p.problem, model, fold[p.labels.state])
-    out: Array = np.linalg.norm(p.tip(missed), axis=1)
-    return out
+    gap: Array = np.linalg.norm(p.gap(missed), axis=1)
+    return gap, np.abs(p.deflection(missed))
 
 
 def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen] | tuple[None, None]:
@@ -71,8 +77,8 @@ def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unsee
     fold, how = folds(p)
     if len(np.unique(fold)) < 2:
         return None, None
-    before = unseen_error(p, baseline_model(p, calibrated), fold)
-    after = unseen_error(p, candidate_model(p, best), fold)
+    before, stand_before = unseen_error(p, baseline_model(p, calibrated), fold)
+    after, stand_after = unseen_error(p, candidate_model(p, best), fold)
     seen = np.isfinite(before) & np.isfinite(after)
     share, interval = closed(before[seen], after[seen], p.reading, p.states.trial[seen])
     length = levels(p.states.spine_length, SPINE_GAP)
@@ -87,7 +93,7 @@ def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unsee
         if own.any()
     )
     made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.reading * MM, share, interval, by_length)
-    return made, Unseen(before, after, how)
+    return made, Unseen(before, after, how, stand_before, stand_after)
 
 
 def share_closed(before: float, after: float, floor: float) -> float | None:

@@ -16,6 +16,7 @@ from .errors import BadCase
 
 SCHEMA = "diagnosis/1"
 FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
+"""What the gap is split by; with stiffness trials also by "stiffness": specimen and spine length."""
 STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement")
 
 Verdict = Literal["effect", "none", "unknown"]
@@ -29,7 +30,7 @@ class Data:
     trials: int
     channels: tuple[str, ...]
     noise_mm: float
-    """White noise of a tip coordinate, mm."""
+    """White noise of a tip coordinate, or of stiffness trials alone of a deflection, mm."""
     noise_from: str
 
 
@@ -38,7 +39,7 @@ class Cell:
     """The gap in one part of the data."""
 
     value: float | str
-    """Spine length m, pressure Pa, axis, branch, time s or arc length m."""
+    """Spine length m, pressure Pa, axis, branch, time s, arc length m, or specimen."""
     rmse_mm: float
     bias_mm: float
     """Mean of measured minus model: along x for all factors but axis."""
@@ -60,6 +61,9 @@ class Locate:
     stage: Mapping[str, float]
     numerical_error_mm: float
     """Root mean square tip error that the paper's Euler integration alone would add to its model."""
+    of: Literal["tip", "deflection"] = "tip"
+    """What the gap is of: the tip's position; of stiffness trials alone the deflection, a missed force over the specimen's
+    stiffness. Beside tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
 
 
 @dataclass(frozen=True)

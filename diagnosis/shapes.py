@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .case import SPINE_GAP, levels
+from .levels import SPINE_GAP, levels
 from .prepare import Prepared
 
 Array = NDArray[np.float64]

@@ -1,9 +1,10 @@
 """Whether repeats of the same state change with time: what no effect of the catalogue does.
 
 How strongly a trial bends is taken as one number: its readings beside the average of their repeats, along what more
-chamber area would do. Trials of one spine length are then ranked by it and by time; the sum of Kendall's S over all spine
-lengths has an exact distribution when time does not matter (M. G. Kendall, Biometrika 30, 1938). Nothing of the model but
-the direction enters, so nothing that the model gets wrong can pass for a trend.
+chamber area would do (of stiffness trials alone: along what a stiffer specimen would do). Trials of one spine length are
+then ranked by it and by time; the sum of Kendall's S over all spine lengths has an exact distribution when time does not
+matter (M. G. Kendall, Biometrika 30, 1938). Nothing of the model but the direction enters, so nothing that the model gets
+wrong can pass for a trend.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .case import SPINE_GAP, levels
+from .levels import SPINE_GAP, levels
 from .prepare import Prepared
 
 Array = NDArray[np.float64]
@@ -42,19 +43,21 @@ def _trials(p: Prepared, slope: Array) -> tuple[Array, Array, Array]:
     channels = np.unique(labels.channel, return_inverse=True)[1]
     same = np.unique(np.column_stack([p.states.condition[labels.state], channels]), axis=0, return_inverse=True)[1]
     same = same.reshape(-1)
-    area = slope[:, [i for i, name in enumerate(problem.parameters.names) if name.startswith("area.")]].sum(axis=1)
+    # A robot bends more, a specimen at the stand is stiffer.
+    along = ("spine_stiffness.", "youngs_modulus.") if p.pushes_only else ("area.",)
+    area = slope[:, [i for i, name in enumerate(problem.parameters.names) if name.startswith(along)]].sum(axis=1)
 
     def beside(values: Array) -> Array:
         count = np.bincount(same)
         return values - (np.bincount(same, values) / count)[same]
 
-    missed, along = problem.noise.whiten(beside(problem.observed)), problem.noise.whiten(area)
+    missed, response = problem.noise.whiten(beside(problem.observed)), problem.noise.whiten(area)
     level = levels(p.states.spine_length, SPINE_GAP)
     found = []
     for t in np.unique(labels.trial[labels.experiment == 0]):
         own = (labels.trial == t) & (labels.experiment == 0)
         states = np.unique(labels.state[own])
-        strength = float(along[own] @ missed[own]) / max(float(along[own] @ along[own]), 1e-300)
+        strength = float(response[own] @ missed[own]) / max(float(response[own] @ response[own]), 1e-300)
         times = p.states.time[states]
         when = float(np.nanmean(times)) if np.isfinite(times).any() else float(t)
         found.append((strength, float(level[states[0]]), when))

@@ -10,8 +10,9 @@ Probabilities are given with the bench that they were calibrated on.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from .evidence import NONE
 from .posterior import UNKNOWN, Posterior
@@ -45,7 +46,9 @@ def statement(
 ) -> str:  # fmt: skip
     """The verdict in a few sentences; `breaker` is the experiment that would separate the candidates best."""
     gap, floor = where.gap_rmse_mm, where.noise_floor_mm
-    head = f"The calibrated model misses the tip by {gap:.2f} mm rms; the noise floor is {floor:.2f} mm."
+    # Deflections at the stand are small.
+    what, digits = ("the tip", 2) if where.of == "tip" else ("the deflections of the stiffness trials", 3)
+    head = f"The calibrated model misses {what} by {gap:.{digits}f} mm rms; the noise floor is {floor:.{digits}f} mm."
     sure = f"p = {d.probability:.2f}, {bench}"
     if d.verdict == "none":
         return f"{head} Below the floor: no effect of the catalogue is supported ({sure})."
@@ -59,5 +62,20 @@ def statement(
     text = f"{head} Best supported cause: {' and '.join(d.effects)} ({sure}){tied}{broken}."
     if shrunk is None:
         return text
-    closed = f", {shrunk.share_closed * 100:.0f} % of what can be closed" if shrunk.share_closed is not None else ""
-    return f"{text} With it {shrunk.after_mm:.2f} mm are left on data that the fit did not see{closed}."
+    closed = (
+        f", {min(shrunk.share_closed, 1.0) * 100:.0f} % of what can be closed"
+        if shrunk.share_closed is not None
+        else ""
+    )
+    return f"{text} With it {shrunk.after_mm:.{digits}f} mm are left on data that the fit did not see{closed}."
+
+
+def beside(pushes: Mapping[str, Any], d: Decision) -> str:
+    """A sentence about the stiffness trials beside tips; `pushes` is the diagnosis' detail of them."""
+    missed, floor = pushes["waterfall_mm"], pushes["floor_mm"]
+    text = (
+        f"Of the stiffness trials it misses the deflections by {missed['calibrated']:.3f} mm rms (floor {floor:.3f} mm)"
+    )
+    if d.verdict != "effect":
+        return f"{text}."
+    return f"{text}, with the cause by {missed['explained']:.3f} mm."

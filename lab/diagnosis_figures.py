@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from diagnosis.case import levels
+from diagnosis.levels import levels
 from diagnosis.result import Diagnosis
 
 from .figures import STYLE, colours, save
@@ -21,7 +21,7 @@ MM = 1e3
 
 
 def waterfall(d: Diagnosis, length: float, path: Path) -> Path:
-    """Rms tip error of the model as given, calibrated, explained, and on unseen data; `length` m of the robot."""
+    """Rms error of the model as given, calibrated, explained, and on unseen data; `length` m of the robot."""
     steps = dict(d.detail["waterfall_mm"])
     floor = steps.pop("noise floor")
     if d.shrink is not None:
@@ -38,7 +38,7 @@ def waterfall(d: Diagnosis, length: float, path: Path) -> Path:
         axis.bar_label(bars, labels, fontsize=8, padding=2)
         axis.axhline(floor, color=RED, lw=1.2, ls="--", label=f"noise floor {floor:.2f} mm")
         axis.margins(y=0.2)
-        axis.set_ylabel("tip error, mm rms")
+        axis.set_ylabel(f"error of the {d.locate.of}, mm rms")
         axis.grid(False, axis="x")
         axis.tick_params(axis="x", labelsize=8)
         axis.legend()
@@ -51,9 +51,9 @@ def gap_map(d: Diagnosis, path: Path) -> Path:
     missed = {"calibrated": s["tip"] - s["calibrated"], "with the best hypothesis": s["tip"] - s["explained"]}
     main = s["experiment"] == 0
     branches = [(b, name) for b, name in ((1, "load"), (-1, "unload")) if (main & (s["branch"] == b)).any()]
-    lengths = _levels(s["spine_length"][main], 0.01)
+    lengths, grain = _levels(s["spine_length"][main], 0.01), _grain(s["pressure"])
     # Sweeps read on the fly turn at other pressures up than down, so each branch has levels of its own.
-    pressures = {b: _levels(s["pressure"][main & (s["branch"] == b)], 10e3) for b, _ in branches}
+    pressures = {b: _levels(s["pressure"][main & (s["branch"] == b)], grain) for b, _ in branches}
     maps = [
         (f"{word}, {name}", pressures[b], _mapped(s, gap, main & (s["branch"] == b), lengths, pressures[b]))
         for word, gap in missed.items()
@@ -151,6 +151,11 @@ def _levels(values: Array, grain: float) -> Array:
     return np.array([values[number == k].mean() for k in np.unique(number)])
 
 
+def _grain(pressure: Array) -> float:
+    """Pa; readings that scatter by less were meant to be one setting."""
+    return min(10e3, max(0.04 * float(np.nanmax(pressure)), 1.0))
+
+
 def _mapped(s: dict[str, Array], gap: Array, own: NDArray[np.bool_], lengths: Array, pressures: Array) -> Array:
     out = np.full((len(lengths), len(pressures)), np.nan)
     row = np.abs(s["spine_length"][:, None] - lengths).argmin(axis=1)
@@ -164,7 +169,7 @@ def _mapped(s: dict[str, Array], gap: Array, own: NDArray[np.bool_], lengths: Ar
 def _curve(axis: Axes, pressure: Array, gap: Array, colour: tuple[float, ...], style: str) -> None:
     if not pressure.size:
         return
-    levels = _levels(pressure, 6e3)
+    levels = _levels(pressure, 0.6 * _grain(pressure))
     nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
     axis.plot(
         levels / 1e3,

@@ -17,6 +17,7 @@ from . import diagnosis_figures as draw
 from .diagnosis_attribution import apart as draw_apart
 from .diagnosis_attribution import sizes as draw_sizes
 from .diagnosis_shapes import shapes as draw_shapes
+from .pushes_figure import pushes as draw_pushes
 from .report import Report, Section
 
 LITTLE = 0.05
@@ -38,10 +39,16 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
         if "holdout" in d.detail:
             _held_out(report.section("On a campaign the fit never saw"), d.detail["holdout"])
         _where(report.section("Where"), d, folder)
-        _shapes(report.section("The robot's shape"), d, folder)
+        if "stiffness" in d.detail:
+            _pushed(report.section("Stiffness trials"), d, folder)
+        tips = d.locate.of == "tip"
+        if tips:
+            _shapes(report.section("The robot's shape"), d, folder)
         _which(report.section("Which cause"), d, folder)
-        _told_apart(report.section("Which effects this data can tell apart"), d, folder)
-        _hidden(report.section("What calibration hides"), d, folder)
+        if tips:
+            _told_apart(report.section("Which effects this data can tell apart"), d, folder)
+        if d.detail["masking"]:
+            _hidden(report.section("What calibration hides"), d, folder)
         _next(report.section("What to do next"), d)
     return report.write(path)
 
@@ -49,7 +56,8 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
 def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     s.figure(
         draw.waterfall(d, length, folder / "waterfall.png"),
-        "Tip error step by step; unseen: each predicted without its own data; held out: a campaign of its own (--holdout)",
+        f"{'Tip error' if d.locate.of == 'tip' else 'Error of the deflections'} step by step; unseen: each predicted without "
+        "its own data; held out: a campaign of its own (--holdout)",
     )
     if d.shrink is None:
         s.text(
@@ -86,10 +94,12 @@ def _held_out(s: Section, found: Mapping[str, Any]) -> None:
 
 
 def _where(s: Section, d: Diagnosis, folder: Path) -> None:
-    s.figure(
-        draw.gap_map(d, folder / "map.png"), "Gap by spine length and pressure, before and after, one colour scale"
-    )
-    s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
+    tips = d.locate.of == "tip"
+    if tips:
+        s.figure(
+            draw.gap_map(d, folder / "map.png"), "Gap by spine length and pressure, before and after, one colour scale"
+        )
+        s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
     rows = [
         [
             name,
@@ -103,9 +113,21 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
         for c in cells
     ]
     s.table(("factor", "at", "n", "rms, mm", "95 %", "above the floor"), rows)
+    if not tips:
+        return
     s.text(
         f"The paper's Euler integration alone would add {d.locate.numerical_error_mm:.2f} mm rms; it is not part of this gap."
     )
+
+
+def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
+    found = d.detail["stiffness"]
+    s.figure(
+        draw_pushes(found, folder / "pushes.png"),
+        "Force missed, over the specimen's stiffness: as a deflection; grey: noise floor",
+    )
+    rows = [[name, f"{value:.3f}"] for name, value in found["waterfall_mm"].items()]
+    s.table(("model", "deflection missed, mm rms"), [*rows, ["noise floor", f"{found['floor_mm']:.3f}"]])
 
 
 def _at(factor: str, value: float | str) -> str:
@@ -137,7 +159,9 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     )
 
 
-def _sign(value: float | None) -> str:
+def _sign(value: float | str | None) -> str:
+    if isinstance(value, str):
+        return value or "none"
     return "none" if value is None else f"{value:.3g}"
 
 

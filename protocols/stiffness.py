@@ -187,10 +187,10 @@ class ProbeMotion:
             rotation = Rotation.from_rotvec(self.state.latest().tcp_pose[3:])
             return -float(np.dot(rotation.apply(force), self.stand.push))
 
-        return self.bench.wait(f"force: {samples} samples", mean, 30.0)
+        return self.bench.wait(f"force: {samples} samples", mean, 30.0 + samples / 10)
 
-    def approach(self, along: float) -> float:
-        """From the standoff in small steps until contact; returns the depth (m) of first contact."""
+    def approach(self, along: float) -> tuple[float, float]:
+        """From the standoff in small steps until contact; returns the depth (m) of first contact and the force (N) there."""
         p = self.p
         self.go(along, -self.stand.standoff, p.speed)
         self.zero = self.force.zero(p.zero_samples)
@@ -204,7 +204,7 @@ class ProbeMotion:
                 )
             depth += p.approach_step
             self.go(along, depth, p.push_speed)
-        return depth
+        return depth, self.pushing(p.min_samples)
 
 
 LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
@@ -224,10 +224,12 @@ def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]
 
 def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: ProbeMotion, length: float) -> None:
     """Approach, then step the deflection and read force at each."""
-    contact = through_pauses(bench, partial(probe.approach, length))
+    contact, touching = through_pauses(bench, partial(probe.approach, length))
     trials.step_done()
     tcp = probe.state.latest().tcp_pose
-    trial = with_probe(trial, Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2])))
+    # Deflection counts from here, so force does: how far the last step went past the first touch is in both.
+    origin = Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2]), force_offset=touching)
+    trial = with_probe(trial, origin)
     rate = _sample_rate(bench)
     average = max(p.average, p.min_samples / rate)
     for i in range(1, p.steps + 1):
@@ -247,8 +249,9 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: Probe
             bench.say(f"{e}: no further deflection at this length")
             return
         trials.step_done()
-        if row.force is not None and row.force > p.max_force:
-            bench.say(f"Force {row.force:.1f} N is above {p.max_force:g} N: no further deflection at this length")
+        force = touching + (row.force or 0.0)
+        if force > p.max_force:
+            bench.say(f"Force {force:.1f} N is above {p.max_force:g} N: no further deflection at this length")
             return
 
 

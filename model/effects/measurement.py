@@ -41,6 +41,7 @@ def _arm_compliance(q: Quantities, v: Values) -> None:
 
 def _contact_offset(q: Quantities, v: Values) -> None:
     q.contact_offset = q.contact_offset + v["offset"]
+    q.contact_layer = q.contact_layer + v["layer"]
 
 
 SPECS = (
@@ -83,10 +84,13 @@ SPECS = (
     EffectSpec(
         id="contact_offset",
         stage="measurement",
-        equation="F = k <y - d>",
-        parameters=(Parameter("offset", "m", 1e-3, -5e-3, 5e-3),),
+        equation="F = max(k <y - d>, k c y / (k + c)): a gap, or a layer of stiffness c, is taken up over d",
+        parameters=(
+            Parameter("offset", "m", 1e-3, -5e-3, 5e-3, starts=(0.0, 5e-4, 1e-3, -1e-3)),
+            Parameter("layer", "N/m", 200.0, 0.0, 2e3, role="shape", starts=(0.0, 100.0)),
+        ),
         law=Law(before=_contact_offset),
-        citation="late touch",
+        citation="late touch; springs in series",
         seen_best_in="stiffness trials: the first points",
     ),
 )

@@ -143,8 +143,9 @@ def _copies(design: Design, source: Source) -> list[tuple[str, NDArray[np.bool_]
     if source.scope == "mount":
         turned = np.round(np.degrees(design.roll))
         return [(f"[roll={x:g} deg]", (turned == x) & ~design.stiffness) for x in mounts(design)[1:]]
-    spined = [k for k in range(len(design.trial_id)) if (design.spine_length[design.trial == k] > 0).any()]
-    labels = [f"[trial={design.trial_id[k]}]" for k in spined]
+    has = design.stiffness if source.scope == "push" else design.spine_length > 0
+    trials = [k for k in range(len(design.trial_id)) if has[design.trial == k].any()]
+    labels = [f"[trial={design.trial_id[k]}]" for k in trials]
     if len(set(labels)) < len(labels):
-        labels = [f"[trial={design.trial_id[k]}, part {k}]" for k in spined]
-    return [(label, design.trial == k) for label, k in zip(labels, spined, strict=True)]
+        labels = [f"[trial={design.trial_id[k]}, part {k}]" for k in trials]
+    return [(label, design.trial == k) for label, k in zip(labels, trials, strict=True)]

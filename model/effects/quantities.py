@@ -91,6 +91,8 @@ class Quantities:
     """Stiffness rows: m/N of arm and mount."""
     contact_offset: Array
     """Stiffness rows: m of deflection read before the arm touches."""
+    contact_layer: Array
+    """Stiffness rows: N/m of what is squeezed over that way; 0: nothing is."""
 
 
 def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array) -> Quantities:
@@ -138,4 +140,5 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         clamp_root=each(0.0),
         arm_compliance=each(0.0),
         contact_offset=each(0.0),
+        contact_layer=each(0.0),
     )

@@ -16,7 +16,8 @@ from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
-Scope = Literal["all", "trial", "spine_length", "mount"]
+Scope = Literal["all", "trial", "spine_length", "push", "mount"]
+"""push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll but the most usual."""
 Group = Literal["effect", "calibration", "nuisance"]
 
 
@@ -83,6 +84,14 @@ def _jamming(q: Quantities, v: Values) -> None:
     q.jamming_exponent = q.jamming_exponent + v["exponent"]
 
 
+def _touch(q: Quantities, v: Values) -> None:
+    q.contact_offset = q.contact_offset + v["late"]
+
+
+def _zero(r: Readings, v: Values) -> None:
+    r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
+
+
 def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter) -> EffectSpec:
     return EffectSpec(id, stage, "", parameters, law, "tolerance", "")
 
@@ -116,6 +125,17 @@ BY_TRIAL = (
         "nuisance", "trial",
     ),
 )  # fmt: skip
+BY_PUSH = (
+    Source(
+        _tolerance("touch", "measurement", Law(before=_touch), Parameter("late", "m", 0.3e-3, -3e-3, 3e-3)),
+        "nuisance", "push",
+    ),
+    Source(
+        _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0)),
+        "nuisance", "push",
+    ),
+)  # fmt: skip
+"""Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
 MOUNT = (
     Source(_tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE)), "nuisance", "mount"),
     Source(_tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3)), "nuisance", "mount"),
@@ -149,4 +169,6 @@ def sources(
         spined = design.vacuum[design.spine_length > 0]
         if np.ptp(spined) > 0.05 * design.nominal_vacuum:
             found.append(JAMMING)
+    if design.stiffness.any():
+        found += BY_PUSH
     return tuple(found)

@@ -14,6 +14,7 @@ from diagnosis.holdout import hold_out, unmet
 from diagnosis.prepare import prepare
 from diagnosis.quantify import closed
 from diagnosis.verdict import Decision
+from recordings.trials import TrialRow
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.diagnosis.test_diagnose import measured
 
@@ -62,6 +63,11 @@ def test_one_trial_gives_no_interval_and_no_verdict(found: Found, diagnosed: Mea
     assert held.trials == 1 and held.ci95 is None and held.verdict == "open"
 
 
+def push(r: TrialRow) -> TrialRow:
+    """A row of a stiffness trial in the place of one of a sweep."""
+    return replace(r, protocol="stiffness", tip=None, specimen="spine", force=0.1, deflection=1e-3)
+
+
 @pytest.mark.parametrize(
     ("other", "said"),
     [
@@ -69,12 +75,25 @@ def test_one_trial_gives_no_interval_and_no_verdict(found: Found, diagnosed: Mea
         (lambda c: Measured(ROBOT.model_copy(update={"tip_mass": 0.5}), c.table), "same robot"),
         (lambda c: case([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()]), "check the unit"),
         (lambda c: case([replace(r, protocol="stiffness", tip=None) for r in sweep()]), "none with a tip"),
+        (lambda c: case([push(r) for r in sweep() if r.spine_length > 0.05]), "campaign held out has none"),
     ],
 )
 def test_what_cannot_be_held_out_is_refused(diagnosed: Measured, other: object, said: str) -> None:
     assert callable(other)
     with pytest.raises(BadHoldout, match=said):
         unmet(diagnosed, other(diagnosed))
+
+
+def test_what_was_diagnosed_without_tips_cannot_be_tried_on_them() -> None:
+    pushed = case([push(r) for r in sweep() if r.spine_length > 0.05])
+    with pytest.raises(BadHoldout, match="what is diagnosed has none"):
+        unmet(pushed, measured(2, 9))
+
+
+def test_pushes_beside_tips_are_not_tried(diagnosed: Measured) -> None:
+    other = list(measured(2, 9).table)
+    own = unmet(diagnosed, case(other + [push(r) for r in other if r.spine_length > 0.05]))
+    assert len(own) == len(other) and not own.pushed.any()
 
 
 def test_trials_are_drawn_within_their_kind() -> None:

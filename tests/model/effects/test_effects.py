@@ -194,6 +194,25 @@ def test_a_force_reading_has_bias_arm_and_late_touch(paper_robot: Robot) -> None
     assert read("arm_compliance.give", 1e-4) == pytest.approx(y / (1 / stiffness + 1e-4))
     assert read("contact_offset.offset", 1.5e-3) == pytest.approx(stiffness * np.maximum(y - 1.5e-3, 0))
     assert read("vacuum_leak.lost", 0.36)[-1] < 0.9 * stiffness * y[-1]
+    assert read("touch.late[trial=1]", -1e-3) == pytest.approx(stiffness * (y + 1e-3))
+    assert read("zero.force[trial=1]", 0.1) == pytest.approx(stiffness * y + 0.1)
+
+
+def test_a_late_touch_may_be_a_soft_layer_that_is_squeezed_flat(paper_robot: Robot) -> None:
+    y = np.array([0.0, 0.5e-3, 1e-3, 2e-3])
+    columns = {
+        "trial": np.ones(4, int), "protocol": np.full(4, "stiffness"), "specimen": np.full(4, "spine"),
+        "spine_length": np.full(4, 0.1), "deflection": y, "force": np.zeros(4),
+    }  # fmt: skip
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    theta, stiffness, layer = np.zeros(len(forward.parameters)), 3 * 1.323e6 * math.pi / 4 * 0.029**4 / 0.1**3, 100.0
+    offset, soft = forward.index("contact_offset")
+    theta[soft] = layer
+    assert forward.predict(theta) == pytest.approx(stiffness * y)
+    theta[offset] = 1e-3
+    series = 1 / (1 / stiffness + 1 / layer)
+    assert forward.predict(theta)[:3] == pytest.approx(series * y[:3])
+    assert forward.predict(theta)[3] == pytest.approx(stiffness * 1e-3)
 
 
 def test_a_shear_soft_spine_gives_the_papers_table_of_moduli(paper_robot: Robot) -> None:

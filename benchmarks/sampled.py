@@ -1,0 +1,148 @@
+"""The evidence of one hypothesis by sampling: what the Laplace approximation in `diagnosis` is held against.
+
+The named effect's parameters and the calibration go through the model in full. The tolerances, what each trial has of its
+own, and the smooth discrepancy are integrated out by algebra, linear around the most probable point, as in the diagnosis.
+The prior is the diagnosis' own: normals cut at their bounds, and of a named effect at least one size of `DOMINANT`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import norm
+
+from diagnosis.evidence import DOMINANT, Grid, Hypothesis, weigh
+from diagnosis.fit import Fit, fit
+from diagnosis.problem import Problem
+
+Array = NDArray[np.float64]
+
+START_SIZE = 0.25
+ROUNDS = 12
+
+
+def one_cell(size: float) -> Grid:
+    """A grid of one point: every other effect absent, laws exact, a discrepancy of one size."""
+    one = np.ones(1)
+    return Grid(np.zeros(1), one, np.array([size]), one, np.zeros(1), one)
+
+
+@dataclass(frozen=True)
+class Hypothetical:
+    """One hypothesis of a problem around its most probable point, every other effect absent."""
+
+    problem: Problem
+    named: Hypothesis
+    size: float
+    """Of the discrepancy."""
+    around: Fit
+
+    @cached_property
+    def sampled(self) -> NDArray[np.intp]:
+        """Indices of the parameters that are sampled: the named effect's, then the calibration."""
+        p = self.problem.parameters
+        own = [i for i, e in enumerate(p.effects) if e in self.named]
+        return np.array(own + [i for i, c in enumerate(p.calibration) if c], np.intp)
+
+    @property
+    def laplace(self) -> float:
+        """Log evidence as the diagnosis has it."""
+        cell = one_cell(self.size)
+        return (
+            weigh(self.around.linear, cell, self.problem.parameters, [self.named])[0].log_evidence - self.around.short
+        )
+
+    def prior(self, unit: Array) -> Array:
+        """Values of the sampled parameters (d,) from a point (d,) of the unit cube."""
+        p, own = self.problem.parameters, self.sampled
+        low, high = (norm.cdf((bound - p.mean)[own] / p.sd[own]) for bound in (p.lower, p.upper))
+        shares = self._off_small(unit, low, high)
+        # Off the ends, where a normal has no finite value.
+        held = np.clip(low + shares * (high - low), 1e-15, 1 - 1e-15)
+        out: Array = np.clip(p.mean[own] + p.sd[own] * norm.ppf(held), p.lower[own], p.upper[own])
+        return out
+
+    def _off_small(self, unit: Array, low: Array, high: Array) -> Array:
+        """Shares (d,) of each parameter's range, spread evenly but for the box in which all sizes of the effect are small.
+
+        One size after the other: inside its small interval there is only what the sizes that follow leave of it.
+        """
+        p = self.problem.parameters
+        shapes = p.shapes or (False,) * len(p.names)
+        out = unit.copy()
+        places = [j for j, i in enumerate(self.sampled) if p.effects[i] and not shapes[i]]
+        edges = np.clip((norm.cdf([[-DOMINANT], [DOMINANT]]) - low) / (high - low), 0.0, 1.0)
+        for k, j in enumerate(places):
+            a, b = edges[0, j], edges[1, j]
+            later = float(np.prod([edges[1, i] - edges[0, i] for i in places[k + 1 :]]))
+            inside = (b - a) * (1 - later)
+            at = unit[j] * (a + inside + 1 - b)
+            if at < a:
+                out[j] = at
+            elif at < a + inside:
+                out[j] = a + (at - a) / (1 - later)
+                continue
+            else:
+                out[j] = b + (at - a - inside)
+            break
+        return out
+
+    def log_likelihood(self, values: Array) -> float:
+        """Log of the probability of the data at the sampled parameters (d,), all else integrated out."""
+        theta = self.around.theta.copy()
+        theta[self.sampled] = values
+        predicted = self.problem.forward.predict(theta)
+        if not np.isfinite(predicted).all():
+            return -1e100
+        left = self.problem.noise.whiten(self.problem.observed - predicted) + self._shift
+        pulled = self._columns.T @ left
+        squared = float(left @ left) - float(pulled @ cho_solve(self._factor, pulled))
+        half = float(np.log(np.diag(self._factor[0])).sum()) + self.problem.noise.log_sd
+        return -0.5 * (squared + len(left) * np.log(2 * np.pi)) - half
+
+    @cached_property
+    def _rest(self) -> NDArray[np.intp]:
+        """Indices of the tolerances."""
+        return np.setdiff1d(np.flatnonzero(~self.problem.parameters.of_effect), self.sampled)
+
+    @cached_property
+    def _columns(self) -> Array:
+        """(n, k + m) what is integrated out, whitened."""
+        p = self.problem.parameters
+        rest = self.problem.noise.whiten(self.around.slope[:, self._rest] * p.sd[self._rest])
+        return np.hstack([rest, self.size * self.problem.whitened_discrepancy])
+
+    @cached_property
+    def _shift(self) -> Array:
+        """(n,) what the tolerances do at the point they are linear around."""
+        p = self.problem.parameters
+        at = (self.around.theta - p.mean)[self._rest] / p.sd[self._rest]
+        out: Array = self._columns[:, : len(self._rest)] @ at
+        return out
+
+    @cached_property
+    def _factor(self) -> tuple[Array, bool]:
+        x = self._columns
+        factor: tuple[Array, bool] = cho_factor(np.eye(x.shape[1]) + x.T @ x, lower=True)
+        return factor
+
+
+def hypothetical(problem: Problem, named: Hypothesis, size: float) -> Hypothetical:
+    """A hypothesis at the best of the most probable points found from all the starts its effect has."""
+    p = problem.parameters
+    variance = p.variance(named, 0.0)
+    begun = fit(problem, np.zeros(len(variance)), START_SIZE, p.mean, 4).theta
+    starts = [begun.copy()]
+    own = [i for i, e in enumerate(p.effects) if e in named]
+    for share in (-0.8, 0.8):
+        point = begun.copy()
+        point[own] = np.clip(share * p.sd[own], p.lower[own], p.upper[own])
+        starts.append(point)
+    return max(
+        (Hypothetical(problem, named, size, fit(problem, variance, size, s, ROUNDS)) for s in starts),
+        key=lambda h: -h.around.cost,
+    )

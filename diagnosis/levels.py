@@ -1,0 +1,50 @@
+"""Which readings were meant to be the same setting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.trials import TrialRow
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SPINE_GAP, PRESSURE_GAP, VACUUM_GAP = 3e-3, 3e3, 10e3
+"""m, Pa, Pa: readings that differ by less were meant to be the same setting. Of pressures this is the most, see below."""
+OF_RANGE, OF_SCATTER = 0.02, 3.0
+"""Pressures are told apart from this share of the highest on; never finer than so many times their scatter in a reading."""
+STEP = 0.4
+"""Deflections that differ by less than this share of the trials' usual step were meant to be the same."""
+
+
+def levels(values: Array, gap: float) -> Ints:
+    """Number of each value's level: sorted values further than `gap` apart belong to different levels."""
+    order = np.argsort(values, kind="stable")
+    out = np.empty(len(values), np.int64)
+    out[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
+    return out
+
+
+def pressure_gap(rows: Sequence[TrialRow]) -> float:
+    """Pa within which pressures count as one setting: 3 kPa, less where the whole range is small."""
+    highest = max((max(r.pressures) for r in rows), default=0.0)
+    spread = [value for r in rows if (value := _scatter(r)) is not None]
+    fine = max(OF_RANGE * highest, OF_SCATTER * float(np.median(spread)) if spread else 0.0)
+    return min(PRESSURE_GAP, fine) if fine > 0 else PRESSURE_GAP
+
+
+def _scatter(row: TrialRow) -> float | None:
+    """Pa, standard deviation of the samples of the highest chamber."""
+    value = row.sd.get(f"p{int(np.argmax(row.pressures)) + 1}")
+    return value if value is not None and np.isfinite(value) else None
+
+
+def step_gap(deflection: Array, trial: Ints) -> float:
+    """m within which deflections of one specimen at one length were meant to be the same."""
+    steps = [np.diff(np.sort(deflection[trial == t])) for t in np.unique(trial)]
+    moved = np.concatenate(steps)
+    moved = moved[moved > 0]
+    return STEP * float(np.median(moved)) if moved.size else 0.0

@@ -1,0 +1,61 @@
+"""What a sampler is given: where the world is linear and Gaussian, its integral is the diagnosis' evidence exactly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from benchmarks.sampled import Hypothetical, hypothetical
+from diagnosis.evidence import DOMINANT
+from diagnosis.problem import Problem
+from tests.diagnosis.toy import toy_problem
+
+POINTS = 160
+
+
+def toy(truth: dict[str, float]) -> Problem:
+    problem = toy_problem(5, truth, sd=3e-3)
+    names = problem.parameters.names
+    return replace(problem, parameters=replace(problem.parameters, calibration=tuple(n == "area" for n in names)))
+
+
+def integral(h: Hypothetical) -> float:
+    """Log of the likelihood's mean over the unit square, by the midpoint rule."""
+    at = (np.arange(POINTS) + 0.5) / POINTS
+    values = [h.log_likelihood(h.prior(np.array([u, v]))) for u in at for v in at]
+    return float(logsumexp(values)) - 2 * np.log(POINTS)
+
+
+@pytest.mark.parametrize(("truth", "named"), [({"turned": 0.3}, "turned"), ({}, "turned"), ({"bent": 0.5}, "bent")])
+def test_both_evidences_agree_in_a_linear_world(truth: dict[str, float], named: str) -> None:
+    h = hypothetical(toy(truth), (named,), 0.1)
+    assert len(h.sampled) == 2
+    assert integral(h) == pytest.approx(h.laplace, abs=0.05)
+
+
+def test_the_prior_leaves_small_sizes_out_and_keeps_within_bounds() -> None:
+    problem = toy({})
+    p = problem.parameters
+    cut = np.array([-0.5 if n == "turned" else b for n, b in zip(p.names, p.lower, strict=True)])
+    h = hypothetical(replace(problem, parameters=replace(p, lower=cut)), ("turned",), 0.1)
+    drawn = np.array([h.prior(np.array([u, 0.5]))[0] for u in np.linspace(0.001, 0.999, 999)])
+    assert (np.abs(drawn) >= DOMINANT - 1e-9).all() and drawn.min() >= -0.5
+    assert (np.diff(drawn) > 0).all()
+    # a normal's mass in -0.5 .. -0.3 and above 0.3
+    assert (drawn < 0).mean() == pytest.approx(0.0736 / (0.0736 + 0.3821), abs=0.005)
+
+
+def test_of_two_sizes_one_may_be_small() -> None:
+    problem = toy({})
+    effects = tuple("turned" if e == "bent" else e for e in problem.parameters.effects)
+    h = hypothetical(replace(problem, parameters=replace(problem.parameters, effects=effects)), ("turned",), 0.1)
+    rng = np.random.default_rng(1)
+    drawn = np.array([h.prior(u)[:2] for u in rng.random((4000, 3))])
+    small = np.abs(drawn) < DOMINANT
+    assert not small.all(axis=1).any()
+    inside = 0.2358
+    assert small[:, 0].mean() == pytest.approx(inside * (1 - inside) / (1 - inside**2), abs=0.02)
+    assert small[:, 1].mean() == pytest.approx(inside * (1 - inside) / (1 - inside**2), abs=0.02)

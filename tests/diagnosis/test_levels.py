@@ -1,0 +1,28 @@
+"""Which pressures were meant to be the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.case import states
+from diagnosis.levels import levels, pressure_gap
+from tests.diagnosis.test_case import case, row
+
+
+def test_a_wide_range_keeps_the_usual_gap() -> None:
+    assert pressure_gap([row(1, 1, 0.0, 250e3)]) == 3e3
+
+
+@pytest.mark.parametrize(("scatter", "gap"), [(50.0, 0.8e3), (500.0, 1.5e3), (5e3, 3e3)])
+def test_a_narrow_range_is_told_apart_finely_but_not_finer_than_its_scatter(scatter: float, gap: float) -> None:
+    rows = [replace(row(1, i, 0.0, 2.5e3 * i), sd={"p1": scatter, "p9": scatter}) for i in range(1, 17)]
+    assert pressure_gap(rows) == pytest.approx(gap)
+
+
+def test_steps_of_2500_pa_are_states_of_their_own_where_40_kpa_is_the_most() -> None:
+    s = states(case([row(t, 1, 0.0, 2.5e3 * t) for t in range(2, 17)]))[0]
+    assert len(np.unique(s.condition)) == 15
+    assert len(np.unique(levels(s.highest, s.pressure_gap))) == 15
