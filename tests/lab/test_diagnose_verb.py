@@ -115,7 +115,8 @@ def test_separations_list_effects_of_weight_first(answer: dict[str, Any]) -> Non
 def test_the_size_stays_within_what_is_possible(answer: dict[str, Any]) -> None:
     (size,) = answer["detail"]["sizes"]
     assert (size["low"], size["high"]) == (0.0, 1.0) and not size["impossible"]
-    assert size["low"] <= size["low90"] < 0.7 < size["high90"] <= size["high"]
+    assert size["low"] <= size["low90"] < size["fitted"] < size["high90"] <= size["high"]
+    assert size["mean"] == pytest.approx(0.7, abs=4 * size["sd"])
 
 
 def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer: dict[str, Any]) -> None:
@@ -210,7 +211,7 @@ def tipless(case: Path) -> Path:
     [
         (lambda path, case: case, "fit saw them"),
         (lambda path, case: heavier(folder(path, campaign(AREA, seed=3, repeats=1))), "another robot.yaml"),
-        (lambda path, case: tipless(path), "none with a tip"),
+        (lambda path, case: tipless(path), "has none"),
         (lambda path, case: edited(path, campaign(AREA, seed=3, repeats=1), {"p9": None}), "9 chambers"),
         (lambda path, case: edited(path, campaign(AREA, seed=3, repeats=1), {"x": None}), "y, z without x"),
         (lambda path, case: path / "nowhere", "nowhere"),
