@@ -43,9 +43,9 @@ def test_the_model_on_other_states_keeps_area_and_obstacle(
     one = design_from_columns(paper_robot, make_campaign(lengths=(0.1,)))
     other = every.on(one)
     theta = np.zeros(len(every.parameters))
-    theta[every.index("contact")] = [300.0, -0.03]
+    theta[every.index("contact")] = [300.0, -0.03, 0.0, 0.0]
     there = np.zeros(len(other.parameters))
-    there[other.index("contact")] = [300.0, -0.03]
+    there[other.index("contact")] = [300.0, -0.03, 0.0, 0.0]
     own = np.abs(every.design.spine_length - 0.1) < 1e-9
     assert tips(other, there) == pytest.approx(tips(every, theta)[own], abs=1e-6)
     assert set(other.area_factor) == set(every.area_factor)
