@@ -120,7 +120,7 @@ def _strain(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float,
     return (
         (squares - rank) / np.sqrt(2 * max(rank, 1.0)),
         str(names[furthest]) if held[furthest] > STRAINED else "",
-        float(np.max(single[by_trial], initial=0.0)),
+        float(np.max(single[by_trial & np.char.startswith(names, "spine")], initial=0.0)),
     )
 
 
