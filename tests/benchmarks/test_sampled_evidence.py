@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
+from scipy.stats import norm
 
 from benchmarks.sampled import Hypothetical, hypothetical
 from diagnosis.evidence import DOMINANT
 from diagnosis.problem import Problem
 from tests.diagnosis.toy import toy_problem
 
-POINTS = 160
+POINTS = 120
 
 
 def toy(truth: dict[str, float]) -> Problem:
@@ -44,8 +45,8 @@ def test_the_prior_leaves_small_sizes_out_and_keeps_within_bounds() -> None:
     drawn = np.array([h.prior(np.array([u, 0.5]))[0] for u in np.linspace(0.001, 0.999, 999)])
     assert (np.abs(drawn) >= DOMINANT - 1e-9).all() and drawn.min() >= -0.5
     assert (np.diff(drawn) > 0).all()
-    # a normal's mass in -0.5 .. -0.3 and above 0.3
-    assert (drawn < 0).mean() == pytest.approx(0.0736 / (0.0736 + 0.3821), abs=0.005)
+    below, above = norm.cdf(-DOMINANT) - norm.cdf(-0.5), norm.sf(DOMINANT)
+    assert (drawn < 0).mean() == pytest.approx(below / (below + above), abs=0.005)
 
 
 def test_of_two_sizes_one_may_be_small() -> None:
@@ -56,6 +57,6 @@ def test_of_two_sizes_one_may_be_small() -> None:
     drawn = np.array([h.prior(u)[:2] for u in rng.random((4000, 3))])
     small = np.abs(drawn) < DOMINANT
     assert not small.all(axis=1).any()
-    inside = 0.2358
+    inside = 1 - 2 * norm.sf(DOMINANT)
     assert small[:, 0].mean() == pytest.approx(inside * (1 - inside) / (1 - inside**2), abs=0.02)
     assert small[:, 1].mean() == pytest.approx(inside * (1 - inside) / (1 - inside**2), abs=0.02)
