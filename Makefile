@@ -8,9 +8,9 @@ READY := .venv/.ready
 demo: $(READY)
 	$(BIN)/lab demo --out demo
 
-# One thread of linear algebra a process: two processes share the processors with the fakes.
+# One thread of linear algebra a process: they share the processors with the fakes.
 test: $(READY)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3
 
 lint: $(READY)
 	$(BIN)/ruff check .
