@@ -63,7 +63,11 @@ def attribute(p: Prepared) -> Found:
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
-    own = tempering(bool((p.labels.kind == 1).any()), bool((p.states.branch < 0).any()))
+    own = tempering(
+        bool((p.labels.kind == 1).any()),
+        bool((p.states.branch < 0).any()),
+        len(np.unique(p.labels.experiment[p.labels.kind < 3])) > 1,
+    )
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
     known = posterior(candidates, effects, own.temperature)

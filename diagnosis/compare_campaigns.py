@@ -53,7 +53,7 @@ def compare_campaigns(later: CaseLike, reference: CaseLike, catalogue: Mapping[s
     search = Search(_joined(before, after))
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
-    own = tempering(bool((after.labels.kind == 1).any()), bool((after.states.branch < 0).any()))
+    own = tempering(bool((after.labels.kind == 1).any()), bool((after.states.branch < 0).any()), False)
     leading = candidates[:6]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
     known = posterior(candidates, effects, own.temperature)

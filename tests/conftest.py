@@ -11,6 +11,8 @@ from xdist.scheduler import LoadScopeScheduling
 RIG, RODS = "rig", "rods"
 GROUPS = {
     "safety": RIG,
+    "test_call_order.py": "call order",
+    "test_call_order_network.py": "call order",
     "test_bad_input.py": RIG,
     "test_blind_wire.py": RIG,
     "test_end_to_end.py": RIG,

@@ -60,7 +60,7 @@ def test_a_kind_of_experiment_that_the_others_do_not_predict_is_a_surprise() -> 
 
 def test_every_sign_raises_the_probability_of_a_cause_outside_the_catalogue() -> None:
     calm = Signs(-20.0, 0.0, 1.0, 0.0, "", 1.0, 2.0, None, 1.0)
-    own = tempering(True, True)
+    own = tempering(True, True, False)
     least = own.outside(calm, 1.0)
     assert least < 0.1
     for sign, trend in (
