@@ -19,7 +19,7 @@ from .holdout import Holdout
 from .masking import absorbed
 from .posterior import UNKNOWN
 from .prepare import Prepared
-from .quantify import Unseen, baseline_model, candidate_model, folds, unseen_error
+from .quantify import Unseen, candidate_model, folds, unseen_error
 from .result import STAGES, Attribute, Data, Locate, Ranked
 from .shapes import worst
 from .size import sizes, values
@@ -94,8 +94,8 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
         c = f.posterior.candidates[named]
         heldout = None
         if unseen is not None and rank < PREDICTED and named != UNKNOWN:
-            model = baseline_model(p, f.calibrated) if named == NONE else candidate_model(p, c)
-            errors = unseen.after if c is f.best and named != NONE else unseen_error(p, model, fold)[0]
+            known = unseen.before if named == NONE else unseen.after if named == f.best.named else None
+            errors = unseen_error(p, candidate_model(p, c), fold)[0] if known is None else known
             heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
         ranked.append(Ranked(named, probability, c.log_evidence, heldout, values(sizes(p, c))))
     d = f.decision

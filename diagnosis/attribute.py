@@ -15,7 +15,7 @@ from .fit import Fit, fit
 from .posterior import Posterior, beside_unknown, posterior, prior
 from .prepare import Prepared
 from .search import Candidate, Search
-from .tempering import Tempering, tempering
+from .tempering import ONE_KIND, SEVERAL_KINDS, Tempering
 from .trend import trend
 from .unknown import Signs, signs
 from .verdict import Decision, decide
@@ -63,11 +63,7 @@ def attribute(p: Prepared) -> Found:
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
-    own = tempering(
-        bool((p.labels.kind == 1).any()),
-        bool((p.states.branch < 0).any()),
-        len(np.unique(p.labels.experiment[p.labels.kind < 3])) > 1,
-    )
+    own = SEVERAL_KINDS if len(np.unique(p.labels.experiment[p.labels.kind < 3])) > 1 else ONE_KIND
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
     known = posterior(candidates, effects, own.temperature)

@@ -22,7 +22,7 @@ from .case import CaseLike, States, states
 from .errors import BadCase, BadHoldout
 from .levels import SPINE_GAP, levels
 from .prepare import Prepared, table_columns
-from .quantify import closed, rms
+from .quantify import by_length, closed, rms
 from .result import LengthShrink
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ def hold_out(f: Found, own: States) -> Holdout:
     sure = f.decision.verdict == "effect"
     return Holdout(
         len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, sure, rms(before) * MM, rms(after) * MM,
-        f.prepared.reading * MM, share, interval, _by_length(kept, before, after), _word(sure, interval),
+        f.prepared.reading * MM, share, interval, by_length(kept.spine_length, before, after), _word(sure, interval),
     )  # fmt: skip
 
 
@@ -139,15 +139,6 @@ def _missed(p: Prepared, own: States, theta: Array) -> Array:
         tip[forward.observations.row[rows], axis] = predicted[rows]
     out: Array = np.linalg.norm(own.tip - tip, axis=1)
     return out
-
-
-def _by_length(s: States, before: Array, after: Array) -> tuple[LengthShrink, ...]:
-    length = levels(s.spine_length, SPINE_GAP)
-    parts = (length == k for k in np.unique(length))
-    return tuple(
-        LengthShrink(float(s.spine_length[i].mean()), rms(before[i]) * MM, rms(after[i]) * MM, int(i.sum()))
-        for i in parts
-    )
 
 
 def _word(named: bool, interval: tuple[float, float] | None) -> Word:

@@ -81,19 +81,19 @@ def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unsee
     after, stand_after = unseen_error(p, candidate_model(p, best), fold)
     seen = np.isfinite(before) & np.isfinite(after)
     share, interval = closed(before[seen], after[seen], p.reading, p.states.trial[seen])
-    length = levels(p.states.spine_length, SPINE_GAP)
-    by_length = tuple(
-        LengthShrink(
-            float(np.round(p.states.spine_length[own].mean(), 6)),
-            rms(before[own]) * MM,
-            rms(after[own]) * MM,
-            int(own.sum()),
-        )
-        for own in (seen & (length == k) for k in np.unique(length))
-        if own.any()
-    )
-    made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.reading * MM, share, interval, by_length)
+    by = by_length(p.states.spine_length[seen], before[seen], after[seen])
+    made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.reading * MM, share, interval, by)
     return made, Unseen(before, after, how, stand_before, stand_after)
+
+
+def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:
+    """Errors (n,) m of states by their spine length (n,) m."""
+    level = levels(spine_length, SPINE_GAP)
+    parts = (level == k for k in np.unique(level))
+    return tuple(
+        LengthShrink(float(np.round(spine_length[i].mean(), 6)), rms(before[i]) * MM, rms(after[i]) * MM, int(i.sum()))
+        for i in parts
+    )
 
 
 def share_closed(before: float, after: float, floor: float) -> float | None:

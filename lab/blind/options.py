@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING
 
-KINDS: tuple[Literal["single", "pair", "none", "outside"], ...] = ("single", "pair", "none", "outside")
+if TYPE_CHECKING:
+    from .truth import Kind
+
+KINDS: tuple[Kind, ...] = ("single", "pair", "none", "outside")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -172,17 +172,13 @@ class ForwardModel:
 
     def respond(self, change: Array) -> Array:
         """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa."""
-        spread = self._table.at(np.zeros(len(self.parameters)))
+        baseline = np.zeros(len(self.parameters))
+        spread = self._table.at(baseline)
         q = self._quantities(spread)
-        before = self._without_memory(q)
         q.pressure = q.pressure + np.pad(change, ((0, len(self._full) - len(change)), (0, 0)))
-        return np.asarray(self._read(q, self._without_memory(q), spread) - self._read(q, before, spread))[0]
-
-    def _without_memory(self, q: Quantities) -> Array:
-        """(1, moved, columns) equilibria without memory."""
         built = rows(q, self._shear, 1)[0, self._in_bare]
-        solved = solve(built, self._arcs, self._steps, self._start, inside=False)
-        return solved.take(slice(0, self._moved.size)).result[None]
+        moved = solve(built, self._arcs, self._steps, self._start, inside=False).take(slice(0, self._moved.size))
+        return np.asarray(self._read(q, moved.result[None], spread)[0] - self.predict(baseline))
 
     def _checked(self, theta: Array) -> Array:
         values = np.asarray(theta, float)

@@ -8,6 +8,7 @@ import numpy as np
 
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
+from model.effects.rotations import rolled
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 from model.rotation import to_base
 
@@ -26,9 +27,8 @@ def _frame_misalignment(r: Readings, v: Values) -> None:
 
 def _marker_offset(r: Readings, v: Values) -> None:
     """The marker is rolled with the robot it sits on."""
-    c, s = np.cos(r.design.roll), np.sin(r.design.roll)
-    offset = np.stack(np.broadcast_arrays(c * v["x"] - s * v["y"], s * v["x"] + c * v["y"], v["z"]), axis=-1)
-    r.tip = r.tip + to_base(r.orientation, offset)
+    x, y = rolled(r.design.roll, v["x"], v["y"])
+    r.tip = r.tip + to_base(r.orientation, np.stack(np.broadcast_arrays(x, y, v["z"]), axis=-1))
 
 
 def _force_bias(r: Readings, v: Values) -> None:

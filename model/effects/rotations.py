@@ -1,4 +1,4 @@
-"""Rotation vectors of quaternions, in batches."""
+"""Rotation vectors of quaternions, and what turns with a rolled robot, in batches."""
 
 from __future__ import annotations
 
@@ -17,3 +17,9 @@ def rotation_vector(q: Array) -> Array:
     size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(size, q[..., :1])
     return q[..., 1:] * np.where(size > 1e-9, angle / np.maximum(size, 1e-30), 2.0)
+
+
+def rolled(roll: Array, x: Array, y: Array) -> tuple[Array, Array]:
+    """x and y in the base frame of what sits on a robot that is mounted rolled by `roll` (rad)."""
+    c, s = np.cos(roll), np.sin(roll)
+    return c * x - s * y, s * x + c * y

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from model.effects.quantities import Quantities
+from model.effects.rotations import rolled
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 STIFFENED = 0.1
@@ -50,8 +51,7 @@ def _base_compliance(q: Quantities, v: Values) -> None:
 
 def _precurvature(q: Quantities, v: Values) -> None:
     """The body's own curvature turns with the body."""
-    c, s = np.cos(q.design.roll), np.sin(q.design.roll)
-    q.rest_curvature = q.rest_curvature + _vector(c * v["x"] - s * v["y"], s * v["x"] + c * v["y"])
+    q.rest_curvature = q.rest_curvature + _vector(*rolled(q.design.roll, v["x"], v["y"]))
     q.rest_growth = q.rest_growth + v["growth"]
 
 
