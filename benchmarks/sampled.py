@@ -134,8 +134,8 @@ class Hypothetical:
 def hypothetical(problem: Problem, named: Hypothesis, size: float) -> Hypothetical:
     """A hypothesis at the best of the most probable points found from all the starts its effect has."""
     p = problem.parameters
-    variance = p.variance(named, 0.0)
-    begun = fit(problem, np.zeros(len(variance)), START_SIZE, p.mean, 4).theta
+    prior = p.prior(p.mask(named), 0.0)
+    begun = fit(problem, p.absent(), START_SIZE, p.mean, 4).theta
     starts = [begun.copy()]
     own = [i for i, e in enumerate(p.effects) if e in named]
     for share in (-0.8, 0.8):
@@ -143,6 +143,6 @@ def hypothetical(problem: Problem, named: Hypothesis, size: float) -> Hypothetic
         point[own] = np.clip(share * p.sd[own], p.lower[own], p.upper[own])
         starts.append(point)
     return max(
-        (Hypothetical(problem, named, size, fit(problem, variance, size, s, ROUNDS)) for s in starts),
+        (Hypothetical(problem, named, size, fit(problem, prior, size, s, ROUNDS)) for s in starts),
         key=lambda h: -h.around.cost,
     )

@@ -66,7 +66,7 @@ def _information(
     """Information about the parameters of `pair`, all other effects integrated out within their spikes."""
     mask = p.mask(pair)
     other = ~mask
-    root = np.sqrt(p.variance((), spike)[other])
+    root = np.sqrt(p.prior(mask, spike).variance[other])
     full = reduced.information
     inner = np.eye(int(other.sum())) + root[:, None] * full[np.ix_(other, other)] * root[None, :]
     across = full[np.ix_(mask, other)] * root

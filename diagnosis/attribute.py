@@ -79,7 +79,7 @@ def attribute(p: Prepared) -> Found:
 
 def _calibrated(p: Prepared) -> Fit:
     parameters = p.problem.parameters
-    return fit(p.problem, np.zeros(len(parameters.scale)), 0.0, parameters.mean)
+    return fit(p.problem, parameters.absent(), 0.0, parameters.mean)
 
 
 def _apart(p: Prepared, found: Mapping[Hypothesis, Candidate], weighed: Posterior, best: Candidate) -> Apart:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
-from .linear import Linear, Reduced
+from .linear import Linear, Prior, Reduced
 from .problem import Parameters
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     """Log evidence of hypotheses in one linear problem.
 
     A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `DOMINANT`; the
-    spikes are left uncut (they are narrow and stand for small errors of either sign).
+    spikes are left uncut (they are narrow, see `Parameters.prior` for those that act one way only).
     """
     masks = np.array([parameters.mask(h) for h in named])
     if not linear.form.shape[1]:
@@ -108,15 +108,15 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     cells = np.empty((len(masks), *grid.log_weights.shape))
     reduced = linear.reductions(grid.sizes, grid.forms)
     for i, spike in enumerate(grid.spikes):
-        variance = np.where(masks, 1.0, spike**2 * parameters.sizes)
+        prior = parameters.prior(masks, float(spike))
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
-                cells[:, i, j, k] = problem.log_evidence(variance) + _cut(problem, variance, masks, parameters)
+                cells[:, i, j, k] = problem.log_evidence(prior) + _cut(problem, prior, masks, parameters)
     cells += grid.log_weights
     return [Weighed(float(logsumexp(c)), c) for c in cells]
 
 
-def _cut(problem: Reduced, variance: Array, masks: NDArray[np.bool_], parameters: Parameters) -> Array:
+def _cut(problem: Reduced, prior: Prior, masks: NDArray[np.bool_], parameters: Parameters) -> Array:
     """What the bounds of the named parameters, and that a named effect is no small one, add to the log evidence (h,).
 
     Each parameter is taken by itself.
@@ -125,10 +125,7 @@ def _cut(problem: Reduced, variance: Array, masks: NDArray[np.bool_], parameters
     rows = np.flatnonzero(masks.any(axis=1))
     if not rows.size:
         return added
-    root = np.sqrt(variance[rows])
-    inner = np.eye(masks.shape[1]) + root[:, :, None] * problem.information * root[:, None, :]
-    covariance = root[:, :, None] * np.linalg.inv(inner) * root[:, None, :]
-    mean = covariance @ problem.score
+    mean, covariance = problem.posterior(Prior(prior.mean[rows], prior.variance[rows], masks[rows]))
     sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300))
     here = _allowed(mean, sd, masks[rows], parameters)
     before = _allowed(np.zeros_like(mean), np.ones_like(sd), masks[rows], parameters)

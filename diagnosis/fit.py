@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from .linear import Linear
+from .linear import Linear, Prior
 from .problem import Problem
 
 Array = NDArray[np.float64]
@@ -42,20 +42,22 @@ class Fit:
 
 
 def fit(
-    problem: Problem, variance: Array, size: float, start: Array | Fit, rounds: int = ROUNDS, frozen: Fit | None = None
+    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int = ROUNDS, frozen: Fit | None = None
 ) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
-    `variance` (p,) of the effects in units of their scale, `size` of the discrepancy. Effects of variance 0 are left
-    out, wherever the start has them, and the slope of the result has nothing for them. With `frozen`, derivatives by
-    effects of a variance below 1 are those of that fit.
+    `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
+    the slope of the result has nothing for them. With `frozen`, derivatives by effects that are not named
+    are those of that fit.
     """
     p = problem.parameters
-    scale = np.where(p.of_effect, 0.0, p.sd)
-    scale[p.of_effect] = np.sqrt(variance) * p.sd[p.of_effect]
+    scale, mean = p.scaled(prior)
     weigh = _Weigher(problem, size)
     known = np.zeros((len(problem.observed), len(scale))) if frozen is None else frozen.slope
-    anew = np.flatnonzero((scale > 0) if frozen is None else (scale == p.sd))
+    fresh = scale > 0
+    if frozen is not None:
+        fresh[p.of_effect] &= prior.wide
+    anew = np.flatnonzero(fresh)
 
     def linearised(theta: Array) -> tuple[Array, Array]:
         predicted, columns = problem.linearise(theta, anew.tolist())
@@ -74,19 +76,19 @@ def fit(
             # Some state has no equilibrium here: begin nearer to the baseline, where all have.
             theta = p.mean + 0.5 * (theta - p.mean)
             predicted, slope = linearised(theta)
-    cost = weigh.cost(predicted) + _distance(theta, p.mean, scale)
+    cost = weigh.cost(predicted) + _distance(theta, mean, scale)
     left_out = scale == 0
-    if (theta != p.mean)[left_out].any():
+    if (theta != mean)[left_out].any():
         cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
     damping = 0
     for _ in range(rounds):
-        local = _Local(problem, weigh, theta, predicted, slope, scale)
+        local = _Local(problem, weigh, theta, predicted, slope, scale, mean)
         if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < CLOSE:
             break
         tried, reached = theta, np.inf
         while damping < len(DAMPINGS):
             tried = local.goal(DAMPINGS[damping])
-            reached = weigh.cost(problem.forward.predict(tried)) + _distance(tried, p.mean, scale)
+            reached = weigh.cost(problem.forward.predict(tried)) + _distance(tried, mean, scale)
             if reached <= cost and np.isfinite(reached):
                 break
             damping += 1
@@ -97,8 +99,8 @@ def fit(
         if gained < GAIN:
             break
         damping = max(damping - 2, 0)
-    goal = _Local(problem, weigh, theta, predicted, slope, scale).goal(0.0)
-    promised = weigh.cost(predicted + slope @ (goal - theta)) + _distance(goal, p.mean, scale)
+    goal = _Local(problem, weigh, theta, predicted, slope, scale, mean).goal(0.0)
+    promised = weigh.cost(predicted + slope @ (goal - theta)) + _distance(goal, mean, scale)
     return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost, max(cost - promised, 0.0))
 
 
@@ -135,25 +137,25 @@ class _Local:
     """The linear problem around parameters (k,), in which optima are quick to find."""
 
     def __init__(
-        self, problem: Problem, weigh: _Weigher, theta: Array, predicted: Array, slope: Array, scale: Array
+        self, problem: Problem, weigh: _Weigher, theta: Array, predicted: Array, slope: Array, scale: Array, mean: Array
     ) -> None:
         p = self._p = problem.parameters
         free = self._free = np.flatnonzero(scale > 0)
-        self._scale, self._rest = scale, np.where(scale > 0, theta, p.mean)
+        self._scale, self._mean, self._rest = scale, mean, np.where(scale > 0, theta, mean)
         columns = problem.noise.whiten(slope[:, free] * scale[free])
         missed = problem.noise.whiten(problem.observed - predicted - slope @ (self._rest - theta))
         pulled = weigh.without(columns)
-        self._here = (theta - p.mean)[free] / scale[free]
+        self._here = (theta - mean)[free] / scale[free]
         self._curve = np.eye(free.size) + columns.T @ pulled
         self._score = pulled.T @ missed + (columns.T @ pulled) @ self._here
-        self._low, self._high = (p.lower - p.mean)[free] / scale[free], (p.upper - p.mean)[free] / scale[free]
+        self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
 
     def goal(self, damping: float) -> Array:
         """Optimum (k,) within the bounds, kept near theta by a damping; what has no scale is at its mean."""
         kept = damping * np.diag(self._curve)
         x = _bounded(self._curve + np.diag(kept), self._score + kept * self._here, self._low, self._high)
         goal = self._rest.copy()
-        goal[self._free] = self._p.mean[self._free] + self._scale[self._free] * x
+        goal[self._free] = self._mean[self._free] + self._scale[self._free] * x
         return np.clip(goal, self._p.lower, self._p.upper)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fit import Fit, fit
+from .linear import Prior
 from .problem import Forward, Problem
 
 Array = NDArray[np.float64]
@@ -26,10 +27,10 @@ WORSE = 10.0
 
 @dataclass(frozen=True)
 class Model:
-    """A model that is refitted to parts of the data: prior variances of the effects, size of the discrepancy, a start."""
+    """A model that is refitted to parts of the data: prior of the effects, size of the discrepancy, a start."""
 
-    variance: Array
-    """(p,) in units of each effect's scale; 0 leaves an effect as it is in the fit."""
+    prior: Prior
+    """A variance of 0 leaves an effect as it is in the fit."""
     size: float
     around: Fit
     """A fit to all values, around which the refits are linear."""
@@ -58,7 +59,7 @@ def _predicted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array
         problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
         discrepancy=problem.discrepancy[seen], alike=problem.alike[seen],
     )  # fmt: skip
-    return problem.forward.predict(fit(rest, model.variance, model.size, model.around.theta).theta)
+    return problem.forward.predict(fit(rest, model.prior, model.size, model.around.theta).theta)
 
 
 class _Part:
@@ -81,8 +82,7 @@ def _refitted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
     """Parameters (k,) that fit the values marked `seen`."""
     at, predicted, slope = model.around.theta, model.around.predicted, model.around.slope
     p = problem.parameters
-    scale = p.sd.copy()
-    scale[p.of_effect] *= np.sqrt(model.variance)
+    scale, mean = p.scaled(model.prior)
     noise = problem.noise.take(seen)
     free = np.flatnonzero(scale > 0)
     columns = [noise.whiten(slope[np.ix_(seen, free)] * scale[free])]
@@ -90,9 +90,9 @@ def _refitted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
         columns.append(model.size * noise.whiten(problem.discrepancy[seen]))
     x = np.hstack(columns)
     here = np.zeros(x.shape[1])
-    here[: free.size] = (at - p.mean)[free] / scale[free]
+    here[: free.size] = (at - mean)[free] / scale[free]
     missed = noise.whiten((problem.observed - predicted)[seen]) + x @ here
     found = np.linalg.solve(np.eye(x.shape[1]) + x.T @ x, x.T @ missed)
     theta = at.copy()
-    theta[free] = p.mean[free] + scale[free] * found[: free.size]
+    theta[free] = mean[free] + scale[free] * found[: free.size]
     return np.clip(theta, p.lower, p.upper)

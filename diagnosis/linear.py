@@ -2,12 +2,12 @@
 
 Around a point the measured states are taken as
 
-    y = A theta + N u + g D w + f F z + e,     e, u, w, z ~ N(0, I),  theta_j ~ N(0, v_j)
+    y = A theta + N u + g D w + f F z + e,     e, u, w, z ~ N(0, I),  theta_j ~ N(m_j, v_j)
 
 after whitening by the noise and after every column has been scaled by its prior. theta are the catalogue's effects in
 units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z what the named effects' laws may
 get wrong, of size f. u, w and z are integrated out by algebra, once a pair of sizes; what is left is a small problem in
-theta alone in which any choice of the variances v (which effects are present, how narrow the others are held) costs one
+theta alone in which any choice of the priors m, v (which effects are present, how narrow the others are held) costs one
 small factorisation.
 """
 
@@ -20,6 +20,18 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Normal prior of the effects' p parameters, in units of their scale; a variance of 0 leaves a parameter at its mean."""
+
+    mean: Array
+    """(..., p)"""
+    variance: Array
+    """(..., p)"""
+    wide: NDArray[np.bool_]
+    """(..., p) parameters of named effects."""
 
 
 @dataclass(frozen=True)
@@ -104,19 +116,27 @@ class Reduced:
     """chi-square at theta = 0."""
     n: int
 
-    def log_evidence(self, variance: Array) -> Array:
-        """log p(y) for prior variances (..., p) of theta; a variance of 0 leaves an effect out."""
-        root = np.sqrt(variance)
+    def log_evidence(self, prior: Prior) -> Array:
+        """log p(y) (...) for priors (..., p) of theta."""
+        root = np.sqrt(prior.variance)
         p = len(self.score)
         inner = np.eye(p) + root[..., :, None] * self.information * root[..., None, :]
         factor = np.linalg.cholesky(inner)
-        pulled = np.linalg.solve(factor, (root * self.score)[..., None])[..., 0]
+        left = self.score_at(prior.mean)
+        pulled = np.linalg.solve(factor, (root * left)[..., None])[..., 0]
         log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-        return self.base - log_det + 0.5 * (pulled**2).sum(axis=-1)
+        there = self.base + 0.5 * ((self.score + left) * prior.mean).sum(axis=-1)
+        return np.asarray(there - log_det + 0.5 * (pulled**2).sum(axis=-1))
 
-    def posterior(self, variance: Array) -> tuple[Array, Array]:
-        """Mean (p,) and covariance (p, p) of theta under prior variances (p,)."""
-        root = np.sqrt(variance)
-        inner = np.eye(len(self.score)) + root[:, None] * self.information * root[None, :]
-        covariance = root[:, None] * np.linalg.inv(inner) * root[None, :]
-        return covariance @ self.score, 0.5 * (covariance + covariance.T)
+    def score_at(self, theta: Array) -> Array:
+        """Slope (..., p) of log p(y | theta) at theta (..., p)."""
+        return np.asarray(self.score - theta @ self.information)
+
+    def posterior(self, prior: Prior) -> tuple[Array, Array]:
+        """Mean (..., p) and covariance (..., p, p) of theta under priors (..., p)."""
+        root = np.sqrt(prior.variance)
+        inner = np.eye(len(self.score)) + root[..., :, None] * self.information * root[..., None, :]
+        covariance = root[..., :, None] * np.linalg.inv(inner) * root[..., None, :]
+        covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+        mean = prior.mean + (covariance @ self.score_at(prior.mean)[..., None])[..., 0]
+        return mean, covariance

@@ -14,12 +14,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .linear import Linear
+from .linear import Linear, Prior
 from .noise import Noise
 
 Array = NDArray[np.float64]
 
 
+TOLERATED = 0.12
+"""Share of its scale that an effect usually has where no robot is otherwise perfect."""
+KEPT, LEAST_LAW, SEED = 160, 1.0, 7
+"""Most columns kept for the errors of tolerated laws; those are left out that even laws which are all wrong would not move by
+as many standard deviations of the noise."""
+HALF_MEAN = np.sqrt(2 / np.pi)
+"""Mean of a normal of standard deviation 1 of which only the upper half is left."""
 AFTER = 0.3
 """Of a law's error, the part that may also lie where the law does nothing, such as what a memory leaves behind."""
 
@@ -65,6 +72,11 @@ class Parameters:
         return tuple(dict.fromkeys(e for e in self.effects if e))
 
     @property
+    def calibrated(self) -> NDArray[np.bool_]:
+        """(k - p,) which of the other parameters are fitted in every model."""
+        return np.array(self.calibration or (False,) * len(self.names), bool)[~self.of_effect]
+
+    @property
     def scale(self) -> Array:
         """(p,) plausible scale of the effects' parameters."""
         return self.sd[self.of_effect]
@@ -90,9 +102,27 @@ class Parameters:
         """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
         return np.array([[float(e == one) for one in self.ids] for e in self.effects if e])
 
-    def variance(self, chosen: tuple[str, ...], spike: float) -> Array:
-        """(p,) prior variances in units of the scale when some effects are named and the others held narrow."""
-        return np.where(self.mask(chosen), 1.0, spike**2 * self.sizes)
+    def prior(self, named: NDArray[np.bool_], spike: float) -> Prior:
+        """When the parameters marked `named` (..., p) are wide and the sizes of all other effects held narrow.
+
+        What acts one way only is tolerated one way only: its narrow prior has the mean and variance of half a normal. How
+        a tolerated effect looks is as little known as how a named one does.
+        """
+        way = (self.low >= 0).astype(float) - (self.high <= 0)
+        mean, variance = spike * HALF_MEAN * way, spike**2 * (1 - (HALF_MEAN * way) ** 2)
+        mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, variance, float(spike > 0))
+        return Prior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
+
+    def scaled(self, prior: Prior) -> tuple[Array, Array]:
+        """Standard deviation and mean (k,) of all parameters, in their units, under a prior of the effects."""
+        sd, mean = self.sd.copy(), self.mean.copy()
+        sd[self.of_effect] *= np.sqrt(prior.variance)
+        mean[self.of_effect] += prior.mean * self.scale
+        return sd, mean
+
+    def absent(self) -> Prior:
+        """No effect at all."""
+        return self.prior(self.mask(()), 0.0)
 
     def mask(self, chosen: tuple[str, ...]) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters belong to the chosen effects."""
@@ -150,10 +180,26 @@ class Problem:
             gram=self._gram,
         )
 
-    def loosened(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
-        """The linear problem with columns for what each named effect's law may get wrong, smoothly over the states; a
-        coefficient of 1 is all of what the effect does at theta."""
-        columns, spill = [], 0.0
+    @cached_property
+    def tolerated(self) -> Array:
+        """(n, r) whitened columns for what the laws of effects that are not named may get wrong, smoothly over the states,
+        when each is as large as is usually tolerated; a coefficient of 1 is all of it. The leading ones of many."""
+        p = self.parameters
+        sizes = np.flatnonzero(p.of_effect)[p.sizes]
+        done = TOLERATED * self.linearise(p.mean, sizes.tolist())[1] * p.sd[sizes]
+        every = self.noise.whiten(np.hstack([done * factor[:, None] for factor in self.alike.T]))
+        drawn = np.random.default_rng(SEED).normal(size=(every.shape[1], min(KEPT, *every.shape)))
+        basis = np.linalg.qr(every @ drawn)[0]
+        value, vector = np.linalg.eigh((inner := basis.T @ every) @ inner.T)
+        kept = value > LEAST_LAW**2
+        return np.asarray(basis @ (vector[:, kept] * np.sqrt(value[kept])))
+
+    def loosened(
+        self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...], tolerating: bool
+    ) -> Linear:
+        """The linear problem with columns for what the laws of the effects that are there may get wrong, smoothly over the
+        states; a coefficient of 1 is all of what a named effect does at theta, or of what those that are tolerated do."""
+        columns, spill = [self.tolerated] if tolerating else [], 0.0
         for effect in named:
             without = theta.copy()
             without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0

@@ -54,12 +54,13 @@ def folds(p: Prepared) -> tuple[Ints, str]:
 
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
     """The calibrated baseline without any effect."""
-    return Model(np.zeros(len(p.problem.parameters.scale)), 0.0, calibrated)
+    return Model(p.problem.parameters.absent(), 0.0, calibrated)
 
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
     """The model of a hypothesis: named effects wide, the others within their tolerance."""
-    return Model(p.problem.parameters.variance(c.named, c.cell.spike), c.cell.size, c.fit)
+    parameters = p.problem.parameters
+    return Model(parameters.prior(parameters.mask(c.named), c.cell.spike), c.cell.size, c.fit)
 
 
 def unseen_error(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:

@@ -130,7 +130,7 @@ class Search:
 
     def whole(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included."""
-        return replace(c, fit=self._loosened(c.named, self._whole(c.fit)))
+        return replace(c, fit=self._loosened(c.named, self._whole(c.fit), c.loose))
 
     def _singles(self) -> list[Candidate]:
         """Every single effect weighed around none; what looks promising there, or cannot be judged there, followed."""
@@ -200,7 +200,7 @@ class Search:
         grown: dict[tuple[Hypothesis, bool], Candidate] = {}
         for parent in parents:
             around = parent.fit if parent.loose else self._whole(parent.fit)
-            loosened = self._loosened(parent.named, around)
+            loosened = self._loosened(parent.named, around, parent.loose)
             for named, c in self._weigh_around(loosened, self._children(parent), parent.loose).items():
                 key = (named, parent.loose)
                 if key not in grown or grown[key].log_evidence < c.log_evidence:
@@ -239,16 +239,16 @@ class Search:
     def _fit(
         self, named: Hypothesis, loose: bool, size: float, start: Array | Fit, rounds: int, frozen: Fit | None = None
     ) -> Fit:
-        variance = self.problem.parameters.variance(named, HELD * loose)
-        return fit(self.problem, variance, size, start, rounds, frozen)
+        p = self.problem.parameters
+        return fit(self.problem, p.prior(p.mask(named), HELD * loose), size, start, rounds, frozen)
 
     def _whole(self, f: Fit) -> Fit:
         """The same fit with the derivatives by all parameters."""
         predicted, slope = self.problem.linearise(f.theta)
         return replace(f, slope=slope, linear=self.problem.linear(f.theta, predicted, slope))
 
-    def _loosened(self, named: Hypothesis, f: Fit) -> Fit:
-        return replace(f, linear=self.problem.loosened(f.linear, f.theta, f.predicted, named))
+    def _loosened(self, named: Hypothesis, f: Fit, loose: bool) -> Fit:
+        return replace(f, linear=self.problem.loosened(f.linear, f.theta, f.predicted, named, loose))
 
     def _weigh_around(self, f: Fit, named: Sequence[Hypothesis], loose: bool) -> dict[Hypothesis, Candidate]:
         """Hypotheses in the linear problem of a fit that was made for another."""
@@ -257,7 +257,7 @@ class Search:
         return {h: Candidate(h, w, f, w.peak(grid), loose) for h, w in zip(named, found, strict=True)}
 
     def _weigh(self, named: Hypothesis, fitted: Fit, loose: bool) -> Candidate:
-        return self._weigh_around(self._loosened(named, fitted), [named], loose)[named]
+        return self._weigh_around(self._loosened(named, fitted, loose), [named], loose)[named]
 
     def _keep(self, c: Candidate) -> None:
         self._tried[c.named, c.loose] = c

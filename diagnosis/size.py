@@ -1,7 +1,8 @@
 """How large the named effects are: what the data say of each size, within what is physically possible.
 
-Around the fit the problem is linear and its posterior normal; a size that cannot be (a negative stiffness, more than the
-whole of a law) is cut off. One parameter at a time, the others integrated out and not cut.
+Around the fit the problem is linear and its posterior normal, averaged over the grid of what is tolerated; a size that cannot
+be (a negative stiffness, more than the whole of a law) is cut off. One parameter at a time, the others integrated out and
+not cut.
 """
 
 from __future__ import annotations
@@ -9,12 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
 from scipy.stats import truncnorm
 
+from .evidence import KNOWN
 from .prepare import Prepared
 from .result import Value
 from .search import Candidate
 
+Array = NDArray[np.float64]
+
+LIGHT = 0.02
+"""Points of the grid with less weight are left out."""
 SIGMAS = 2.0
 """Standard deviations beyond a bound from which on the data speak against the effect itself."""
 
@@ -48,9 +56,7 @@ def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
     parameters = p.problem.parameters
     if c.unknown or not c.named:
         return ()
-    reduced = c.fit.linear.reduced(c.cell.size, c.cell.form)
-    mean, covariance = reduced.posterior(parameters.variance(c.named, c.cell.spike))
-    mean, sd = mean * parameters.scale, np.sqrt(np.diag(covariance)) * parameters.scale
+    mean, sd = (x * parameters.scale for x in _averaged(p, c))
     rows = np.flatnonzero(parameters.of_effect)
     return tuple(
         _size(p, int(i), float(c.fit.theta[i]), float(mean[j]), float(sd[j]))
@@ -62,6 +68,21 @@ def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
 def values(found: tuple[Size, ...]) -> dict[str, Value]:
     """The same as parameter name -> fitted value with its standard deviation."""
     return {s.name: Value(s.fitted, s.sd, s.unit) for s in found}
+
+
+def _averaged(p: Prepared, c: Candidate) -> tuple[Array, Array]:
+    """Posterior mean and standard deviation (p,) of the effects' parameters, in units of their scale, over the grid."""
+    parameters, grid, cells = p.problem.parameters, KNOWN.part(c.loose), c.weighed.cells
+    weights = np.exp(cells - logsumexp(cells))
+    moments, total = np.zeros((2, len(parameters.scale))), 0.0
+    for j, k in np.argwhere(weights.max(axis=0) > LIGHT):
+        reduced = c.fit.linear.reduced(float(grid.sizes[j]), float(grid.forms[k]))
+        for i in np.flatnonzero(weights[:, j, k] > LIGHT):
+            mean, covariance = reduced.posterior(parameters.prior(parameters.mask(c.named), float(grid.spikes[i])))
+            moments += weights[i, j, k] * np.array([mean, np.diag(covariance) + mean**2])
+            total += float(weights[i, j, k])
+    mean, square = moments / total
+    return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
 def _size(p: Prepared, i: int, fitted: float, mean: float, sd: float) -> Size:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from .evidence import KNOWN, LARGE, weigh
-from .linear import Linear
+from .linear import Linear, Prior
 from .problem import Parameters, Problem
 from .search import Candidate
 
@@ -71,11 +71,11 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
     weight = np.exp(both - both.max())
     sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
-    variance = p.variance(best.named, best.cell.spike)
+    prior = p.prior(p.mask(best.named), best.cell.spike)
     form = best.cell.form
-    plain = _Gaussian(linear, variance, 0.0, form)
-    within = _Gaussian(linear, variance, max(best.cell.size, LEAST_DISCREPANCY), form)
-    own = _Gaussian(linear, variance, best.cell.size, form)
+    plain = _Gaussian(linear, prior, 0.0, form)
+    within = _Gaussian(linear, prior, max(best.cell.size, LEAST_DISCREPANCY), form)
+    own = _Gaussian(linear, prior, best.cell.size, form)
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
         value, n = within.surprise(trial == t)
@@ -104,7 +104,7 @@ def _strain(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float,
     names = np.array([*np.array(p.names)[p.of_effect], *np.array(p.names)[~p.of_effect]])
     effects = int(p.of_effect.sum())
     free = np.zeros(len(names), bool)
-    free[effects:] = np.array(p.calibration or (False,) * len(p.names))[~p.of_effect]
+    free[effects:] = p.calibrated
     by_trial = np.char.find(names, "[trial=") >= 0
     mask = np.zeros(len(names), bool)
     mask[:effects] = p.mask(named)
@@ -127,8 +127,8 @@ def _strain(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float,
 class _Gaussian:
     """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
 
-    def __init__(self, linear: Linear, variance: Array, size: float, form: float) -> None:
-        blocks = [linear.effects * np.sqrt(variance), linear.nuisance]
+    def __init__(self, linear: Linear, prior: Prior, size: float, form: float) -> None:
+        blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance]
         self.form = linear.form.shape[1] if form else 0
         """How many columns belong to errors of the laws."""
         if form:
@@ -137,7 +137,8 @@ class _Gaussian:
             blocks.append(large * linear.discrepancy)
         self._x = np.hstack(blocks)
         self._inverse = np.linalg.inv(np.eye(self._x.shape[1]) + self._x.T @ self._x)
-        self._left = linear.observed - self._x @ (self._inverse @ (self._x.T @ linear.observed))
+        missed = linear.observed - linear.effects @ prior.mean
+        self._left = missed - self._x @ (self._inverse @ (self._x.T @ missed))
 
     def surprise(self, own: Flags) -> tuple[float, int]:
         """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""

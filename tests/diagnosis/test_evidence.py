@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import halfnorm, multivariate_normal, norm
 
 from diagnosis.evidence import DOMINANT, Grid, weigh
-from diagnosis.linear import Linear
+from diagnosis.linear import Linear, Prior
 from diagnosis.noise import Noise
 from diagnosis.problem import Parameters
 
+WIDE = np.ones(3, bool)
 RNG = np.random.default_rng(7)
 NO_FORM = (np.array([0.0]), np.array([1.0]))
 ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]), *NO_FORM)
@@ -30,26 +31,28 @@ def parameters(p: int, lower: float = -np.inf) -> Parameters:
     return Parameters(names, names, np.zeros(p), np.ones(p), *bounds, ("1",) * p)
 
 
-def dense_log_evidence(linear: Linear, variance: np.ndarray, size: float) -> float:
+def dense_log_evidence(linear: Linear, prior: Prior, size: float) -> float:
     a, n, d = linear.effects, linear.nuisance, size * linear.discrepancy
-    covariance = np.eye(len(a)) + (a * variance) @ a.T + n @ n.T + d @ d.T
-    return float(multivariate_normal(np.zeros(len(a)), covariance).logpdf(linear.observed)) - linear.log_noise
+    covariance = np.eye(len(a)) + (a * prior.variance) @ a.T + n @ n.T + d @ d.T
+    return float(multivariate_normal(a @ prior.mean, covariance).logpdf(linear.observed)) - linear.log_noise
 
 
 @pytest.mark.parametrize("size", [0.0, 0.5, 3.0])
 @pytest.mark.parametrize("variance", [[0.0, 0.0, 0.0], [1.0, 0.01, 0.01], [1.0, 0.0, 4.0]])
-def test_log_evidence_equals_the_gaussian_marginal_likelihood(size: float, variance: list[float]) -> None:
-    linear = small_problem()
-    v = np.array(variance)
-    got = linear.reduced(size, 0.0).log_evidence(v)
-    assert got == pytest.approx(dense_log_evidence(linear, v, size), abs=1e-9)
+@pytest.mark.parametrize("mean", [[0.0, 0.0, 0.0], [0.0, 0.3, -1.2]])
+def test_log_evidence_equals_the_gaussian_marginal_likelihood(
+    size: float, variance: list[float], mean: list[float]
+) -> None:
+    linear, prior = small_problem(), Prior(np.array(mean), np.array(variance), WIDE)
+    got = linear.reduced(size, 0.0).log_evidence(prior)
+    assert got == pytest.approx(dense_log_evidence(linear, prior, size), abs=1e-9)
 
 
 def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_noise_do() -> None:
     plain, columns = small_problem(), RNG.normal(size=(12, 2))
     wrong = replace(plain, form=columns)
     noisy = replace(plain, nuisance=np.hstack([plain.nuisance, 0.3 * columns]))
-    v = np.ones(3)
+    v = Prior(np.zeros(3), np.ones(3), WIDE)
     assert wrong.reduced(0.5, 0.3).log_evidence(v) == pytest.approx(float(noisy.reduced(0.5, 0.0).log_evidence(v)))
 
 
@@ -73,7 +76,7 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
     found = weigh(linear, grid, parameters(3), [()])[0]
     cells = [
-        w * v * np.exp(dense_log_evidence(linear, np.full(3, k**2), g))
+        w * v * np.exp(dense_log_evidence(linear, Prior(np.zeros(3), np.full(3, k**2), WIDE), g))
         for k, w in zip(grid.spikes, grid.spike_weights, strict=True)
         for g, v in zip(grid.sizes, grid.size_weights, strict=True)
     ]
@@ -84,13 +87,24 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
 
 
 def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
-    linear, v = small_problem(), np.array([1.0, 0.04, 0.04])
-    mean, covariance = linear.reduced(0.5, 0.0).posterior(v)
+    linear, prior = small_problem(), Prior(np.array([0.0, 0.2, -0.1]), np.array([1.0, 0.04, 0.04]), WIDE)
+    mean, covariance = linear.reduced(0.5, 0.0).posterior(prior)
     n, d = linear.nuisance, 0.5 * linear.discrepancy
     noise = np.eye(12) + n @ n.T + d @ d.T
-    exact = np.linalg.inv(linear.effects.T @ np.linalg.solve(noise, linear.effects) + np.diag(1 / v))
+    exact = np.linalg.inv(linear.effects.T @ np.linalg.solve(noise, linear.effects) + np.diag(1 / prior.variance))
     assert covariance == pytest.approx(exact, abs=1e-10)
-    assert mean == pytest.approx(exact @ linear.effects.T @ np.linalg.solve(noise, linear.observed), abs=1e-10)
+    pulled = linear.effects.T @ np.linalg.solve(noise, linear.observed) + prior.mean / prior.variance
+    assert mean == pytest.approx(exact @ pulled, abs=1e-10)
+
+
+def test_what_acts_one_way_only_is_tolerated_with_the_mean_and_spread_of_half_a_normal() -> None:
+    free, up = parameters(3), parameters(3, lower=0.0)
+    named = np.array([True, False, False])
+    both, one = free.prior(named, 0.2), up.prior(named, 0.2)
+    assert both.mean == pytest.approx(np.zeros(3)) and both.variance == pytest.approx([1.0, 0.04, 0.04])
+    half = halfnorm(scale=0.2)
+    assert one.mean == pytest.approx([0.0, half.mean(), half.mean()])
+    assert one.variance == pytest.approx([1.0, half.var(), half.var()])
 
 
 def test_whitening_turns_the_noise_covariance_into_the_identity() -> None:
@@ -105,3 +119,10 @@ def test_whitening_turns_the_noise_covariance_into_the_identity() -> None:
     assert white @ white.T == pytest.approx(np.eye(12), abs=1e-12)
     assert noise.colour(white) == pytest.approx(np.linalg.cholesky(covariance), abs=1e-12)
     assert noise.log_sd == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1])
+
+
+def test_how_a_tolerated_effect_looks_is_as_little_known_as_how_a_named_one_does() -> None:
+    p = replace(parameters(3), shapes=(False, False, True))
+    loose, strict = (p.prior(np.zeros(3, bool), spike) for spike in (0.2, 0.0))
+    assert loose.variance == pytest.approx([0.04, 0.04, 1.0])
+    assert strict.variance == pytest.approx(np.zeros(3))

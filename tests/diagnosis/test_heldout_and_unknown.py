@@ -13,7 +13,7 @@ from diagnosis.noise import Noise
 from diagnosis.problem import Problem
 from diagnosis.search import Search
 from diagnosis.unknown import signs
-from tests.diagnosis.toy import IDS, MM, Grid, toy_problem
+from tests.diagnosis.toy import MM, Grid, toy_problem
 
 GRID = Grid()
 LENGTH = np.repeat(np.round(GRID.length / 0.05).astype(np.int64), 3)
@@ -25,8 +25,9 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def fitted(problem: Problem, variance: np.ndarray, size: float) -> Model:
-    return Model(variance, size, fit(problem, variance, size, problem.parameters.mean))
+def fitted(problem: Problem, named: tuple[str, ...], spike: float, size: float) -> Model:
+    prior = problem.parameters.prior(problem.parameters.mask(named), spike)
+    return Model(prior, size, fit(problem, prior, size, problem.parameters.mean))
 
 
 def changed(problem: Problem, by: np.ndarray) -> Problem:
@@ -35,8 +36,7 @@ def changed(problem: Problem, by: np.ndarray) -> Problem:
 
 def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
     problem = toy_problem(1, {"play": 1.0})
-    variance = np.where(problem.parameters.mask(("play",)), 1.0, 0.01)
-    model = fitted(problem, variance, 0.5)
+    model = fitted(problem, ("play",), 0.1, 0.5)
     before = problem.observed - left_out(problem, model, LENGTH)
     lifted = changed(problem, np.where(LENGTH == 3, 5 * MM, 0.0))
     after = lifted.observed - left_out(lifted, model, LENGTH)
@@ -46,15 +46,14 @@ def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
 
 def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_without_it_they_are_not() -> None:
     problem = toy_problem(2, {"play": 1.0})
-    without = rms(left_out(problem, fitted(problem, np.zeros(len(IDS)), 0.0), LENGTH))
-    named = np.where(problem.parameters.mask(("play",)), 1.0, 0.0)
-    assert rms(left_out(problem, fitted(problem, named, 0.5), LENGTH)) < 0.4 * MM < 0.8 * MM < without
+    without = rms(left_out(problem, fitted(problem, (), 0.0, 0.0), LENGTH))
+    assert rms(left_out(problem, fitted(problem, ("play",), 0.0, 0.5), LENGTH)) < 0.4 * MM < 0.8 * MM < without
 
 
 def test_values_of_no_fold_are_not_predicted() -> None:
     problem = toy_problem(2, {})
     fold = np.where(LENGTH == 2, 0, -1)
-    missed = left_out(problem, fitted(problem, np.zeros(len(IDS)), 0.0), fold)
+    missed = left_out(problem, fitted(problem, (), 0.0, 0.0), fold)
     assert np.isnan(missed[fold < 0]).all() and np.isfinite(missed[fold == 0]).all()
 
 

@@ -41,7 +41,8 @@ def test_a_fit_stays_within_bounds() -> None:
     problem = toy_problem(1, {"turned": 1.5})
     upper = problem.parameters.upper
     upper[IDS.index("turned")] = 0.7
-    fitted = fit(problem, np.where(problem.parameters.mask(("turned",)), 1.0, 0.0), 0.5, problem.parameters.mean)
+    prior = problem.parameters.prior(problem.parameters.mask(("turned",)), 0.0)
+    fitted = fit(problem, prior, 0.5, problem.parameters.mean)
     assert fitted.theta[IDS.index("turned")] == pytest.approx(0.7)
 
 
@@ -61,7 +62,7 @@ class _Snapping(ToyForward):
 
 def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() -> None:
     problem = replace(toy_problem(4, {"bent": 0.4}), forward=_Snapping(Grid()))
-    variance = np.where(problem.parameters.mask(("bent",)), 1.0, 0.0)
-    fitted = fit(problem, variance, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
+    prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0)
+    fitted = fit(problem, prior, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.slope).all()
     assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
