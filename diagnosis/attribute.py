@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .apart import Apart, apart
 from .case import enough
+from .effort import ALONE, Effort
 from .evidence import NONE, Hypothesis
 from .fit import Fit, fit
 from .posterior import Posterior, beside_unknown, posterior, prior
@@ -57,9 +58,9 @@ class Found:
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
 
-def attribute(p: Prepared) -> Found:
+def attribute(p: Prepared, effort: Effort = ALONE) -> Found:
     """Weigh the catalogue against the data."""
-    search = Search(p.problem)
+    search = Search(p.problem, effort=effort)
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)

@@ -17,6 +17,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
 from .case import CaseLike, States, states
+from .effort import ALONE, Effort
 from .errors import TooLittle
 from .posterior import UNKNOWN, beside_unknown, posterior, prior
 from .prepare import Prepared, prepare
@@ -41,7 +42,9 @@ class Change:
     """Fitted change of the parameters of the leading hypothesis, in their units."""
 
 
-def compare_campaigns(later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Change:
+def compare_campaigns(
+    later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE, effort: Effort = ALONE
+) -> Change:
     """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:
         raise TooLittle(
@@ -50,7 +53,7 @@ def compare_campaigns(later: CaseLike, reference: CaseLike, catalogue: Mapping[s
         )
     both = _alike(states(reference)[0], states(later)[0])
     before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
-    search = Search(_joined(before, after))
+    search = Search(_joined(before, after), effort=effort)
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
     leading = candidates[:6]
@@ -120,6 +123,7 @@ class _Both:
             units=tuple(p.units[i] for p, rows, _ in order for i in rows),
             shapes=tuple(p.shapes[i] for p, rows, _ in order for i in rows),
             starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
+            changes=True,
         )  # fmt: skip
 
     def _split(self, theta: Array) -> tuple[Array, Array]:

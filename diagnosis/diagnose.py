@@ -17,6 +17,7 @@ from model.effects.spec import EffectSpec
 from . import assemble, next_experiment
 from .attribute import Found, attribute
 from .case import CaseLike, states
+from .effort import ALONE, Effort
 from .holdout import hold_out, unmet
 from .prepare import prepare
 from .quantify import shrink
@@ -36,6 +37,7 @@ class Options:
     """The effects that are weighed."""
     holdout: CaseLike | None = None
     """A campaign that the fit never sees, on which the answer is tried."""
+    effort: Effort = ALONE
 
 
 def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
@@ -44,10 +46,11 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     own, concerns = states(case)
     other = unmet(case, wanted.holdout) if wanted.holdout is not None else None
     prepared = prepare(case.robot, own, catalogue=wanted.catalogue)
-    found = attribute(prepared)
+    found = attribute(prepared, wanted.effort)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
     proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
     tried = hold_out(found, other) if other is not None else None
+    wanted.effort.told(1.0)
     where = assemble.where(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
     detail = assemble.detail(found, unseen, tried)
     said = _statement(found, where, shrunk, proposals, detail.get("stiffness"))

@@ -61,6 +61,9 @@ class Parameters:
     starts: tuple[tuple[float, ...], ...] = ()
     """Values from which a search begins when the parameter's effect is named; empty: at the mean alone."""
 
+    changes: bool = False
+    """Effects are changes since a reference: those that act one way only may have grown or shrunk."""
+
     @property
     def of_effect(self) -> NDArray[np.bool_]:
         """(k,) which parameters belong to an effect."""
@@ -108,7 +111,7 @@ class Parameters:
         What acts one way only is tolerated one way only: its narrow prior has the mean and variance of half a normal. How
         a tolerated effect looks is as little known as how a named one does.
         """
-        way = (self.low >= 0).astype(float) - (self.high <= 0)
+        way = 0.0 if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
         mean, variance = spike * HALF_MEAN * way, spike**2 * (1 - (HALF_MEAN * way) ** 2)
         mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, variance, float(spike > 0))
         return Prior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from .effort import ALONE, Effort
 from .evidence import KNOWN, LARGE, NONE, Cell, Grid, Hypothesis, Weighed, weigh
 from .fit import Fit, fit
 from .problem import Problem
@@ -31,6 +32,8 @@ UNFINISHED = 0.5
 """A search that promises to lower the cost by more is not at its end."""
 
 
+SINGLES, POLISHING, GROWING, AFTER_SEARCH = (0.1, 0.65), (0.65, 0.7), (0.7, 0.8), 0.85
+"""Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
 BEGIN = 0.6
 """Share of its scale at which the search for an effect that acts one way begins."""
 
@@ -85,8 +88,10 @@ def _evidence(c: Candidate) -> float:
 class Search:
     """Weighs hypotheses of one problem, keeping what it has found."""
 
-    def __init__(self, problem: Problem, grid: Grid = KNOWN, extent: Extent | None = None) -> None:
-        self.problem, self.extent = problem, extent or Extent()
+    def __init__(
+        self, problem: Problem, grid: Grid = KNOWN, extent: Extent | None = None, effort: Effort = ALONE
+    ) -> None:
+        self.problem, self.extent, self._effort = problem, extent or Extent(), effort
         self._grids = {loose: grid.part(loose) for loose in (False, True)}
         self._tried: dict[tuple[Hypothesis, bool], Candidate] = {}
         calibrated = self._fit(NONE, False, START_SIZE, problem.parameters.mean, 4)
@@ -112,6 +117,7 @@ class Search:
         if pairs and pairs[0].log_evidence > singles[0].log_evidence + 2.0:
             self._grow(pairs[: self.extent.parents], self.extent.triples)
         self._finish()
+        self._effort.told(AFTER_SEARCH)
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
     def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
@@ -139,12 +145,15 @@ class Search:
         curved = {h for h in singles if self._curved(h)}
         here = {loose: self._weigh_around(self._tried[NONE, loose].fit, singles, loose) for loose in (False, True)}
         leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[: extent.screen]}
-        for loose in (False, True):
-            for h in singles:
-                self._keep(self._screened(h, loose) if h in curved | leading else here[loose][h])
-        for c in sorted(self._of(1), key=lambda c: -c.promised)[: extent.polish]:
-            if c.promised > max(map(_evidence, self._of(1))) - extent.within:
-                self._keep(max(c, self._polished(c, 4), key=_evidence))
+        followed = [h for h in singles if h in curved | leading]
+        screened = dict(zip(followed, self._effort.each(self._screened, followed, *SINGLES), strict=True))
+        for h in singles:
+            for c in screened.get(h) or (here[False][h], here[True][h]):
+                self._keep(c)
+        least = max(map(_evidence, self._of(1))) - extent.within
+        best = [c for c in sorted(self._of(1), key=lambda c: -c.promised)[: extent.polish] if c.promised > least]
+        for c in self._effort.each(lambda c: max(c, self._polished(c, 4), key=_evidence), best, *POLISHING):
+            self._keep(c)
         return sorted(self._of(1), key=lambda c: -c.log_evidence)
 
     def _of(self, count: int) -> list[Candidate]:
@@ -157,14 +166,18 @@ class Search:
         own = [i for i, e in enumerate(p.effects) if e in named]
         return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
 
-    def _screened(self, named: Hypothesis, loose: bool) -> Candidate:
-        """Two steps from each starting point; the best by evidence at the point reached."""
+    def _screened(self, named: Hypothesis) -> tuple[Candidate, Candidate]:
+        """Two steps from each starting point; the best by evidence at the point reached, without and with tolerances."""
+        strict = self._leading(named, False, ())
+        return strict, self._leading(named, True, [strict.fit.theta])
+
+    def _leading(self, named: Hypothesis, loose: bool, more: Sequence[Array]) -> Candidate:
+        """The best of what is reached from the usual starting points and some more."""
         none = self._tried[NONE, loose]
-        frozen, starts = none.fit if loose else None, self._starts(named, none.fit)
-        if loose:
-            starts.append(self._tried[named, False].fit.theta)
+        frozen = none.fit if loose else None
         tried = [
-            self._weigh(named, self._fit(named, loose, none.cell.size, start, 2, frozen), loose) for start in starts
+            self._weigh(named, self._fit(named, loose, none.cell.size, start, 2, frozen), loose)
+            for start in (*self._starts(named, none.fit), *more)
         ]
         return max(tried, key=_evidence)
 
@@ -206,7 +219,8 @@ class Search:
                 if key not in grown or grown[key].log_evidence < c.log_evidence:
                     grown[key] = c
         leading = sorted(grown.values(), key=lambda c: -c.promised)
-        followed = {(c.named, c.loose): self._polished(c, 2) for c in leading[:follow]}
+        polished = self._effort.each(lambda c: self._polished(c, 2), leading[:follow], *GROWING)
+        followed = {(c.named, c.loose): c for c in polished}
         # What was not followed is taken to lose as much as what was.
         typical = max(
             float(np.median([c.promised - followed[c.named, c.loose].promised for c in leading[:follow]])), 0.0

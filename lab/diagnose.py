@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +13,14 @@ from rich.table import Table as Sheet
 from diagnosis.compare_campaigns import Change, compare_campaigns
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
+from diagnosis.effort import Effort
 from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.result import Diagnosis, Proposal, Ranked
 from model.errors import ModelError
 from recordings.errors import RecordingError
 
 from .config import ConfigError
-from .console import out
+from .console import Screen, out
 from .diagnosis_report import write
 from .inputs import Case, read_case
 from .own_effects import catalogue
@@ -46,12 +48,21 @@ class Beside:
     """Python file with effects of one's own."""
 
 
-def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, beside: Beside | None = None) -> int:
+def diagnose(
+    inputs: Sequence[Path],
+    robot: Path | None,
+    outputs: Outputs,
+    beside: Beside | None = None,
+    workers: int | None = None,
+) -> int:
     """Diagnose recordings or a case folder. Raises ConfigError, BadEffect, RecordingError."""
     besides = beside or Beside()
     _writable(outputs)
+    cores = workers if workers is not None else len(os.sched_getaffinity(0))
+    if cores < 1:
+        raise ConfigError(f"--workers {cores}: must be at least 1")
     case = read_case(inputs, robot)
-    answer, change = _answer(case, robot, besides)
+    answer, change = _answer(case, robot, besides, cores)
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
@@ -63,18 +74,25 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, outputs: Outputs, besid
     return 0
 
 
-def _answer(case: Case, robot: Path | None, beside: Beside) -> tuple[Diagnosis, Change | None]:
+def _answer(case: Case, robot: Path | None, beside: Beside, cores: int) -> tuple[Diagnosis, Change | None]:
     weighed = catalogue(case.robot, beside.effects)
     held = _held_out(beside.holdout, robot) if beside.holdout is not None else None
     try:
-        answer = diagnosed(case, Options(catalogue=weighed, holdout=held))
+        with Screen("weighing hypotheses") as screen:
+            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, effort=_shown(screen, cores)))
         if beside.reference is None:
             return answer, None
-        return answer, compare_campaigns(case, read_case([beside.reference], robot), weighed)
+        earlier = read_case([beside.reference], robot)
+        with Screen("comparing") as screen:
+            return answer, compare_campaigns(case, earlier, weighed, _shown(screen, cores))
     except BadHoldout as e:
         raise ConfigError(f"--holdout {beside.holdout}: {e}") from e
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
+
+
+def _shown(screen: Screen, cores: int) -> Effort:
+    return Effort(cores, lambda share: screen.progress(share, 1.0))
 
 
 def _held_out(path: Path, robot: Path | None) -> Case:

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.effort import Effort
 from diagnosis.evidence import NONE, Hypothesis
 from diagnosis.fit import fit
 from diagnosis.posterior import posterior
-from diagnosis.problem import Problem
+from diagnosis.problem import TOLERATED, Problem
 from diagnosis.search import Search
 from tests.diagnosis.toy import IDS, Grid, ToyForward, toy_problem
 
@@ -51,6 +52,14 @@ def test_the_same_data_give_the_same_answer_to_the_last_bit() -> None:
     assert [(c.named, c.log_evidence) for c in a] == [(c.named, c.log_evidence) for c in b]
 
 
+def test_threads_change_nothing_and_progress_only_rises() -> None:
+    told: list[float] = []
+    alone = Search(toy_problem(2, {"play": 1.0})).run()
+    shared = Search(toy_problem(2, {"play": 1.0}), effort=Effort(3, told.append)).run()
+    assert [(c.named, c.log_evidence) for c in alone] == [(c.named, c.log_evidence) for c in shared]
+    assert told == sorted(told) and 0 < told[0] < told[-1] < 1
+
+
 class _Snapping(ToyForward):
     """States are lost where an effect goes beyond half its scale, and have no derivative a little before."""
 
@@ -66,3 +75,13 @@ def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() ->
     fitted = fit(problem, prior, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.slope).all()
     assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
+
+
+def test_what_tolerated_laws_may_get_wrong_are_their_effects_times_smooth_factors() -> None:
+    problem = toy_problem(3, {})
+    own = problem.noise.whiten(problem.linearise(problem.parameters.mean)[1][:, : len(IDS)])
+    alike = problem.alike @ problem.alike.T
+    exact = TOLERATED**2 * (own @ own.T) * alike
+    columns = problem.tolerated
+    assert columns.shape[1] < 0.5 * len(columns)
+    assert np.abs(columns @ columns.T - exact).max() < 0.02 * np.abs(exact).max()
