@@ -99,8 +99,8 @@ class Weighed:
 def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
     """Log evidence of hypotheses in one linear problem.
 
-    A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `DOMINANT`; the
-    spikes are left uncut (they are narrow, see `Parameters.prior` for those that act one way only).
+    A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `DOMINANT`; sizes
+    that are tolerated are below it.
     """
     masks = np.array([parameters.mask(h) for h in named])
     if not linear.form.shape[1]:
@@ -111,38 +111,37 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
         prior = parameters.prior(masks, float(spike))
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
-                cells[:, i, j, k] = problem.log_evidence(prior) + _cut(problem, prior, masks, parameters)
+                cells[:, i, j, k] = problem.log_evidence(prior) + _cut(problem, prior, parameters)
     cells += grid.log_weights
     return [Weighed(float(logsumexp(c)), c) for c in cells]
 
 
-def _cut(problem: Reduced, prior: Prior, masks: NDArray[np.bool_], parameters: Parameters) -> Array:
-    """What the bounds of the named parameters, and that a named effect is no small one, add to the log evidence (h,).
+def _cut(problem: Reduced, prior: Prior, parameters: Parameters) -> Array:
+    """What the bounds of the named parameters, that a named effect is no small one and that a tolerated one is, add to the
+    log evidence (h,).
 
     Each parameter is taken by itself.
     """
-    added = np.zeros(len(masks))
-    rows = np.flatnonzero(masks.any(axis=1))
-    if not rows.size:
-        return added
-    mean, covariance = problem.posterior(Prior(prior.mean[rows], prior.variance[rows], masks[rows]))
-    sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300))
-    here = _allowed(mean, sd, masks[rows], parameters)
-    before = _allowed(np.zeros_like(mean), np.ones_like(sd), masks[rows], parameters)
-    added[rows] = here - before
-    return added
+    mean, covariance = problem.posterior(prior)
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    return _allowed(mean, variance, prior, parameters) - _allowed(prior.mean, prior.variance, prior, parameters)
 
 
-def _allowed(mean: Array, sd: Array, masks: NDArray[np.bool_], parameters: Parameters) -> Array:
-    """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named."""
+def _allowed(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:
+    """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named, and
+    within the small sizes of what is tolerated."""
+    sd = np.sqrt(np.maximum(variance, 1e-300))
     low, high = parameters.low, parameters.high
     within = _log_mass(mean, sd, low, high)
-    total = np.where(masks, within, 0.0).sum(axis=1)
+    total = np.where(prior.wide, within, 0.0).sum(axis=1)
     small = _log_mass(mean, sd, np.maximum(low, -DOMINANT), np.minimum(high, DOMINANT)) - within
     # An effect is small only where all its sizes are.
     all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
     outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
-    named = (masks @ parameters.members) > 0
+    named = (prior.wide @ parameters.members) > 0
+    tolerated = ~prior.wide & parameters.sizes & (prior.variance > 0)
+    held = _log_mass(mean, sd, np.where(low < 0, -DOMINANT, -np.inf), np.where(high > 0, DOMINANT, np.inf))
+    total += np.where(tolerated, held, 0.0).sum(axis=1)
     return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))
 
 

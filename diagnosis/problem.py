@@ -25,8 +25,8 @@ TOLERATED = 0.12
 KEPT, LEAST_LAW, SEED = 160, 1.0, 7
 """Most columns kept for the errors of tolerated laws; those are left out that even laws which are all wrong would not move by
 as many standard deviations of the noise."""
-HALF_MEAN = np.sqrt(2 / np.pi)
-"""Mean of a normal of standard deviation 1 of which only the upper half is left."""
+ONE_WAY_MEAN, ONE_WAY_SD = np.sqrt(0.75), 0.5
+"""Of a size that is evenly spread between nothing and a limit, when its root mean square is 1."""
 AFTER = 0.3
 """Of a law's error, the part that may also lie where the law does nothing, such as what a memory leaves behind."""
 
@@ -108,12 +108,12 @@ class Parameters:
     def prior(self, named: NDArray[np.bool_], spike: float) -> Prior:
         """When the parameters marked `named` (..., p) are wide and the sizes of all other effects held narrow.
 
-        What acts one way only is tolerated one way only: its narrow prior has the mean and variance of half a normal. How
-        a tolerated effect looks is as little known as how a named one does.
+        What acts one way only is tolerated one way only: its narrow prior has the mean and variance of a size evenly spread
+        up to a limit. How a tolerated effect looks is as little known as how a named one does.
         """
-        way = 0.0 if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
-        mean, variance = spike * HALF_MEAN * way, spike**2 * (1 - (HALF_MEAN * way) ** 2)
-        mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, variance, float(spike > 0))
+        way = np.zeros(len(self.low)) if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
+        mean, sd = spike * ONE_WAY_MEAN * way, spike * np.where(way == 0, 1.0, ONE_WAY_SD)
+        mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0))
         return Prior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
 
     def scaled(self, prior: Prior) -> tuple[Array, Array]:

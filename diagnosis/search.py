@@ -45,9 +45,9 @@ class Extent:
     screen: int = 6
     """Singles, leading around none in each way, that are followed with most derivatives kept."""
     polish: int = 4
-    """Leading singles that are followed to their most probable point with all derivatives computed anew."""
+    """Leading singles, of each way, that are followed to their most probable point with all derivatives computed anew."""
     within: float = 8.0
-    """Singles whose log evidence is further than this behind the best are not followed."""
+    """Singles whose log evidence is further than this behind the best of their way are not followed."""
     parents: int = 4
     """Leading singles from which pairs grow, and leading pairs from which triples grow."""
     pairs: int = 5
@@ -150,8 +150,10 @@ class Search:
         for h in singles:
             for c in screened.get(h) or (here[False][h], here[True][h]):
                 self._keep(c)
-        least = max(map(_evidence, self._of(1))) - extent.within
-        best = [c for c in sorted(self._of(1), key=lambda c: -c.promised)[: extent.polish] if c.promised > least]
+        best: list[Candidate] = []
+        for loose in (False, True):
+            own = sorted((c for c in self._of(1) if c.loose == loose), key=lambda c: -c.promised)
+            best += [c for c in own[: extent.polish] if c.promised > max(map(_evidence, own)) - extent.within]
         for c in self._effort.each(lambda c: max(c, self._polished(c, 4), key=_evidence), best, *POLISHING):
             self._keep(c)
         return sorted(self._of(1), key=lambda c: -c.log_evidence)

@@ -55,6 +55,7 @@ def _chamber_azimuth(q: Quantities, v: Values) -> None:
 
 def _chamber_twist(q: Quantities, v: Values) -> None:
     q.twist = q.twist + v["winding"]
+    q.azimuth = q.azimuth - (v["winding"] * v["aligned"] * q.robot.length)[..., None]
     q.twist_growth = q.twist_growth + v["growth"]
 
 
@@ -115,10 +116,12 @@ SPECS = (
     EffectSpec(
         id="chamber_twist",
         stage="actuation",
-        equation="azimuth_i(s) = azimuth_i + phi(s), phi = c s (1 + g s / L): m_act(s) = Rz(phi) m_act(0)",
+        equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g s / L) - a L): m_act(s) = Rz(phi) m_act(0); "
+        "a: where along the body the chambers were aligned when it was mounted",
         parameters=(
             Parameter("winding", "rad/m", 0.35, -3.0, 3.0),
             Parameter("growth", "1", 0.3, -0.9, 0.9, role="shape"),
+            Parameter("aligned", "1", 0.5, -1.5, 1.5, role="shape"),
         ),
         law=Law(before=_chamber_twist),
         citation="Rucker & Webster, IEEE T-RO 27 (2011), loads of routed actuators; here for pressure",
