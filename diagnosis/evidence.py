@@ -108,7 +108,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     cells = np.empty((len(masks), *grid.log_weights.shape))
     reduced = linear.reductions(grid.sizes, grid.forms)
     for i, spike in enumerate(grid.spikes):
-        prior = parameters.prior(masks, float(spike))
+        prior = parameters.prior(masks, float(spike), linear.reach)
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
                 cells[:, i, j, k] = problem.log_evidence(prior) + _cut(problem, prior, parameters)
@@ -129,7 +129,7 @@ def _cut(problem: Reduced, prior: Prior, parameters: Parameters) -> Array:
 
 def _allowed(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:
     """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named, and
-    within the small sizes of what is tolerated."""
+    within the bounds and the small sizes of what is tolerated."""
     sd = np.sqrt(np.maximum(variance, 1e-300))
     low, high = parameters.low, parameters.high
     within = _log_mass(mean, sd, low, high)
@@ -139,9 +139,9 @@ def _allowed(mean: Array, variance: Array, prior: Prior, parameters: Parameters)
     all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
     outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
     named = (prior.wide @ parameters.members) > 0
-    tolerated = ~prior.wide & parameters.sizes & (prior.variance > 0)
-    held = _log_mass(mean, sd, np.where(low < 0, -DOMINANT, -np.inf), np.where(high > 0, DOMINANT, np.inf))
-    total += np.where(tolerated, held, 0.0).sum(axis=1)
+    least, most = np.where(low < 0, -DOMINANT, -np.inf), np.where(high > 0, DOMINANT, np.inf)
+    held = np.where(parameters.sizes, _log_mass(mean, sd, least, most), within)
+    total += np.where(~prior.wide & (prior.variance > 0), held, 0.0).sum(axis=1)
     return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))
 
 

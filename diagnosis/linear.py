@@ -54,6 +54,8 @@ class Linear:
     """Size of the discrepancy that such a law makes besides, in units of D."""
     gram: Array | None = None
     """(m, m) D^T D where it is known."""
+    reach: Array | None = None
+    """(p,) see `Parameters.reach`; None where no parameter is a shape."""
 
     def __post_init__(self) -> None:
         n = len(self.observed)

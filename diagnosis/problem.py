@@ -25,7 +25,7 @@ TOLERATED = 0.12
 KEPT, LEAST_LAW, SEED = 160, 1.0, 7
 """Most columns kept for the errors of tolerated laws; those are left out that even laws which are all wrong would not move by
 as many standard deviations of the noise."""
-ONE_WAY_MEAN, ONE_WAY_SD = np.sqrt(0.75), 0.5
+ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Of a size that is evenly spread between nothing and a limit, when its root mean square is 1."""
 AFTER = 0.3
 """Of a law's error, the part that may also lie where the law does nothing, such as what a memory leaves behind."""
@@ -105,15 +105,17 @@ class Parameters:
         """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
         return np.array([[float(e == one) for one in self.ids] for e in self.effects if e])
 
-    def prior(self, named: NDArray[np.bool_], spike: float) -> Prior:
+    def prior(self, named: NDArray[np.bool_], spike: float, reach: Array | None = None) -> Prior:
         """When the parameters marked `named` (..., p) are wide and the sizes of all other effects held narrow.
 
         What acts one way only is tolerated one way only: its narrow prior has the mean and variance of a size evenly spread
-        up to a limit. How a tolerated effect looks is as little known as how a named one does.
+        up to a limit. How a tolerated effect looks is as little known as how a named one does; where the problem is linear
+        around a point, `reach` is `Linear.reach` there: what a look can do is what it can at the limit, not beyond.
         """
         way = np.zeros(len(self.low)) if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
         mean, sd = spike * ONE_WAY_MEAN * way, spike * np.where(way == 0, 1.0, ONE_WAY_SD)
-        mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0))
+        beyond = np.maximum(reach / (LIMIT * spike), 1.0) if reach is not None and spike > 0 else 1.0
+        mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / beyond**2)
         return Prior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
 
     def scaled(self, prior: Prior) -> tuple[Array, Array]:
@@ -122,6 +124,11 @@ class Parameters:
         sd[self.of_effect] *= np.sqrt(prior.variance)
         mean[self.of_effect] += prior.mean * self.scale
         return sd, mean
+
+    def reach(self, theta: Array) -> Array:
+        """(p,) how large, in units of its scale, the effect is at parameters (k,) to which a shape belongs; 0 for sizes."""
+        size = np.where(self.sizes, theta[self.of_effect] / self.scale, 0.0)
+        return np.where(self.sizes, 0.0, np.sqrt(size**2 @ self.members) @ self.members.T)
 
     def absent(self) -> Prior:
         """No effect at all."""
@@ -181,6 +188,7 @@ class Problem:
             self.noise.log_sd,
             none,
             gram=self._gram,
+            reach=p.reach(theta),
         )
 
     @cached_property

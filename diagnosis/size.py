@@ -74,11 +74,12 @@ def _averaged(p: Prepared, c: Candidate) -> tuple[Array, Array]:
     """Posterior mean and standard deviation (p,) of the effects' parameters, in units of their scale, over the grid."""
     parameters, grid, cells = p.problem.parameters, KNOWN.part(c.loose), c.weighed.cells
     weights = np.exp(cells - logsumexp(cells))
+    named = parameters.mask(c.named)
     moments, total = np.zeros((2, len(parameters.scale))), 0.0
     for j, k in np.argwhere(weights.max(axis=0) > LIGHT):
         reduced = c.fit.linear.reduced(float(grid.sizes[j]), float(grid.forms[k]))
         for i in np.flatnonzero(weights[:, j, k] > LIGHT):
-            mean, covariance = reduced.posterior(parameters.prior(parameters.mask(c.named), float(grid.spikes[i])))
+            mean, covariance = reduced.posterior(parameters.prior(named, float(grid.spikes[i]), c.fit.linear.reach))
             moments += weights[i, j, k] * np.array([mean, np.diag(covariance) + mean**2])
             total += float(weights[i, j, k])
     mean, square = moments / total
