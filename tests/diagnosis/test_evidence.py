@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import halfnorm, multivariate_normal, norm
+from scipy.stats import multivariate_normal, norm, uniform
 
 from diagnosis.evidence import DOMINANT, Grid, weigh
 from diagnosis.linear import Linear, Prior
-from diagnosis.noise import Noise
 from diagnosis.problem import Parameters
 
 WIDE = np.ones(3, bool)
@@ -73,7 +72,7 @@ def test_a_named_effect_is_weighed_with_the_prior_within_its_bounds_and_off_smal
 
 def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     linear = small_problem()
-    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
+    grid = Grid(np.array([0.0, 0.02]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
     found = weigh(linear, grid, parameters(3), [()])[0]
     cells = [
         w * v * np.exp(dense_log_evidence(linear, Prior(np.zeros(3), np.full(3, k**2), WIDE), g))
@@ -97,32 +96,37 @@ def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
     assert mean == pytest.approx(exact @ pulled, abs=1e-10)
 
 
-def test_what_acts_one_way_only_is_tolerated_with_the_mean_and_spread_of_half_a_normal() -> None:
+def test_what_acts_one_way_only_is_tolerated_like_a_size_evenly_spread_up_to_a_limit() -> None:
     free, up = parameters(3), parameters(3, lower=0.0)
     named = np.array([True, False, False])
     both, one = free.prior(named, 0.2), up.prior(named, 0.2)
     assert both.mean == pytest.approx(np.zeros(3)) and both.variance == pytest.approx([1.0, 0.04, 0.04])
-    half = halfnorm(scale=0.2)
-    assert one.mean == pytest.approx([0.0, half.mean(), half.mean()])
-    assert one.variance == pytest.approx([1.0, half.var(), half.var()])
+    even = uniform(scale=np.sqrt(3) * 0.2)
+    assert one.mean == pytest.approx([0.0, even.mean(), even.mean()])
+    assert one.variance == pytest.approx([1.0, even.var(), even.var()])
+    changes = replace(up, changes=True).prior(named, 0.2)
+    assert changes.mean == pytest.approx(np.zeros(3)) and changes.variance == pytest.approx(both.variance)
 
 
-def test_whitening_turns_the_noise_covariance_into_the_identity() -> None:
-    state = np.repeat(np.arange(4), 3)
-    shared = np.where((state == 2)[:, None], 0.0, RNG.normal(size=(12, 2)))
-    noise = Noise(state, RNG.uniform(0.5, 2, 12), shared)
-    covariance = np.diag(noise.sd**2)
-    for i in range(4):
-        own = np.where((state == i)[:, None], noise.shared, 0)
-        covariance += own @ own.T
-    white = noise.whiten(np.linalg.cholesky(covariance))
-    assert white @ white.T == pytest.approx(np.eye(12), abs=1e-12)
-    assert noise.colour(white) == pytest.approx(np.linalg.cholesky(covariance), abs=1e-12)
-    assert noise.log_sd == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1])
+def test_a_tolerated_size_is_below_the_one_at_which_it_is_named() -> None:
+    a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
+    linear = Linear(y, a, *(np.zeros((8, 0)) for _ in range(2)), 0.0, np.zeros((8, 0)))
+    spiked = replace(ONE, spikes=np.array([0.3]))
+
+    def joint(theta: float) -> float:
+        return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta, scale=0.3))
+
+    prior = norm.cdf(DOMINANT / 0.3) - norm.cdf(-DOMINANT / 0.3)
+    exact = np.log(quad(joint, -DOMINANT, DOMINANT)[0] / prior)
+    assert weigh(linear, spiked, parameters(1), [()])[0].log_evidence == pytest.approx(exact, abs=1e-6)
 
 
 def test_how_a_tolerated_effect_looks_is_as_little_known_as_how_a_named_one_does() -> None:
     p = replace(parameters(3), shapes=(False, False, True))
     loose, strict = (p.prior(np.zeros(3, bool), spike) for spike in (0.2, 0.0))
     assert loose.variance == pytest.approx([0.04, 0.04, 1.0])
+    # around a point where the effect is larger than it may be, a look can do no more than at the limit
+    limit = np.sqrt(3) * 0.2
+    around = p.prior(np.zeros(3, bool), 0.2, reach=np.array([0.0, 0.0, 2 * limit]))
+    assert around.variance == pytest.approx([0.04, 0.04, 0.25])
     assert strict.variance == pytest.approx(np.zeros(3))
