@@ -16,7 +16,7 @@ from .fit import Fit, fit
 from .posterior import Posterior, beside_unknown, posterior, prior
 from .prepare import Prepared
 from .search import Candidate, Search
-from .tempering import ONE_KIND, SEVERAL_KINDS, Tempering
+from .tempering import TEMPERING, Tempering
 from .trend import trend
 from .unknown import Signs, signs
 from .verdict import Decision, decide
@@ -64,17 +64,25 @@ def attribute(p: Prepared, effort: Effort = ALONE) -> Found:
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
-    own = SEVERAL_KINDS if len(np.unique(p.labels.experiment[p.labels.kind < 3])) > 1 else ONE_KIND
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
-    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], own.temperature)
-    known = posterior(candidates, effects, own.temperature)
+    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], TEMPERING.temperature)
+    known = posterior(candidates, effects, TEMPERING.temperature)
     best = search.whole(found[known.ranking[0][0]])
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment)
     trended = trend(p, found[NONE].fit.slope)
-    weighed = beside_unknown(known, unknown, own.outside(sign, trended))
-    decision = decide(weighed, own, enough(p.states))
+    weighed = beside_unknown(known, unknown, TEMPERING.outside(sign, trended))
+    decision = decide(weighed, TEMPERING, enough(p.states))
     return Found(
-        p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, _apart(p, found, weighed, best), own
+        p,
+        weighed,
+        found[NONE],
+        best,
+        _calibrated(p),
+        sign,
+        trended,
+        decision,
+        _apart(p, found, weighed, best),
+        TEMPERING,
     )
 
 

@@ -23,7 +23,7 @@ from .posterior import UNKNOWN, beside_unknown, posterior, prior
 from .prepare import Prepared, prepare
 from .problem import Parameters, Problem
 from .search import Search
-from .tempering import ONE_KIND
+from .tempering import TEMPERING
 from .unknown import signs
 
 Array = NDArray[np.float64]
@@ -57,13 +57,13 @@ def compare_campaigns(
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
     leading = candidates[:6]
-    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], ONE_KIND.temperature)
-    known = posterior(candidates, effects, ONE_KIND.temperature)
+    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], TEMPERING.temperature)
+    known = posterior(candidates, effects, TEMPERING.temperature)
     first = search.whole(known.candidates[known.ranking[0][0]])
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
     sign = signs(search.problem, first, np.concatenate(trials), np.concatenate(kinds))
-    found = beside_unknown(known, unknown, ONE_KIND.outside(sign, 1.0))
+    found = beside_unknown(known, unknown, TEMPERING.outside(sign, 1.0))
     named, p = found.ranking[0]
     best = found.candidates[named]
     parameters = search.problem.parameters
@@ -72,7 +72,7 @@ def compare_campaigns(
         for i, name in enumerate(parameters.names)
         if parameters.effects[i] in named and named != UNKNOWN
     }
-    return Change(_sentence(named, p, sizes, ONE_KIND.bench), found.ranking[:10], sizes)
+    return Change(_sentence(named, p, sizes, TEMPERING.bench), found.ranking[:10], sizes)
 
 
 def _alike(before: States, after: States) -> tuple[States, States]:

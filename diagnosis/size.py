@@ -51,12 +51,16 @@ class Size:
         return self.mean < self.low - SIGMAS * self.sd or self.mean > self.high + SIGMAS * self.sd
 
 
-def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
-    """The parameters of the effects that a hypothesis names; none for no effect and for the unknown."""
+def sizes(p: Prepared, c: Candidate, spread: float) -> tuple[Size, ...]:
+    """The parameters of the effects that a hypothesis names; none for no effect and for the unknown.
+
+    `spread` widens the standard deviation of the linear problem (see tempering).
+    """
     parameters = p.problem.parameters
     if c.unknown or not c.named:
         return ()
     mean, sd = (x * parameters.scale for x in _averaged(p, c))
+    sd = spread * sd
     rows = np.flatnonzero(parameters.of_effect)
     return tuple(
         _size(p, int(i), float(c.fit.theta[i]), float(mean[j]), float(sd[j]))

@@ -53,6 +53,8 @@ class Signs:
     transport: float | None
     """Largest squared surprise per value of a kind of experiment that is predicted from all others; None where all
     states are of one kind."""
+    named: int
+    """How many effects the best hypothesis takes."""
     odd_spine: float
     """Standard deviations from its prior of the strangest spine that a single trial needs; 0 without spines."""
     outlier_trial: int | None
@@ -93,6 +95,7 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
         strain=strain,
         strained=strained,
         transport=max(transport) if transport else None,
+        named=len(best.named),
         odd_spine=odd_spine,
         outlier_trial=int(numbers[worst]) if odd else None,
         outlier_surprise=float(surprise[worst]),

@@ -168,8 +168,8 @@ def _sign(value: float | str | None) -> str:
 def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
     s.figure(
         draw_sizes(sizes, folder / "sizes.png"),
-        "Size of the leading hypothesis: normal posterior of the problem linearised at the fit (dashed), cut at the physical "
-        "bounds (red). Left: within all that is possible; right: close up, 90 % shaded",
+        "Size of the leading hypothesis: normal posterior of the problem linearised at the fit, as much wider as the bench asks "
+        "for (dashed), cut at the physical bounds (red). Left: within all that is possible; right: close up, 90 % shaded",
     )
     rows = [
         [x["name"], x["unit"], f"{x['fitted']:.3g}", f"{x['sd']:.2g}", f"{x['low90']:.3g} .. {x['high90']:.3g}",

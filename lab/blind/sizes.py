@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Literal
 
-Size = tuple[tuple[str, ...], Literal["value", "norm", "sum"]]
+Size = tuple[tuple[str, ...], Literal["value", "opposite", "norm", "sum"]]
 SIZES: dict[str, Size] = {
     "area_moment": (("blend",), "value"),
     "spine_shear": (("blend",), "value"),
@@ -30,9 +30,11 @@ SIZES: dict[str, Size] = {
     "precurvature": (("x", "y"), "norm"),
     "frame_misalignment": (("x", "y", "z"), "norm"),
     "marker_offset": (("x", "y", "z"), "norm"),
-    "time_offset": (("delay",), "value"),
+    "time_offset": (("delay",), "opposite"),
 }
-"""Effects whose sealed size and named size mean the same, at least to first order: the model's parameters that make it."""
+"""Effects whose sealed size and named size mean the same, at least to first order: the model's parameters that make it.
+
+The virtual robot counts by how much the tip is later than the pressure, the model by how much the pressure is."""
 Z90 = 1.6449
 """Half width of a 90 % interval, in standard deviations."""
 
@@ -45,6 +47,8 @@ def true_size(effect: str, parameters: Mapping[str, tuple[float, float]]) -> tup
         return None
     if how == "value":
         return values[0]
+    if how == "opposite":
+        return -values[0][0], values[0][1]
     if how == "sum":
         return sum(v for v, _ in values), math.hypot(*(sd for _, sd in values))
     norm = math.hypot(*(v for v, _ in values))

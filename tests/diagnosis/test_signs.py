@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.problem import Problem
 from diagnosis.search import Search
-from diagnosis.tempering import ONE_KIND
+from diagnosis.tempering import TEMPERING
 from diagnosis.unknown import Signs, signs
 from tests.diagnosis.toy import Grid, toy_problem
 
@@ -59,13 +59,14 @@ def test_a_kind_of_experiment_that_the_others_do_not_predict_is_a_surprise() -> 
 
 
 def test_every_sign_raises_the_probability_of_a_cause_outside_the_catalogue() -> None:
-    calm = Signs(-20.0, 0.0, 1.0, 0.0, "", 1.0, 2.0, None, 1.0)
-    least = ONE_KIND.outside(calm, 1.0)
+    calm = Signs(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, None, 1.0)
+    least = TEMPERING.outside(calm, 1.0)
     assert least < 0.1
     for sign, trend in (
         (replace(calm, strain=10.0), 1.0),
         (replace(calm, transport=4.0), 1.0),
         (replace(calm, odd_spine=7.0), 1.0),
+        (replace(calm, named=3), 1.0),
         (calm, 1e-4),
     ):
-        assert ONE_KIND.outside(sign, trend) > least
+        assert TEMPERING.outside(sign, trend) > least

@@ -233,6 +233,7 @@ def test_the_size_of_a_direction_is_the_length_of_its_components() -> None:
     assert true_size("base_tilt", {"x": (3.0, 0.1), "y": (4.0, 0.1)}) == pytest.approx((5.0, 0.1))
     assert true_size("contact", {"stiffness": (3.0, 0.1)}) is None and true_size("base_tilt", {"x": (3.0, 0.1)}) is None
     assert true_size("viscoelastic", {"fast": (0.02, 0.003), "slow": (0.03, 0.004)}) == pytest.approx((0.05, 0.005))
+    assert true_size("time_offset", {"delay": (0.3, 0.01)}) == (-0.3, 0.01)
     assert within_90("base_tilt", -5.0, 5.1, 0.1) and not within_90("base_tilt", -5.0, 5.3, 0.1)
     assert not within_90("body_modulus", 5.0, -5.0, 0.1)
 

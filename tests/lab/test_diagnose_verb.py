@@ -274,6 +274,11 @@ def test_a_file_that_cannot_be_written_is_told_at_once(
     assert code == 2 and "cannot be written" in text
 
 
+def test_no_core_at_all_is_refused(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = ran(capsys, answered.case, "--workers", 0)
+    assert code == 2 and "--workers 0" in said and "at least 1" in said
+
+
 def test_rows_without_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
     from diagnosis.diagnose import Options, diagnose
     from lab.inputs import Case
