@@ -72,18 +72,10 @@ def attribute(p: Prepared, effort: Effort = ALONE) -> Found:
     trended = trend(p, found[NONE].fit.slope)
     weighed = beside_unknown(known, unknown, TEMPERING.outside(sign, trended))
     decision = decide(weighed, TEMPERING, enough(p.states))
+    separations = _apart(p, found, weighed, best)
     return Found(
-        p,
-        weighed,
-        found[NONE],
-        best,
-        _calibrated(p),
-        sign,
-        trended,
-        decision,
-        _apart(p, found, weighed, best),
-        TEMPERING,
-    )
+        p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, separations, TEMPERING
+    )  # fmt: skip
 
 
 def _calibrated(p: Prepared) -> Fit:

@@ -60,7 +60,6 @@ class Parameters:
     """Parameters that are fitted in every model, with wide priors; empty: none is."""
     starts: tuple[tuple[float, ...], ...] = ()
     """Values from which a search begins when the parameter's effect is named; empty: at the mean alone."""
-
     changes: bool = False
     """Effects are changes since a reference: those that act one way only may have grown or shrunk."""
 
@@ -201,7 +200,8 @@ class Problem:
         every = self.noise.whiten(np.hstack([done * factor[:, None] for factor in self.alike.T]))
         drawn = np.random.default_rng(SEED).normal(size=(every.shape[1], min(KEPT, *every.shape)))
         basis = np.linalg.qr(every @ drawn)[0]
-        value, vector = np.linalg.eigh((inner := basis.T @ every) @ inner.T)
+        inner = basis.T @ every
+        value, vector = np.linalg.eigh(inner @ inner.T)
         kept = value > LEAST_LAW**2
         return np.asarray(basis @ (vector[:, kept] * np.sqrt(value[kept])))
 

@@ -32,7 +32,7 @@ UNFINISHED = 0.5
 """A search that promises to lower the cost by more is not at its end."""
 
 
-SINGLES, POLISHING, GROWING, AFTER_SEARCH = (0.1, 0.65), (0.65, 0.7), (0.7, 0.8), 0.85
+SINGLES, POLISHING, PAIRS, TRIPLES, AFTER_SEARCH = (0.1, 0.65), (0.65, 0.7), (0.7, 0.78), (0.78, 0.82), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
 BEGIN = 0.6
 """Share of its scale at which the search for an effect that acts one way begins."""
@@ -113,9 +113,9 @@ class Search:
     def run(self) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first."""
         singles = self._singles()
-        pairs = self._grow(singles[: self.extent.parents], self.extent.pairs)
+        pairs = self._grow(singles[: self.extent.parents], self.extent.pairs, PAIRS)
         if pairs and pairs[0].log_evidence > singles[0].log_evidence + 2.0:
-            self._grow(pairs[: self.extent.parents], self.extent.triples)
+            self._grow(pairs[: self.extent.parents], self.extent.triples, TRIPLES)
         self._finish()
         self._effort.told(AFTER_SEARCH)
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
@@ -210,7 +210,7 @@ class Search:
     def _polished(self, c: Candidate, rounds: int) -> Candidate:
         return self._weigh(c.named, self._fit(c.named, c.loose, c.cell.size, c.fit, rounds), c.loose)
 
-    def _grow(self, parents: Sequence[Candidate], follow: int) -> list[Candidate]:
+    def _grow(self, parents: Sequence[Candidate], follow: int, shares: tuple[float, float]) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
         grown: dict[tuple[Hypothesis, bool], Candidate] = {}
         for parent in parents:
@@ -221,7 +221,7 @@ class Search:
                 if key not in grown or grown[key].log_evidence < c.log_evidence:
                     grown[key] = c
         leading = sorted(grown.values(), key=lambda c: -c.promised)
-        polished = self._effort.each(lambda c: self._polished(c, 2), leading[:follow], *GROWING)
+        polished = self._effort.each(lambda c: self._polished(c, 2), leading[:follow], *shares)
         followed = {(c.named, c.loose): c for c in polished}
         # What was not followed is taken to lose as much as what was.
         typical = max(

@@ -54,8 +54,8 @@ def test_the_same_data_give_the_same_answer_to_the_last_bit() -> None:
 
 def test_threads_change_nothing_and_progress_only_rises() -> None:
     told: list[float] = []
-    alone = Search(toy_problem(2, {"play": 1.0})).run()
-    shared = Search(toy_problem(2, {"play": 1.0}), effort=Effort(3, told.append)).run()
+    problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
+    alone, shared = Search(problem).run(), Search(problem, effort=Effort(3, told.append)).run()
     assert [(c.named, c.log_evidence) for c in alone] == [(c.named, c.log_evidence) for c in shared]
     assert told == sorted(told) and 0 < told[0] < told[-1] < 1
 
