@@ -78,6 +78,8 @@ LARGE = Grid(
 DOMINANT = 0.35
 """Share of its scale that an effect must have to be named: less, twice the widest spike, is what the tolerances of all
 effects stand for."""
+TOLERABLE = 0.5
+"""Share of its scale above which an effect that is there must be named."""
 LEAST = 1e-12
 """Share below which a normal counts as lying wholly among the small sizes."""
 
@@ -100,7 +102,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     """Log evidence of hypotheses in one linear problem.
 
     A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `DOMINANT`; sizes
-    that are tolerated are below it.
+    that are tolerated are below `TOLERABLE`.
     """
     masks = np.array([parameters.mask(h) for h in named])
     if not linear.form.shape[1]:
@@ -139,7 +141,7 @@ def _allowed(mean: Array, variance: Array, prior: Prior, parameters: Parameters)
     all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
     outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
     named = (prior.wide @ parameters.members) > 0
-    least, most = np.where(low < 0, -DOMINANT, -np.inf), np.where(high > 0, DOMINANT, np.inf)
+    least, most = np.where(low < 0, -TOLERABLE, -np.inf), np.where(high > 0, TOLERABLE, np.inf)
     held = np.where(parameters.sizes, _log_mass(mean, sd, least, most), within)
     total += np.where(~prior.wide & (prior.variance > 0), held, 0.0).sum(axis=1)
     return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))

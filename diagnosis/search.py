@@ -32,7 +32,8 @@ UNFINISHED = 0.5
 """A search that promises to lower the cost by more is not at its end."""
 
 
-SINGLES, POLISHING, PAIRS, TRIPLES, AFTER_SEARCH = (0.1, 0.65), (0.65, 0.7), (0.7, 0.78), (0.78, 0.82), 0.85
+SINGLES, POLISHING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.78)
+PRUNING, AFTER_SEARCH = (0.8, 0.8), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
 BEGIN = 0.6
 """Share of its scale at which the search for an effect that acts one way begins."""
@@ -53,6 +54,8 @@ class Extent:
     pairs: int = 5
     """Leading pairs that are followed."""
     triples: int = 2
+    pruned: int = 3
+    """Times the leading hypothesis is tried with one effect less."""
     finish: int = 8
     """Leading hypotheses that are searched to the end."""
 
@@ -116,6 +119,7 @@ class Search:
         pairs = self._grow(singles[: self.extent.parents], self.extent.pairs, PAIRS)
         if pairs and pairs[0].log_evidence > singles[0].log_evidence + 2.0:
             self._grow(pairs[: self.extent.parents], self.extent.triples, TRIPLES)
+        self._prune()
         self._finish()
         self._effort.told(AFTER_SEARCH)
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
@@ -231,6 +235,27 @@ class Search:
             lost = replace(c.weighed, log_evidence=c.promised - typical)
             self._keep(followed.get((c.named, c.loose)) or replace(c, weighed=lost))
         return sorted((self._tried[key] for key in grown), key=lambda c: -c.log_evidence)
+
+    def _prune(self) -> None:
+        """The leading hypotheses of several effects with one effect less, searched from where they were found: a search for
+        fewer effects that began at none may have ended elsewhere."""
+        tried: set[tuple[Hypothesis, bool]] = set()
+        for _ in range(self.extent.pruned):
+            c = max(self._tried.values(), key=_evidence)
+            fewer = [tuple(x for x in c.named if x != e) for e in c.named if len(c.named) > 1]
+            fresh = [(h, c) for h in fewer if (h, c.loose) not in tried]
+            tried |= {(h, c.loose) for h in fewer}
+            for found in self._effort.each(self._fewer, fresh, *PRUNING):
+                known = self._tried.get((found.named, found.loose))
+                if known is None or found.log_evidence > known.log_evidence:
+                    self._keep(found)
+            if not fresh:
+                return
+
+    def _fewer(self, wanted: tuple[Hypothesis, Candidate]) -> Candidate:
+        """Some of a candidate's effects, searched from where all of them were found."""
+        named, c = wanted
+        return self._weigh(named, self._fit(named, c.loose, c.cell.size, c.fit.theta, 6), c.loose)
 
     def _finish(self) -> None:
         """Leading hypotheses whose search was cut short are searched to the end."""

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, uniform
 
-from diagnosis.evidence import DOMINANT, Grid, weigh
+from diagnosis.evidence import DOMINANT, TOLERABLE, Grid, weigh
 from diagnosis.linear import Linear, Prior
 from diagnosis.problem import Parameters
 
@@ -108,7 +108,7 @@ def test_what_acts_one_way_only_is_tolerated_like_a_size_evenly_spread_up_to_a_l
     assert changes.mean == pytest.approx(np.zeros(3)) and changes.variance == pytest.approx(both.variance)
 
 
-def test_a_tolerated_size_is_below_the_one_at_which_it_is_named() -> None:
+def test_a_tolerated_size_is_below_the_one_at_which_it_must_be_named() -> None:
     a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
     linear = Linear(y, a, *(np.zeros((8, 0)) for _ in range(2)), 0.0, np.zeros((8, 0)))
     spiked = replace(ONE, spikes=np.array([0.3]))
@@ -116,8 +116,8 @@ def test_a_tolerated_size_is_below_the_one_at_which_it_is_named() -> None:
     def joint(theta: float) -> float:
         return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta, scale=0.3))
 
-    prior = norm.cdf(DOMINANT / 0.3) - norm.cdf(-DOMINANT / 0.3)
-    exact = np.log(quad(joint, -DOMINANT, DOMINANT)[0] / prior)
+    prior = norm.cdf(TOLERABLE / 0.3) - norm.cdf(-TOLERABLE / 0.3)
+    exact = np.log(quad(joint, -TOLERABLE, TOLERABLE)[0] / prior)
     assert weigh(linear, spiked, parameters(1), [()])[0].log_evidence == pytest.approx(exact, abs=1e-6)
 
 
