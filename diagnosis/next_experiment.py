@@ -87,8 +87,7 @@ def _remaining(weighed: Posterior, separation: Apart) -> list[Candidate]:
 def _covariance(problem: Problem, c: Candidate) -> Array:
     """Posterior covariance (k, k) of all parameters of the base problem under a candidate."""
     p = problem.parameters
-    scale = p.sd.copy()
-    scale[p.of_effect] *= np.sqrt(p.prior(p.mask(c.named), c.cell.spike, c.fit.linear.reach).variance)
+    scale, _ = p.scaled(c.prior(p))
     linear = c.fit.linear
     own = p.of_effect
     ours = np.empty((len(linear.observed), len(scale)))

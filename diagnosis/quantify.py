@@ -59,8 +59,7 @@ def baseline_model(p: Prepared, calibrated: Fit) -> Model:
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
     """The model of a hypothesis: named effects wide, the others within their tolerance."""
-    parameters = p.problem.parameters
-    return Model(parameters.prior(parameters.mask(c.named), c.cell.spike, c.fit.linear.reach), c.cell.size, c.fit)
+    return Model(c.prior(p.problem.parameters), c.cell.size, c.fit)
 
 
 def unseen_error(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:

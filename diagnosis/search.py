@@ -20,7 +20,8 @@ from scipy.special import logsumexp
 from .effort import ALONE, Effort
 from .evidence import KNOWN, LARGE, NONE, Cell, Grid, Hypothesis, Weighed, weigh
 from .fit import Fit, fit
-from .problem import Problem
+from .linear import Prior
+from .problem import Parameters, Problem
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,10 @@ class Candidate:
     loose: bool
     """Fitted with every other effect free within its tolerance; else with all others absent."""
     unknown: bool = False
+
+    def prior(self, p: Parameters) -> Prior:
+        """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
+        return p.prior(p.mask(self.named), self.cell.spike, self.fit.linear.reach)
 
     @property
     def promised(self) -> float:

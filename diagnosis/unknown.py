@@ -73,7 +73,7 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
     weight = np.exp(both - both.max())
     sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
-    prior = p.prior(p.mask(best.named), best.cell.spike, linear.reach)
+    prior = best.prior(p)
     form = best.cell.form
     plain = _Gaussian(linear, prior, 0.0, form)
     within = _Gaussian(linear, prior, max(best.cell.size, LEAST_DISCREPANCY), form)
