@@ -40,11 +40,18 @@ class Apart:
         return bool(self.separation[i, i] >= TIED)
 
 
-def apart(reduced: Reduced, parameters: Parameters, effects: Sequence[str], size: Array, spike: float) -> Apart:
+def apart(
+    reduced: Reduced,
+    parameters: Parameters,
+    effects: Sequence[str],
+    size: Array,
+    spike: float,
+    reach: Array | None = None,
+) -> Apart:
     """Separations of `effects`, each with its parameters at `size` (p,) in units of the scale.
 
     `reduced` at the honest floor: with the discrepancy that the data ask for integrated out; the other effects are
-    free within `spike` of their scale.
+    free within `spike` of their scale, their looks as `reach` (p,) allows (see `Parameters.prior`).
     """
     n = len(effects)
     out = np.zeros((n, n))
@@ -52,7 +59,7 @@ def apart(reduced: Reduced, parameters: Parameters, effects: Sequence[str], size
         for j, other in enumerate(effects):
             if j >= i:
                 pair = (one,) if i == j else (one, other)
-                information, mask = _information(reduced, parameters, pair, spike)
+                information, mask = _information(reduced, parameters, pair, spike, reach)
                 own = parameters.mask((one,))[mask]
                 rest = ~own
                 out[i, j] = _left(information, own, rest, size[mask])
@@ -61,12 +68,12 @@ def apart(reduced: Reduced, parameters: Parameters, effects: Sequence[str], size
 
 
 def _information(
-    reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float
+    reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float, reach: Array | None
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Information about the parameters of `pair`, all other effects integrated out within their spikes."""
     mask = p.mask(pair)
     other = ~mask
-    root = np.sqrt(p.prior(mask, spike).variance[other])
+    root = np.sqrt(p.prior(mask, spike, reach).variance[other])
     full = reduced.information
     inner = np.eye(int(other.sum())) + root[:, None] * full[np.ix_(other, other)] * root[None, :]
     across = full[np.ix_(mask, other)] * root

@@ -91,5 +91,6 @@ def _apart(p: Prepared, found: Mapping[Hypothesis, Candidate], weighed: Posterio
         if weighed.of_effect(effect) > WORTH:
             mask = parameters.mask((effect,))
             size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
-    reduced = best.fit.linear.reduced(max(best.cell.size, LEAST_DISCREPANCY), best.cell.form)
-    return apart(reduced, parameters, parameters.ids, size, best.cell.spike)
+    linear = best.fit.linear
+    reduced = linear.reduced(max(best.cell.size, LEAST_DISCREPANCY), best.cell.form)
+    return apart(reduced, parameters, parameters.ids, size, best.cell.spike, linear.reach)

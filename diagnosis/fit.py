@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from .bounded import bounded
 from .linear import Linear, Prior
 from .problem import Problem
 
@@ -47,8 +48,8 @@ def fit(
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
-    the slope of the result has nothing for them. With `frozen`, derivatives by effects that are not named
-    are those of that fit.
+    the slope of the result has nothing for them. With `frozen`, all derivatives but those by what is named are those of
+    that fit.
     """
     p = problem.parameters
     scale, mean = p.scaled(prior)
@@ -57,6 +58,7 @@ def fit(
     fresh = scale > 0
     if frozen is not None:
         fresh[p.of_effect] &= prior.wide
+        fresh[~p.of_effect] = False
     anew = np.flatnonzero(fresh)
 
     def linearised(theta: Array) -> tuple[Array, Array]:
@@ -153,23 +155,7 @@ class _Local:
     def goal(self, damping: float) -> Array:
         """Optimum (k,) within the bounds, kept near theta by a damping; what has no scale is at its mean."""
         kept = damping * np.diag(self._curve)
-        x = _bounded(self._curve + np.diag(kept), self._score + kept * self._here, self._low, self._high)
+        x = bounded(self._curve + np.diag(kept), self._score + kept * self._here, self._low, self._high)
         goal = self._rest.copy()
         goal[self._free] = self._mean[self._free] + self._scale[self._free] * x
         return np.clip(goal, self._p.lower, self._p.upper)
-
-
-def _bounded(curve: Array, score: Array, low: Array, high: Array) -> Array:
-    """Minimum of x.curve.x / 2 - score.x with low <= x <= high, by fixing what runs out of its bounds."""
-    x = np.linalg.solve(curve, score)
-    held = np.zeros(len(x), bool)
-    for _ in range(8):
-        out = (x < low) | (x > high)
-        if not out.any():
-            break
-        held |= out
-        x = np.clip(x, low, high)
-        loose = ~held
-        if loose.any():
-            x[loose] = np.linalg.solve(curve[np.ix_(loose, loose)], score[loose] - curve[np.ix_(loose, held)] @ x[held])
-    return np.clip(x, low, high)

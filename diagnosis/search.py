@@ -33,8 +33,8 @@ UNFINISHED = 0.5
 """A search that promises to lower the cost by more is not at its end."""
 
 
-SINGLES, POLISHING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.78)
-PRUNING, AFTER_SEARCH = (0.8, 0.8), 0.85
+SINGLES, POLISHING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
+PRUNING, AFTER_SEARCH = (0.77, 0.81), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
 BEGIN = 0.6
 """Share of its scale at which the search for an effect that acts one way begins."""
@@ -185,9 +185,8 @@ class Search:
     def _leading(self, named: Hypothesis, loose: bool, more: Sequence[Array]) -> Candidate:
         """The best of what is reached from the usual starting points and some more."""
         none = self._tried[NONE, loose]
-        frozen = none.fit if loose else None
         tried = [
-            self._weigh(named, self._fit(named, loose, none.cell.size, start, 2, frozen), loose)
+            self._weigh(named, self._fit(named, loose, none.cell.size, start, 2, none.fit), loose)
             for start in (*self._starts(named, none.fit), *more)
         ]
         return max(tried, key=_evidence)
@@ -245,12 +244,13 @@ class Search:
         """The leading hypotheses of several effects with one effect less, searched from where they were found: a search for
         fewer effects that began at none may have ended elsewhere."""
         tried: set[tuple[Hypothesis, bool]] = set()
-        for _ in range(self.extent.pruned):
+        steps = np.linspace(*PRUNING, self.extent.pruned + 1)
+        for begin, end in itertools.pairwise(steps.tolist()):
             c = max(self._tried.values(), key=_evidence)
             fewer = [tuple(x for x in c.named if x != e) for e in c.named if len(c.named) > 1]
             fresh = [(h, c) for h in fewer if (h, c.loose) not in tried]
             tried |= {(h, c.loose) for h in fewer}
-            for found in self._effort.each(self._fewer, fresh, *PRUNING):
+            for found in self._effort.each(self._fewer, fresh, begin, end):
                 known = self._tried.get((found.named, found.loose))
                 if known is None or found.log_evidence > known.log_evidence:
                     self._keep(found)

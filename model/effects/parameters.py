@@ -7,6 +7,7 @@ slot, whose value differs from row to row, so that a derivative by all of them c
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +93,7 @@ class ParameterTable:
         """The source a slot belongs to."""
         return self.sources[int(np.searchsorted(self.first_slot, slot, side="right")) - 1]
 
-    @property
+    @cached_property
     def first_slot(self) -> list[int]:
         """The slot at which each source begins."""
         counts = [len(s.spec.parameters) for s in self.sources]

@@ -6,7 +6,7 @@ drop_stale_kernels()
 
 from model.statics.problem import Form, Rods, blank, rods  # noqa: E402
 from model.statics.sensitivity import Sensitivities, sensitivities  # noqa: E402
-from model.statics.shape import Stations, energy, stations, strains  # noqa: E402
+from model.statics.shape import Stations, energy, gauss_points, stations, strains  # noqa: E402
 from model.statics.solver import DEFAULT, FINE, Accuracy, Solution, solve  # noqa: E402
 from model.statics.work import energy_sensitivities  # noqa: E402
 
@@ -22,6 +22,7 @@ __all__ = [
     "blank",
     "energy",
     "energy_sensitivities",
+    "gauss_points",
     "rods",
     "sensitivities",
     "solve",

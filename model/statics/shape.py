@@ -128,27 +128,26 @@ def energy(rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT) -> Arra
     return np.asarray(np.einsum("nek,ne,k->n", found[..., ENERGY], rods.field("length"), weights))
 
 
-def strains(
-    rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT, steps: Steps | None = None, points: int = GAUSS
-) -> Array:
-    """(n, elements) mean axial strain v3 - 1 of each element, by Gauss's rule with so many points an element."""
-    found, weights = _at_points(rods, solution, accuracy, steps, points)
+def strains(rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT, steps: Steps | None = None) -> Array:
+    """(n, elements) mean axial strain v3 - 1 of each element, by Gauss's rule."""
+    found, weights = _at_points(rods, solution, accuracy, steps)
     return np.asarray(found[..., STRETCH] @ weights)
 
 
-def _at_points(
-    rods: Rods, solution: Solution, accuracy: Accuracy, steps: Steps | None = None, points: int = GAUSS
-) -> tuple[Array, Array]:
-    """Stations (n, elements, points, WIDTH) at Gauss's points and their weights."""
+def gauss_points(rods: Rods, points: int = GAUSS) -> tuple[Array, Array]:
+    """Arc lengths (n, elements, points) in m and weights (points,), of sum 1, of Gauss's rule over each element."""
     places, weights = np.polynomial.legendre.leggauss(points)
     length = rods.field("length")
     ends = np.cumsum(length, axis=1)
-    share = 0.5 * (1 + places)
-    arcs = (ends - length)[:, :, None] + length[:, :, None] * share
-    found = stations(
-        rods, solution, np.minimum(arcs, ends[:, -1:, None]).reshape(len(rods), points * arcs.shape[1]), accuracy, steps
-    )
-    return found.values.reshape(*arcs.shape, WIDTH), 0.5 * weights
+    arcs = (ends - length)[:, :, None] + length[:, :, None] * (0.5 * (1 + places))
+    return np.minimum(arcs, ends[:, -1:, None]), 0.5 * weights
+
+
+def _at_points(rods: Rods, solution: Solution, accuracy: Accuracy, steps: Steps | None = None) -> tuple[Array, Array]:
+    """Stations (n, elements, points, WIDTH) at Gauss's points and their weights."""
+    arcs, weights = gauss_points(rods)
+    found = stations(rods, solution, arcs.reshape(len(rods), -1), accuracy, steps)
+    return found.values.reshape(*arcs.shape, WIDTH), weights
 
 
 @routine
