@@ -62,7 +62,8 @@ def compare_campaigns(
     first = search.whole(known.candidates[known.ranking[0][0]])
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
-    sign = signs(search.problem, first, np.concatenate(trials), np.concatenate(kinds))
+    beyond = max(before.floor.beyond, after.floor.beyond)
+    sign = signs(search.problem, first, np.concatenate(trials), np.concatenate(kinds), beyond)
     found = beside_unknown(known, unknown, TEMPERING.outside(sign, 1.0))
     named, p = found.ranking[0]
     best = found.candidates[named]
@@ -168,10 +169,9 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
     smooth[: len(first.observed), :n] = first.discrepancy
     smooth[len(first.observed) :, n:] = second.discrepancy
-    own = np.zeros((len(smooth), second.alike.shape[1]))
-    own[len(first.observed) :] = second.alike
+    alike, each = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in (second.alike, second.each))
     measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, noise, smooth, own)
+    return Problem(forward, forward.parameters, measured, noise, smooth, alike, each)
 
 
 def _wide(columns: Array, wide: int) -> Array:

@@ -22,6 +22,7 @@ from .holdout import hold_out, unmet
 from .prepare import prepare
 from .quantify import shrink
 from .result import Diagnosis, Locate, Proposal, Shrink
+from .tempering import USUAL_BEYOND
 from .verdict import beside, statement
 
 
@@ -61,8 +62,17 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
         attribute=assemble.which(found, unseen),
         shrink=shrunk,
         next_experiment=proposals,
-        concerns=concerns,
+        concerns=(*concerns, *_unrepeatable(prepared.floor.beyond)),
         detail=detail,
+    )
+
+
+def _unrepeatable(beyond: float) -> tuple[str, ...]:
+    if beyond < USUAL_BEYOND:
+        return ()
+    return (
+        f"repeats of the same state differ {beyond:.1f} times more than instruments and spines grown anew usually do: "
+        "look for what changes from trial to trial before believing a cause",
     )
 
 

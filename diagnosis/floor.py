@@ -61,6 +61,8 @@ class Components:
     """White noise of states read at rest, as a factor on that of states read while ramping."""
     contrasts: int
     """Independent differences between repeats behind the estimate; 0: usual values, nothing was repeated."""
+    beyond: float = 1.0
+    """Largest factor by which the pressure's reading, or what a trial has of its own, differs more than usual between repeats."""
 
 
 def components(data: Repeated, usual: Components) -> Components:
@@ -83,6 +85,7 @@ def components(data: Repeated, usual: Components) -> Components:
         trial=dict(zip(names, value[g + 2 :].tolist(), strict=True)),
         rest=float(value[g + 1]),
         contrasts=len(contrast),
+        beyond=float(np.exp(max(found.x[g], *found.x[g + 2 :]))),
     )
 
 

@@ -57,7 +57,7 @@ def _predicted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array
         return predicted
     rest = replace(
         problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
-        discrepancy=problem.discrepancy[seen], alike=problem.alike[seen],
+        discrepancy=problem.discrepancy[seen], alike=problem.alike[seen], each=problem.each[seen],
     )  # fmt: skip
     return problem.forward.predict(fit(rest, model.prior, model.size, model.around.theta).theta)
 

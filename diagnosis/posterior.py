@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
-SHARES = {0: 0.22, 1: 0.58, 2: 0.14, 3: 0.01}
+SHARES = {0: 0.12, 1: 0.66, 2: 0.16, 3: 0.012}
 """Prior share of hypotheses by the number of effects they name."""
 COVERED = 0.95
 

@@ -164,9 +164,15 @@ def prepare(
     else:
         known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
     unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
-    smooth, alike = _smooth(robot, states, labels, unit, held)
+    smooth, alike, each = _smooth(robot, states, labels, unit, held)
     problem = Problem(
-        Kept(forward, kept), _scattered(made, forward.parameters, floor, held), observed[kept], noise, smooth, alike
+        Kept(forward, kept),
+        _scattered(made, forward.parameters, floor, held),
+        observed[kept],
+        noise,
+        smooth,
+        alike,
+        each,
     )
     return Prepared(robot, states, problem, labels, floor, known, unit, forward, held)
 
@@ -325,8 +331,10 @@ def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Compon
     return replace(made, sd=np.array([own(p) for p in infos]))
 
 
-def _smooth(robot: Robot, states: States, labels: Labels, unit: float, held: Stand | None) -> tuple[Array, Array]:
-    """Columns of a discrepancy of size 1, and of a smooth factor over the states."""
+def _smooth(
+    robot: Robot, states: States, labels: Labels, unit: float, held: Stand | None
+) -> tuple[Array, Array, Array]:
+    """Columns of a discrepancy of size 1, and of a smooth factor over the states, for all channels and for each."""
     load = states.highest if held is None else held.load(states)
     where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
     channels = sorted(set(labels.channel.tolist()))
@@ -334,8 +342,9 @@ def _smooth(robot: Robot, states: States, labels: Labels, unit: float, held: Sta
     # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
     size = np.array([2 * unit / robot.length if n.startswith("r") else 1.0 if n == "force" else unit for n in channels])
     alike = columns(Settings(where.place, np.ones(len(states))))
+    each = by_channel(alike, labels.state, number, np.ones(len(channels)))
     smooth = by_channel(alike * where.size[:, None], labels.state, number, size)
     if held is not None:
-        own = labels.kind == 3
-        smooth[own] *= held.unit[labels.state[own], None]
-    return smooth, alike[labels.state]
+        force = labels.kind == 3
+        smooth[force] *= held.unit[labels.state[force], None]
+    return smooth, alike[labels.state], each

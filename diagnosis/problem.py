@@ -150,8 +150,10 @@ class Problem:
     discrepancy: Array
     """(n, m) columns of a discrepancy of size 1."""
     alike: Array
-    """(n, a) columns that draw a smooth factor over the states, of standard deviation 1: how an effect's true law may
-    differ from the catalogue's."""
+    """(n, a) columns that draw a factor of standard deviation 1, smooth over the states and one for all channels: how an
+    effect's true law may differ from the catalogue's."""
+    each: Array
+    """(n, b) the same for each channel by itself: half of what a named effect's law may get wrong is such."""
 
     @cached_property
     def whitened_discrepancy(self) -> Array:
@@ -216,7 +218,8 @@ class Problem:
             without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
-                columns.append(self.noise.whiten(done[:, None] * self.alike))
+                wrong = np.sqrt(0.5) * done[:, None] * np.hstack([self.alike, self.each])
+                columns.append(_leading(self.noise.whiten(wrong)))
                 spill = float(np.hypot(spill, AFTER * self._typical(done)))
         return replace(linear, form=np.hstack(columns), spill=spill) if columns else linear
 
@@ -228,3 +231,9 @@ class Problem:
     def misfit(self, theta: Array) -> Array:
         """Whitened residual (n,)."""
         return self.noise.whiten(self.observed - self.forward.predict(theta))
+
+
+def _leading(columns: Array) -> Array:
+    """Fewer columns (n, r) with which unit normal coefficients draw nearly the same as with these (n, c)."""
+    value, vector = np.linalg.eigh(columns.T @ columns)
+    return np.asarray(columns @ vector[:, value > LEAST_LAW**2])

@@ -19,6 +19,8 @@ MOST_STRAIN = 20.0
 """More says no more."""
 USUAL_ODD_SPINE = 3.5
 """The strangest of some forty spines is usually as far from its prior."""
+USUAL_BEYOND, MOST_BEYOND = 2.5, 10.0
+"""Factors by which repeats may differ more than usual: less is chance, more says no more."""
 FEW = 2
 """So many effects at once are nothing strange."""
 LEAST_TREND, USUAL_TREND = 1e-4, 0.7
@@ -36,6 +38,7 @@ class Tempering:
     transport: float
     odd_spine: float
     trend: float
+    beyond: float
     many: float
     """By how much each sign raises them."""
     spread: float
@@ -51,12 +54,14 @@ class Tempering:
         odds += self.strain * float(np.clip(s.strain, 0.0, MOST_STRAIN))
         odds += self.transport * math.log(max(s.transport or 1.0, 1.0))
         odds += self.odd_spine * max(s.odd_spine - USUAL_ODD_SPINE, 0.0)
+        odds += self.beyond * max(math.log(min(s.beyond, MOST_BEYOND) / USUAL_BEYOND), 0.0)
         odds += self.many * max(s.named - FEW, 0)
         odds += self.trend * max(-math.log10(max(trend, LEAST_TREND)) - USUAL_TREND, 0.0)
         return 1 / (1 + math.exp(-odds))
 
 
 TEMPERING = Tempering(
-    temperature=1.3, base=-2.6, strain=0.35, transport=1.0, odd_spine=1.4, trend=1.4, many=1.7, spread=1.4, flagged=0.5,
-    bench="fitted on 150 development cases, clean and cluttered; docs/blind.md has the sealed ones",
+    temperature=1.0, base=-2.7, strain=0.25, transport=1.0, odd_spine=0.8, trend=1.4, beyond=3.0, many=0.8,
+    spread=1.2, flagged=0.5,
+    bench="fitted on 180 development cases, clean and cluttered; docs/blind.md has the sealed ones",
 )  # fmt: skip

@@ -3,7 +3,8 @@
 A cause outside the catalogue is absorbed by whatever comes nearest to it, and what is absorbed does not show in the
 residual. It shows in what had to give way: tolerances, other effects and errors of the laws that are further from where
 they may be than their priors allow (strain), a kind of experiment that all others do not predict (transport), a single
-trial that needs a spine of its own, a trend over time, the evidence for a large smooth discrepancy. What each is worth
+trial that needs a spine of its own, a trend over time, repeats that differ by more than instruments and spines grown anew
+do, the evidence for a large smooth discrepancy. What each is worth
 was found on a bench (see tempering).
 """
 
@@ -57,14 +58,16 @@ class Signs:
     """How many effects the best hypothesis takes."""
     odd_spine: float
     """Standard deviations from its prior of the strangest spine that a single trial needs; 0 without spines."""
+    beyond: float
+    """Factor by which repeats differ more than usual, see `floor.Components`."""
     outlier_trial: int | None
     """The trial that fits least with the others, when its surprise has a probability below 0.001 over all trials."""
     outlier_surprise: float
     """Squared surprise per value of the least fitting trial."""
 
 
-def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
-    """Look for all of them around the best hypothesis; `trial`, `kind` (n,) of each measured value."""
+def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints, beyond: float) -> Signs:
+    """Look for all of them around the best hypothesis; `trial`, `kind` (n,) of each measured value, `beyond` of the floor."""
     linear, p = best.fit.linear, problem.parameters
     large = LARGE.part(best.loose)
     beside = weigh(linear, large, p, [best.named])[0]
@@ -97,6 +100,7 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints) -> Signs:
         transport=max(transport) if transport else None,
         named=len(best.named),
         odd_spine=odd_spine,
+        beyond=beyond,
         outlier_trial=int(numbers[worst]) if odd else None,
         outlier_surprise=float(surprise[worst]),
     )

@@ -38,6 +38,7 @@ def test_components_are_found_whatever_the_model_gets_wrong(error: float) -> Non
     assert found.pressure == pytest.approx(800, rel=0.2)
     assert found.trial["spine_length"] == pytest.approx(2e-3, rel=0.4)
     assert found.contrasts == 120
+    assert found.beyond == pytest.approx(2.0, rel=0.4)
 
 
 def test_without_repeats_the_usual_values_are_returned_and_said_to_be_no_measurement() -> None:

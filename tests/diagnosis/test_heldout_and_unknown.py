@@ -59,7 +59,7 @@ def test_values_of_no_fold_are_not_predicted() -> None:
 
 def test_a_world_of_the_catalogue_leaves_no_sign() -> None:
     problem = toy_problem(3, {"play": 1.0})
-    found = signs(problem, Search(problem).run()[0], TRIAL, KIND)
+    found = signs(problem, Search(problem).run()[0], TRIAL, KIND, 1.0)
     assert found.discrepancy_gain < 0
     assert found.lack_of_fit == pytest.approx(1.0, abs=0.15)
     assert found.outlier_trial is None and found.transport is None
@@ -69,14 +69,14 @@ def test_a_smooth_cause_outside_the_catalogue_is_seen_as_discrepancy() -> None:
     out_of_plane = np.sin(GRID.length / 0.05) * GRID.pressure / 250e3
     wave = out_of_plane[:, None] * np.array([0.0, 1.0, 0.0])
     problem = changed(toy_problem(3, {}), 3 * MM * wave.ravel())
-    found = signs(problem, Search(problem).run()[0], TRIAL, KIND)
+    found = signs(problem, Search(problem).run()[0], TRIAL, KIND, 1.0)
     assert found.discrepancy_gain > 5
     assert found.discrepancy_size > 2
 
 
 def test_one_bad_trial_is_named() -> None:
     problem = changed(toy_problem(3, {}), np.where(TRIAL == 12, 1.5 * MM, 0.0))
-    assert signs(problem, Search(problem).run()[0], TRIAL, KIND).outlier_trial == 12
+    assert signs(problem, Search(problem).run()[0], TRIAL, KIND, 1.0).outlier_trial == 12
 
 
 def test_noise_of_a_part_is_the_part_of_the_noise() -> None:

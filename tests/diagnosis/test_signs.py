@@ -19,7 +19,7 @@ KIND = np.zeros(TRIAL.size, np.int64)
 
 
 def found(problem: Problem, kind: np.ndarray = KIND) -> Signs:
-    return signs(problem, Search(problem).run()[0], TRIAL, kind)
+    return signs(problem, Search(problem).run()[0], TRIAL, kind, 1.0)
 
 
 def stretched(problem: Problem, name: str, by: float) -> Problem:
@@ -59,7 +59,7 @@ def test_a_kind_of_experiment_that_the_others_do_not_predict_is_a_surprise() -> 
 
 
 def test_every_sign_raises_the_probability_of_a_cause_outside_the_catalogue() -> None:
-    calm = Signs(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, None, 1.0)
+    calm = Signs(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0)
     least = TEMPERING.outside(calm, 1.0)
     assert least < 0.1
     for sign, trend in (
@@ -67,6 +67,7 @@ def test_every_sign_raises_the_probability_of_a_cause_outside_the_catalogue() ->
         (replace(calm, transport=4.0), 1.0),
         (replace(calm, odd_spine=7.0), 1.0),
         (replace(calm, named=3), 1.0),
+        (replace(calm, beyond=6.0), 1.0),
         (calm, 1e-4),
     ):
         assert TEMPERING.outside(sign, trend) > least
