@@ -162,7 +162,7 @@ def _arrays(of_robot: list[TrialRow], of_stand: list[TrialRow], chambers: int) -
     pressure = np.array([r.pressures for r in of_robot] + [none] * len(of_stand)).reshape(len(rows), chambers)
     branch = np.array([-1.0 if r.branch == "unload" else 1.0 for r in rows])
     n = len(of_robot)
-    kind = np.concatenate([_kinds(of_robot, pressure[:n], gap), pushes.kinds(of_stand)])
+    kind = np.concatenate([_kinds(of_robot, spine[:n], pressure[:n], gap), pushes.kinds(of_stand)])
     kind[n:] += kind[:n].max(initial=-1) + 1
     condition = np.concatenate(
         [
@@ -188,7 +188,7 @@ def _conditions(rows: list[TrialRow], spine: Array, pressure: Array, branch: Arr
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
-def _kinds(rows: list[TrialRow], pressure: Array, gap: float) -> Ints:
+def _kinds(rows: list[TrialRow], spine: Array, pressure: Array, gap: float) -> Ints:
     """Number of each row's kind of experiment: protocol, chambers inflated, tip mass, roll, vacuum, rate and hold."""
     if not rows:
         return np.zeros(0, np.int64)
@@ -207,12 +207,23 @@ def _kinds(rows: list[TrialRow], pressure: Array, gap: float) -> Ints:
         np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
         levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
         levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
-        levels(np.array([r.vacuum or 0.0 for r in rows]), VACUUM_GAP),
+        _vacuums(np.array([r.vacuum or 0.0 for r in rows]), spine),
         levels(speed, RATE_GAP),
     ]
     _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
     rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
     return rank[index.reshape(-1)].astype(np.int64)
+
+
+def _vacuums(vacuum: Array, spine: Array) -> Ints:
+    """Number of each row's vacuum, from the strongest on, among rows of its spine length: a leak takes more from a longer one,
+    and a weaker vacuum at one length may read like a stronger one at another."""
+    out = np.zeros(len(vacuum), np.int64)
+    length = levels(spine, SPINE_GAP)
+    for one in np.unique(length):
+        own = length == one
+        out[own] = levels(-vacuum[own], VACUUM_GAP)
+    return out
 
 
 def enough(s: States) -> bool:

@@ -19,7 +19,7 @@ MOST_STRAIN = 20.0
 """More says no more."""
 USUAL_ODD_SPINE = 3.5
 """The strangest of some forty spines is usually as far from its prior."""
-USUAL_BEYOND, MOST_BEYOND = 2.5, 10.0
+USUAL_BEYOND, MOST_BEYOND = 2.0, 10.0
 """Factors by which repeats may differ more than usual: less is chance, more says no more."""
 FEW = 2
 """So many effects at once are nothing strange."""

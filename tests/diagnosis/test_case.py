@@ -57,6 +57,16 @@ def test_a_heavier_tip_is_another_kind_of_experiment() -> None:
     assert set(states(case(sweep() + extra))[0].kind) == {0, 1}
 
 
+def test_a_weaker_vacuum_is_another_experiment_also_where_a_leak_takes_more_from_a_longer_spine() -> None:
+    # 80 kPa less 9 kPa a length, and half of it: 40 kPa at no spine reads like the 62 kPa setting nearly does at 30 cm.
+    leaking = [replace(r, vacuum=80e3 - 60e3 * r.spine_length) for r in sweep()]
+    weaker = [replace(r, trial=r.trial + 9, vacuum=0.8 * (r.vacuum or 0.0)) for r in leaking]
+    found, _ = states(case(leaking + weaker))
+    assert len(np.unique(found.condition)) == 30
+    assert [set(found.kind[found.trial == t]) for t in (1, 2, 3)] == [{0}] * 3
+    assert [set(found.kind[found.trial == t]) for t in (10, 11, 12)] == [{1}] * 3
+
+
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
