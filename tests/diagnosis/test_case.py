@@ -58,7 +58,7 @@ def test_a_heavier_tip_is_another_kind_of_experiment() -> None:
 
 
 def test_a_weaker_vacuum_is_another_experiment_also_where_a_leak_takes_more_from_a_longer_spine() -> None:
-    # 80 kPa less 9 kPa a length, and half of it: 40 kPa at no spine reads like the 62 kPa setting nearly does at 30 cm.
+    # 80, 71 and 62 kPa, and with less vacuum 64, 57 and 50 kPa.
     leaking = [replace(r, vacuum=80e3 - 60e3 * r.spine_length) for r in sweep()]
     weaker = [replace(r, trial=r.trial + 9, vacuum=0.8 * (r.vacuum or 0.0)) for r in leaking]
     found, _ = states(case(leaking + weaker))
