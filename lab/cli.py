@@ -98,7 +98,7 @@ def _diagnose(a: argparse.Namespace) -> int:
     from .diagnose import Beside, Outputs, diagnose
 
     beside = Beside(a.reference, a.holdout, a.effects)
-    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), beside, a.workers)
+    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), beside, a.workers, a.scheduler)
 
 
 def _paper(a: argparse.Namespace) -> int:
@@ -235,6 +235,7 @@ def parser() -> argparse.ArgumentParser:
         help="a campaign the fit never sees (case folder or .mcap): try the answer on it",
     )
     p.add_argument("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
+    p.add_argument("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")
     own_effects(p)
 
     from .blind.options import add_arguments

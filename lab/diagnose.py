@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
@@ -19,6 +20,7 @@ from diagnosis.result import Diagnosis, Proposal, Ranked
 from model.errors import ModelError
 from recordings.errors import RecordingError
 
+from .cluster import cluster
 from .config import ConfigError
 from .console import Screen, out
 from .diagnosis_report import write
@@ -54,15 +56,21 @@ def diagnose(
     outputs: Outputs,
     beside: Beside | None = None,
     workers: int | None = None,
+    scheduler: str | None = None,
 ) -> int:
-    """Diagnose recordings or a case folder. Raises ConfigError, BadEffect, RecordingError."""
+    """Diagnose recordings or a case folder, on cores of this machine or (`scheduler`) on a Dask cluster.
+
+    Raises ConfigError, BadEffect, RecordingError.
+    """
     besides = beside or Beside()
     _writable(outputs)
     cores = workers if workers is not None else len(os.sched_getaffinity(0))
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
     case = read_case(inputs, robot)
-    answer, change = _answer(case, robot, besides, cores)
+    with cluster(scheduler) if scheduler is not None else nullcontext() as others:
+        elsewhere = None if others is None else others.in_order
+        answer, change = _answer(case, robot, besides, Effort(cores, elsewhere=elsewhere))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
@@ -74,25 +82,25 @@ def diagnose(
     return 0
 
 
-def _answer(case: Case, robot: Path | None, beside: Beside, cores: int) -> tuple[Diagnosis, Change | None]:
+def _answer(case: Case, robot: Path | None, beside: Beside, effort: Effort) -> tuple[Diagnosis, Change | None]:
     weighed = catalogue(case.robot, beside.effects)
     held = _held_out(beside.holdout, robot) if beside.holdout is not None else None
     try:
         with Screen("weighing hypotheses") as screen:
-            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, effort=_shown(screen, cores)))
+            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, effort=_shown(screen, effort)))
         if beside.reference is None:
             return answer, None
         earlier = read_case([beside.reference], robot)
         with Screen("comparing") as screen:
-            return answer, compare_campaigns(case, earlier, weighed, _shown(screen, cores))
+            return answer, compare_campaigns(case, earlier, weighed, _shown(screen, effort))
     except BadHoldout as e:
         raise ConfigError(f"--holdout {beside.holdout}: {e}") from e
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
 
 
-def _shown(screen: Screen, cores: int) -> Effort:
-    return Effort(cores, lambda share: screen.progress(share, 1.0))
+def _shown(screen: Screen, effort: Effort) -> Effort:
+    return replace(effort, told=lambda share: screen.progress(share, 1.0))
 
 
 def _held_out(path: Path, robot: Path | None) -> Case:

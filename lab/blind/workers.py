@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import TypeVar
 
+from ..cluster import cluster
 from ..console import Screen
 
 A = TypeVar("A")
@@ -28,16 +29,18 @@ def spread(do: Callable[[A], B], items: Sequence[A], crew: Crew, title: str) -> 
     """`do` for every item, results as they come; with one worker in this process. Raises what `do` raises."""
     began = time.monotonic()
     with Screen(title, quiet=crew.quiet) as screen:
-        if crew.scheduler is None:
-            results = _results(do, items, crew.workers)
-        else:
-            from .cluster import spread_on_cluster
-
-            results = spread_on_cluster(do, items, crew.scheduler)
+        results = (
+            _results(do, items, crew.workers) if crew.scheduler is None else _on_cluster(do, items, crew.scheduler)
+        )
         for done, result in enumerate(results, 1):
             yield result
             spent = time.monotonic() - began
             screen.progress(spent, spent * len(items) / done)
+
+
+def _on_cluster(do: Callable[[A], B], items: Sequence[A], scheduler: str) -> Iterator[B]:
+    with cluster(scheduler) as workers:
+        yield from workers.as_they_come(do, items)
 
 
 def _results(do: Callable[[A], B], items: Sequence[A], workers: int) -> Iterator[B]:

@@ -1,4 +1,4 @@
-"""Blind cases on a Dask cluster on loopback: all come back, also when a worker dies."""
+"""Blind cases and the fits of a diagnosis on a Dask cluster on loopback: all come back, also when a worker dies."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from lab.blind.cluster import spread_on_cluster
+from diagnosis.effort import Effort
+from diagnosis.search import Search
 from lab.blind.workers import Crew, spread
+from lab.cluster import cluster
 from lab.config import ConfigError
+from tests.diagnosis.toy import toy_problem
 
 distributed = pytest.importorskip(
     "distributed", reason="dask.distributed is not installed: pip install 'softlab[cluster]' to test the cluster"
@@ -43,7 +46,20 @@ def dies_once(mark: str) -> str:
 
 
 def test_every_item_comes_back(scheduler: str) -> None:
-    assert sorted(spread_on_cluster(square, range(20), scheduler)) == sorted(x * x for x in range(20))
+    with cluster(scheduler) as workers:
+        assert sorted(workers.as_they_come(square, range(20))) == [x * x for x in range(20)]
+        assert list(workers.in_order(square, range(20))) == [x * x for x in range(20)]
+
+
+def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> None:
+    told: list[float] = []
+    problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
+    with cluster(scheduler) as workers:
+        there = Search(problem, effort=Effort(told=told.append, elsewhere=workers.in_order)).run()
+    here = Search(problem).run()
+    assert [c.named for c in there] == [c.named for c in here]
+    assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-6)
+    assert told == sorted(told)
 
 
 def test_a_lost_worker_loses_no_case(scheduler: str, tmp_path: Path) -> None:
@@ -54,6 +70,6 @@ def test_a_lost_worker_loses_no_case(scheduler: str, tmp_path: Path) -> None:
 
 
 def test_nobody_at_the_address_is_a_clear_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lab.blind.cluster.CONNECT_SECONDS", 1.0)
-    with pytest.raises(ConfigError, match="no scheduler answers"):
-        list(spread_on_cluster(square, [1], "tcp://127.0.0.1:9"))
+    monkeypatch.setattr("lab.cluster.CONNECT_SECONDS", 1.0)
+    with pytest.raises(ConfigError, match="no scheduler answers"), cluster("tcp://127.0.0.1:9"):
+        pass

@@ -1,0 +1,85 @@
+"""Work on a Dask cluster: a scheduler somewhere, workers that have this project installed.
+
+A worker that is lost loses nothing: the scheduler gives what it had to another one, and an error that says so is given one
+more chance here. Needs the optional extra `cluster` (dask.distributed). Folders must be where all workers see them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from .config import ConfigError
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+CONNECT_SECONDS = 20.0
+CHANCES = 3
+"""Times an item is sent out before its worker's loss is an error."""
+
+
+class Cluster:
+    """The workers of one scheduler."""
+
+    def __init__(self, distributed: Any, client: Any) -> None:
+        self._distributed, self._client = distributed, client
+
+    def as_they_come(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
+        """`do` for every item; raises what `do` raises."""
+        return (result for _, result in self._gathered(do, items))
+
+    def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
+        """The same in the order of the items; `do` is sent to each worker once, however much it holds."""
+        waiting: dict[int, B] = {}
+        turn = 0
+        for i, result in self._gathered(self._client.scatter(do, broadcast=True, hash=False), items):
+            waiting[i] = result
+            while turn in waiting:
+                yield waiting.pop(turn)
+                turn += 1
+
+    def _gathered(self, do: Any, items: Sequence[A]) -> Iterator[tuple[int, Any]]:
+        sent: dict[Any, tuple[int, int]] = {}
+
+        def send(i: int, chance: int) -> Any:
+            future = self._client.submit(_called, do, items[i], pure=False)
+            sent[future] = (i, chance)
+            return future
+
+        first = [send(i, 1) for i in range(len(items))]
+        running = self._distributed.as_completed(first, loop=self._client.loop)
+        for future in running:
+            i, chance = sent.pop(future)
+            lost = future.cancelled() or isinstance(future.exception(), (self._distributed.KilledWorker, OSError))
+            if lost and chance < CHANCES:
+                running.add(send(i, chance + 1))
+                continue
+            yield i, future.result()
+
+
+def _called(do: Callable[[A], B], item: A) -> B:
+    return do(item)
+
+
+@contextmanager
+def cluster(scheduler: str) -> Iterator[Cluster]:
+    """The workers of `scheduler` (tcp://host:port).
+
+    Raises ConfigError when dask.distributed is missing or nobody answers at the address.
+    """
+    try:
+        import distributed
+    except ImportError as e:
+        raise ConfigError(
+            "--scheduler: dask.distributed is not installed here; install the extra: pip install 'softlab[cluster]'"
+        ) from e
+    try:
+        client = distributed.Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError) as e:
+        raise ConfigError(
+            f"--scheduler {scheduler}: no scheduler answers within {CONNECT_SECONDS:g} s ({e}); start `dask scheduler` there"
+        ) from e
+    with client:
+        yield Cluster(distributed, client)
