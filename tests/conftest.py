@@ -1,5 +1,6 @@
-"""Tests run in three processes. Whatever runs a whole rig of fakes shares one of them; so does whatever solves rods, each
-kind of which is compiled once, in the process that first needs it. All others stay together file by file."""
+"""Tests run in three processes. Whatever runs a whole rig of fakes shares one of them, and so does what would starve a rig (a
+cluster of processes); so does whatever solves rods, each kind of which is compiled once, in the process that first needs it.
+All others stay together file by file."""
 
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ GROUPS = {
     "test_call_order_network.py": "call order",
     "test_bad_input.py": RIG,
     "test_blind_wire.py": RIG,
+    "test_cluster.py": RIG,
     "test_end_to_end.py": RIG,
     "test_proposed_experiments.py": RIG,
     "test_resume.py": RIG,

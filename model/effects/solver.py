@@ -21,7 +21,7 @@ Steps = NDArray[np.int64]
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of two radians."""
 ACCURACY = statics.Accuracy(divisions=DIVISIONS, close=1e-10)
-STRAIN_POINTS = 2
+STRAIN_POINTS = 3
 """An element; strains change little along it."""
 NEAR_MARGIN = 0.02
 """Margin to buckling with which a solution is trusted that began at a trusted one close by."""
@@ -81,7 +81,7 @@ def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None
         marked = places.shape[1]
         if inside:  # in the same pass
             within, weights = statics.gauss_points(rods, STRAIN_POINTS)
-            places = np.concatenate([places, within.reshape(len(rows), -1)], axis=1)
+            places = np.concatenate([places, within.reshape(len(rows), at.FORM.elements * STRAIN_POINTS)], axis=1)
         found = statics.stations(rods, solution, places, ACCURACY, steps)
         result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
         result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
