@@ -85,7 +85,7 @@ def components(data: Repeated, usual: Components) -> Components:
         trial=dict(zip(names, value[g + 2 :].tolist(), strict=True)),
         rest=float(value[g + 1]),
         contrasts=len(contrast),
-        beyond=float(np.exp(max(found.x[g], *found.x[g + 2 :]))),
+        beyond=float(np.exp(np.max(np.append(found.x[g + 2 :], found.x[g])))),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,13 @@ def test_components_are_found_whatever_the_model_gets_wrong(error: float) -> Non
     assert found.trial["spine_length"] == pytest.approx(2e-3, rel=0.4)
     assert found.contrasts == 120
     assert found.beyond == pytest.approx(2.0, rel=0.4)
+
+
+def test_a_robot_whose_trials_have_nothing_of_their_own_has_a_floor_too() -> None:
+    bare = replace(repeated(1, 0.2e-3, 1500.0, 0.0), trial_response={})
+    found = components(bare, replace(USUAL, trial={}))
+    assert found.trial == {}
+    assert found.beyond == pytest.approx(3.0, rel=0.2)
 
 
 def test_without_repeats_the_usual_values_are_returned_and_said_to_be_no_measurement() -> None:
