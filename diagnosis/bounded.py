@@ -20,7 +20,6 @@ def bounded(curve: Array, score: Array, low: Array, high: Array) -> Array:
     n = len(score)
     side = np.zeros(n, np.int64)  # -1 held at its lower bound, 1 at its upper, 0 free
     fewest, patience = n + 1, PATIENCE
-    x = score
     for _ in range(PIVOTS):
         free = side == 0
         x = np.where(side < 0, low, high)

@@ -74,19 +74,20 @@ def fit(
         slope[:, anew] = columns
         return predicted, slope
 
+    def total(theta: Array, predicted: Array) -> float:
+        return weigh.cost(predicted) + _distance(theta, mean, scale)
+
     def step(local: _Local, damping: float) -> tuple[Array, float]:
         """A point and its cost."""
         goal = local.goal(damping)
-        there = problem.forward.predict(goal)
-        reached = weigh.cost(there) + _distance(goal, mean, scale)
-        along = predicted + slope @ (goal - theta)
-        promised = weigh.cost(along) + _distance(goal, mean, scale)
+        there, along = problem.forward.predict(goal), local.predicted(goal)
+        reached, promised = total(goal, there), total(goal, along)
         if cost - reached >= HOLDS * (cost - promised) or not np.isfinite(reached):
             return goal, reached
         turned = local.goal(damping, there - along)
         if np.linalg.norm((turned - goal) / p.sd) > MOST_TURN * np.linalg.norm((goal - theta) / p.sd):
             return goal, reached
-        other = weigh.cost(problem.forward.predict(turned)) + _distance(turned, mean, scale)
+        other = total(turned, problem.forward.predict(turned))
         return (turned, other) if other < reached else (goal, reached)
 
     if isinstance(start, Fit):
@@ -100,7 +101,7 @@ def fit(
             # Some state has no equilibrium here: begin nearer to the baseline, where all have.
             theta = p.mean + 0.5 * (theta - p.mean)
             predicted, slope = linearised(theta)
-    cost = weigh.cost(predicted) + _distance(theta, mean, scale)
+    cost = total(theta, predicted)
     left_out = scale == 0
     if (theta != mean)[left_out].any():
         cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
@@ -122,8 +123,9 @@ def fit(
         if gained < GAIN:
             break
         damping = max(damping - 2, 0)
-    goal = _Local(problem, weigh, theta, predicted, slope, scale, mean).goal(0.0)
-    promised = weigh.cost(predicted + slope @ (goal - theta)) + _distance(goal, mean, scale)
+    local = _Local(problem, weigh, theta, predicted, slope, scale, mean)
+    goal = local.goal(0.0)
+    promised = total(goal, local.predicted(goal))
     return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost, max(cost - promised, 0.0))
 
 
@@ -164,6 +166,7 @@ class _Local:
     ) -> None:
         p = self._p = problem.parameters
         free = self._free = np.flatnonzero(scale > 0)
+        self._theta, self._predicted, self._slope = theta, predicted, slope
         self._scale, self._mean, self._rest = scale, mean, np.where(scale > 0, theta, mean)
         columns = problem.noise.whiten(slope[:, free] * scale[free])
         missed = problem.noise.whiten(problem.observed - predicted - slope @ (self._rest - theta))
@@ -172,6 +175,10 @@ class _Local:
         self._curve = np.eye(free.size) + columns.T @ self._pulled
         self._score = self._pulled.T @ missed + (columns.T @ self._pulled) @ self._here
         self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
+
+    def predicted(self, theta: Array) -> Array:
+        """Predicted values (n,) of the linear problem at parameters (k,)."""
+        return np.asarray(self._predicted + self._slope @ (theta - self._theta))
 
     def goal(self, damping: float, bend: Array | None = None) -> Array:
         """Optimum (k,) within the bounds, kept near theta by a damping; what has no scale is at its mean.

@@ -161,6 +161,11 @@ class Problem:
         return self.noise.whiten(self.discrepancy)
 
     @cached_property
+    def _wrong(self) -> Array:
+        """(n, a + b) columns of a law that is wrong by once its size in all channels, and once in each."""
+        return np.hstack([self.alike, self.each])
+
+    @cached_property
     def _gram(self) -> Array:
         return np.asarray(self.whitened_discrepancy.T @ self.whitened_discrepancy)
 
@@ -218,8 +223,7 @@ class Problem:
             without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
-                wrong = np.sqrt(0.5) * done[:, None] * np.hstack([self.alike, self.each])
-                columns.append(_leading(self.noise.whiten(wrong)))
+                columns.append(_leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._wrong)))
                 spill = float(np.hypot(spill, AFTER * self._typical(done)))
         return replace(linear, form=np.hstack(columns), spill=spill) if columns else linear
 

@@ -271,7 +271,8 @@ class TmclSpine:
         elif damage:
             self._lose_zero(f"motor driver: {', '.join(damage)}; check motor and cable")
         elif flags & (STALLED | DEVIATED):
-            homing, self._homing_until = self._homing_until is not None, None
+            # Without a zero it can only have been homing, also where the search was found ended a moment ago.
+            homing, self._homing_until = not self._homed, None
             where = "while homing" if homing else f"at {self._length(encoder):.4f} m on the way to {self._goal:.4f} m"
             self._fault = (
                 f"stopped itself {where}: the spine did not follow (limit {self._config.max_deviation} m). Un-jam it "

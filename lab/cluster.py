@@ -6,6 +6,7 @@ more chance here. Needs the optional extra `cluster` (dask.distributed). Folders
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -44,7 +45,7 @@ class Cluster:
         sent: dict[Any, tuple[int, int]] = {}
 
         def send(i: int, chance: int) -> Any:
-            future = self._client.submit(_called, do, items[i], pure=False)
+            future = self._client.submit(operator.call, do, items[i], pure=False)
             sent[future] = (i, chance)
             return future
 
@@ -57,10 +58,6 @@ class Cluster:
                 running.add(send(i, chance + 1))
                 continue
             yield i, future.result()
-
-
-def _called(do: Callable[[A], B], item: A) -> B:
-    return do(item)
 
 
 @contextmanager

@@ -81,13 +81,14 @@ def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None
         marked = places.shape[1]
         if inside:  # in the same pass
             within, weights = statics.gauss_points(rods, STRAIN_POINTS)
-            places = np.concatenate([places, within.reshape(len(rows), at.FORM.elements * STRAIN_POINTS)], axis=1)
+            places = np.concatenate([places, within], axis=1)
         found = statics.stations(rods, solution, places, ACCURACY, steps)
         result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
         result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
         result[:, at.MARKERS :] = found.position[:, 2:marked].reshape(len(rows), 3 * len(arcs))
         if inside:
-            result[:, at.STRAIN : at.STRAIN + 2] = found.strain[:, marked:].reshape(within.shape) @ weights
+            strain = found.strain[:, marked:].reshape(len(rows), at.FORM.elements, STRAIN_POINTS)
+            result[:, at.STRAIN : at.STRAIN + 2] = strain @ weights
     return Solved(rows, arcs, steps, solution, result, inside)
 
 

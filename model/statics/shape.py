@@ -135,19 +135,19 @@ def strains(rods: Rods, solution: Solution, accuracy: Accuracy = DEFAULT, steps:
 
 
 def gauss_points(rods: Rods, points: int = GAUSS) -> tuple[Array, Array]:
-    """Arc lengths (n, elements, points) in m and weights (points,), of sum 1, of Gauss's rule over each element."""
+    """Arc lengths (n, elements points) in m, element by element, and weights (points,), of sum 1, of Gauss's rule."""
     places, weights = np.polynomial.legendre.leggauss(points)
     length = rods.field("length")
     ends = np.cumsum(length, axis=1)
     arcs = (ends - length)[:, :, None] + length[:, :, None] * (0.5 * (1 + places))
-    return np.minimum(arcs, ends[:, -1:, None]), 0.5 * weights
+    return np.minimum(arcs, ends[:, -1:, None]).reshape(len(rods), length.shape[1] * points), 0.5 * weights
 
 
 def _at_points(rods: Rods, solution: Solution, accuracy: Accuracy, steps: Steps | None = None) -> tuple[Array, Array]:
     """Stations (n, elements, points, WIDTH) at Gauss's points and their weights."""
     arcs, weights = gauss_points(rods)
-    found = stations(rods, solution, arcs.reshape(len(rods), -1), accuracy, steps)
-    return found.values.reshape(*arcs.shape, WIDTH), weights
+    found = stations(rods, solution, arcs, accuracy, steps)
+    return found.values.reshape(len(rods), rods.form.elements, GAUSS, WIDTH), weights
 
 
 @routine

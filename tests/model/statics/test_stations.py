@@ -8,7 +8,7 @@ import pytest
 from benchmarks.rod_cases import as_batch
 from model.errors import BadCondition
 from model.reference import solve_rods
-from model.statics import FINE, Form, energy, sensitivities, solve, stations
+from model.statics import FINE, Form, energy, sensitivities, solve, stations, strains
 from tests.model.statics.cases import LENGTH, robots
 
 
@@ -55,3 +55,10 @@ def test_arc_lengths_beyond_the_rod_are_refused() -> None:
     rods = robots(1, 100e3, 0.1)
     with pytest.raises(BadCondition, match="arc_lengths: 0.5 m of rod 0"):
         stations(rods, solve(rods), [0.5])
+
+
+def test_of_no_rods_there_are_no_strains_and_no_energies() -> None:
+    none = robots(2, 100e3, 0.1)[np.zeros(2, bool)]
+    solution = solve(none)
+    assert strains(none, solution).shape == (0, none.form.elements)
+    assert energy(none, solution).shape == (0,)
