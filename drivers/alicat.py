@@ -32,6 +32,9 @@ SERIAL = "S"
 SOURCES = {SERIAL: "the serial line", "A": "its analog input", "U": "its front panel"}
 VENTED = 5e3
 """Pa; `close` waits for all channels to fall below this,"""
+BRISK = 0.05
+"""Host seconds that a unit has for its answer in the first round of a vent: a sound one takes a few ms, and a silent one
+must not keep the others inflated."""
 VENT_WAIT = 0.5
 """but not longer than this, s of host time."""
 
@@ -87,6 +90,10 @@ class Alicat:
         self._confirmed = [0.0] * self.channels
         self._decimals = [0] * self.channels
 
+    def connect(self) -> None:
+        """Open the line and ask nothing: enough for `vent`, which must not wait for a unit that is dead. Raises Unreachable."""
+        self._line.open()
+
     def open(self) -> Identity:
         """Connect and check each unit: that it answers, controls gauge pressure in kPa, and obeys the serial line."""
         self._line.open()
@@ -140,24 +147,28 @@ class Alicat:
             )
 
     def vent(self) -> None:
-        """All set-points to zero, not rate-limited, held valves released; a unit that fails is tried again at the end.
+        """All set-points to zero, not rate-limited, held valves released; whatever else is on the line gives way.
 
-        Raises `InstrumentError` naming the units that did not confirm zero.
+        A brisk round first, so that no silent unit keeps the others waiting; who did not confirm is asked twice again.
+        Needs no more than `connect`. Raises `InstrumentError` naming the units that did not confirm zero.
         """
-        with self._line.lock:
+        with self._line.lock.stopping():
             self._need_open()
             failed = dict.fromkeys(range(self.channels), "")
-            for _ in range(2):
+            for patience in (min(BRISK, self.config.timeout), self.config.timeout, self.config.timeout):
                 for channel in list(failed):
                     try:
-                        self._vent_channel(channel)
+                        self._vent_channel(channel, patience)
                     except InstrumentError as e:
                         failed[channel] = e.message
                     else:
                         del failed[channel]
-            if failed:
-                units = "; ".join(f"{self._units[channel].letter}: {why}" for channel, why in failed.items())
-                raise InstrumentError(self.name, f"did not vent {units}. Shut the supply and vent those by hand")
+                if not failed:
+                    return
+                if patience < self.config.timeout:
+                    self._line.listen(self.config.timeout)  # a late answer must not be taken for the next unit's
+            units = "; ".join(f"{self._units[channel].letter}: {why}" for channel, why in failed.items())
+            raise InstrumentError(self.name, f"did not vent {units}. Shut the supply and vent those by hand")
 
     def close(self) -> None:
         """Vent, wait shortly for the pressure to fall, disconnect."""
@@ -249,10 +260,10 @@ class Alicat:
             raise BadReply(self.name, f"{asked}: it was clamped or misread; check its set-point limits and the cable")
         self._raise_fault(unit, frame)
 
-    def _vent_channel(self, channel: int) -> None:
-        """Set-point 0 on one unit, read back, valves released. One try."""
+    def _vent_channel(self, channel: int, timeout: float) -> None:
+        """Set-point 0 on one unit, read back, valves released. One try; `timeout` for the first answer, s of host time."""
         unit = self._units[channel]
-        frame = unit.set(0.0, self._decimals[channel])
+        frame = unit.set(0.0, self._decimals[channel], timeout)
         if {"HLD", "EXH"} & set(frame.codes):
             frame = unit.cancel_hold()
         if frame.setpoint != 0:

@@ -52,9 +52,12 @@ class AlicatUnit:
         """The data frame as it is now."""
         return self._frame("")
 
-    def set(self, pressure: float, decimals: int) -> Frame:
-        """Send a set-point (Pa), rounded to the unit's decimals; the answer shows the set-point that holds now."""
-        return self._frame(f"S {pressure / PA_PER_KPA:.{decimals}f}")
+    def set(self, pressure: float, decimals: int, timeout: float | None = None) -> Frame:
+        """Send a set-point (Pa), rounded to the unit's decimals; the answer shows the set-point that holds now.
+
+        `timeout` (s, host time) where the line's own is too long.
+        """
+        return self._frame(f"S {pressure / PA_PER_KPA:.{decimals}f}", timeout)
 
     def cancel_hold(self) -> Frame:
         """Let the unit control again after its valves were held or its exhaust was opened."""
@@ -96,8 +99,8 @@ class AlicatUnit:
         """S serial, A analog, U front panel. Firmware 10v05 and later; firmware before 8v00 would lock its display."""
         return self._ask("LSS").strip()
 
-    def _frame(self, words: str) -> Frame:
-        text = f"{self.letter} {self._ask(words)}"
+    def _frame(self, words: str, timeout: float | None = None) -> Frame:
+        text = f"{self.letter} {self._ask(words, timeout)}"
         match = FRAME.fullmatch(text)
         if match is None:
             raise self._unexpected("a data frame", text)
@@ -106,11 +109,11 @@ class AlicatUnit:
         decimals = len(numbers[-1].partition(".")[2])
         return Frame(float(numbers[0]) * PA_PER_KPA, float(numbers[-1]) * PA_PER_KPA, decimals, tuple(match[2].split()))
 
-    def _ask(self, words: str) -> str:
+    def _ask(self, words: str, timeout: float | None = None) -> str:
         """What follows the unit's letter in the answer."""
         request = f"{self.letter}{words}".encode("ascii") + CR
         try:
-            raw = self._line.ask(request, CR)
+            raw = self._line.ask(request, CR, timeout)
         except NoReply as e:
             raise NoReply(self.name, f"unit {self.letter}: {e.message}") from e
         text = raw.decode("ascii", "replace").strip()

@@ -2,23 +2,22 @@
 
 Usage: `line.ask(b"A\\r", until=b"\\r")`. Stale input is thrown away before each request, the answer is read up to its
 terminator or to a deadline in host time, and every failure is one of the drivers' errors with the bytes that were seen.
-Hold `line.lock` to keep several requests together; `ask` takes it by itself.
+Hold `line.lock` to keep several requests together; `ask` takes it by itself. A stop takes it by `line.lock.stopping()`, and
+everything else on the line gives way.
 """
 
 from __future__ import annotations
 
 import contextlib
 import termios
-import threading
 import time
 from collections.abc import Iterator
 
 import serial
 
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+from .stop_first import SLICE, StopFirst
 
-SLICE = 0.02
-"""Longest single wait inside a read, s: how late a deadline may be noticed."""
 LONGEST_ANSWER = 4096
 """Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 
@@ -31,13 +30,25 @@ def show(data: bytes, longest: int = 48) -> str:
 class SerialLine:
     """A serial port, 8 data bits, with deadlines instead of blocking reads."""
 
-    def __init__(self, name: str, port: str, baud: int, timeout: float, parity: str = "N", stopbits: int = 1) -> None:
-        """`name` is the instrument's name for messages; `timeout` (s, host time) bounds each answer and each write."""
+    def __init__(
+        self,
+        name: str,
+        port: str,
+        baud: int,
+        timeout: float,
+        parity: str = "N",
+        stopbits: int = 1,
+        lock: StopFirst | None = None,
+    ) -> None:
+        """`name` is the instrument's name for messages; `timeout` (s, host time) bounds each answer and each write.
+
+        `lock`: one that several lines of an instrument share.
+        """
         self.name = name
         self.port = port
         self.baud = baud
         self.timeout = timeout
-        self.lock = threading.RLock()
+        self.lock = lock or StopFirst(name)
         self._parity = parity
         self._stopbits = stopbits
         self._serial: serial.Serial | None = None
@@ -143,6 +154,7 @@ class SerialLine:
 
     def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
         """Read once more; past the deadline, or when the answer has no end, drop what came and raise."""
+        self.lock.give_way()
         if time.monotonic() >= deadline or len(self._buffer) > LONGEST_ANSWER:
             got = self._take(len(self._buffer))
             if got:
@@ -156,6 +168,7 @@ class SerialLine:
         with self.lock:
             if self._serial is None:
                 raise NotReady(self.name, f"{self.port} is not open; call open() first")
+            self.lock.give_way()
             try:
                 yield self._serial
             except serial.SerialTimeoutException as e:

@@ -8,7 +8,6 @@ The units hold their set-points: nothing expires when the host dies, so a rig ne
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from .errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, U
 from .interfaces import Clock, Identity, PressureSample
 from .pressure_limits import PressureLimits
 from .serial_line import SerialLine, show
+from .stop_first import StopFirst
 
 BAUD = 9600
 END = b"\r\n"
@@ -92,8 +92,8 @@ class SmcItv:
         self.channels = len(config.ports)
         self.chambers = ChamberMap(config.chambers)
         self._clock = clock
-        self._lines = [SerialLine(name, port, BAUD, config.timeout) for port in config.ports]
-        self._lock = threading.RLock()
+        self._lock = StopFirst(name)
+        self._lines = [SerialLine(name, port, BAUD, config.timeout, lock=self._lock) for port in config.ports]
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._counts = [0] * self.channels
         self._polled_at = 0.0
@@ -104,6 +104,21 @@ class SmcItv:
     def step(self) -> float:
         """What one count is worth, Pa."""
         return self.config.full_scale / STEPS
+
+    def connect(self) -> None:
+        """Open those ports that can be opened and ask nothing: enough for `vent`, which must not wait for a dead unit.
+
+        Raises Unreachable when there is none.
+        """
+        with self._lock:
+            failed: list[Unreachable] = []
+            for line in self._lines:
+                try:
+                    line.open()
+                except Unreachable as e:
+                    failed.append(e)
+            if len(failed) == len(self._lines):
+                raise failed[0]
 
     def open(self) -> Identity:
         """Connect all units; raises `Unreachable` naming silent ports, `WrongDevice` for what answers otherwise.
@@ -144,7 +159,7 @@ class SmcItv:
         """Poll the measured pressures, waiting first until `poll_interval` has passed since the last poll."""
         with self._lock:
             self._need_open()
-            time.sleep(max(0.0, self._polled_at + self.config.poll_interval - time.monotonic()))
+            self._lock.sleep(self._polled_at + self.config.poll_interval - time.monotonic())
             counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"MON"))
             self._polled_at = time.monotonic()
             self._raise_first(errors)
@@ -152,12 +167,14 @@ class SmcItv:
             return PressureSample(self._clock.now(), self._confirmed(), measured)
 
     def vent(self) -> None:
-        """All set-points to zero, not rate-limited; a unit that fails is tried again, and does not keep the others.
+        """All set-points to zero, not rate-limited; whatever else is under way gives way.
 
-        Raises `InstrumentError` naming the ports that did not confirm zero.
+        A unit that fails is tried again, and does not keep the others. Needs no more than `connect`. Raises
+        `InstrumentError` naming the ports that did not confirm zero.
         """
-        with self._lock:
-            self._need_open()
+        with self._lock.stopping():
+            if not any(line.is_open for line in self._lines):
+                raise NotReady(self.name, "is not open; call open() first")
             done, errors = self._send_setpoints(dict.fromkeys(range(self.channels), 0))
             for channel in done:
                 self._limits.sent(channel, 0.0)
@@ -168,7 +185,7 @@ class SmcItv:
     def close(self) -> None:
         """Vent, wait shortly for the pressure to fall, disconnect."""
         with self._lock:
-            if all(line.is_open for line in self._lines):
+            if any(line.is_open for line in self._lines):
                 with contextlib.suppress(InstrumentError):
                     self.vent()
                 with contextlib.suppress(InstrumentError):
@@ -234,7 +251,7 @@ class SmcItv:
         errors: dict[int, InstrumentError] = {}
         for attempt in range(2):
             if attempt and errors:
-                time.sleep(self.config.poll_interval)
+                self._lock.sleep(self.config.poll_interval)
             answers, errors = self._ask_each({c: r for c, r in requests.items() if c not in numbers})
             for channel, answer in answers.items():
                 if answer.isdigit() and int(answer) <= STEPS:
@@ -285,7 +302,8 @@ class SmcItv:
 
     def _mark(self, channels: Sequence[int]) -> None:
         if channels:
-            time.sleep(self.config.poll_interval)  # a unit may not take two lines at once
+            with contextlib.suppress(NoReply):  # given up for a stop: reading tells
+                self._lock.sleep(self.config.poll_interval)  # a unit may not take two lines at once
         for channel in channels:
             with contextlib.suppress(InstrumentError):  # reading tells
                 self._lines[channel].write(MARK + END)

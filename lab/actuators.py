@@ -65,27 +65,28 @@ class Actuators:
         self._silent = BEATS_MISSED * rig.safe.heartbeat
         self._lock = threading.RLock()
         self._numbers = itertools.count(1)
-        self._heard = time.monotonic()
         self.asked: dict[str, float] = {}
         """Host time at which the last command to each instrument ended: no reading comes while it works."""
         self._commands, theirs = Pipe()
         self._samples, their_samples = Pipe(duplex=False)
         their_pulse, pulse = os.pipe()
         passed = (theirs.fileno(), their_pulse, their_samples.fileno())
-        command = [sys.executable, "-m", "lab.guard", *map(str, passed)]
+        command = [sys.executable, "-m", "lab.guard_process", *map(str, passed)]
         with _held_back():
             self._process = subprocess.Popen(command, pass_fds=passed, stdin=subprocess.DEVNULL, start_new_session=True)
         theirs.close()
         their_samples.close()
         os.close(their_pulse)
         self.pulse = Pulse(pulse)
+        self._heard = self.pulse.awake.now
+        """When the guard last gave a sign of life, on the clock of this process's being awake."""
         self.lost = ""
         """Why the guard is lost; empty while it lives."""
         try:
             path = str(rig.path or "")
             self._commands.send(Start(rig.model_dump_json(), path, clock.start, despite_latch))
             self._answer(0, "start", START_WITHIN)
-            self._heard = time.monotonic()
+            self._heard = self.pulse.awake.now
         except BaseException:
             self._end()
             raise
@@ -133,8 +134,8 @@ class Actuators:
                 raise self._lost(what) from e
             now = time.monotonic()
             self.pulse.mark()
-            if number and now - self._heard > self._silent:
-                self._give_up(f"no sign of life for {now - self._heard:.1f} s")
+            if number:
+                self._listen()
             if now > deadline:
                 self._give_up(f"no answer within {within:g} s")
             if self.lost:
@@ -145,7 +146,7 @@ class Actuators:
         with contextlib.suppress(EOFError, OSError):
             while True:
                 message = self._samples.recv()
-                self._heard = time.monotonic()
+                self._heard = self.pulse.awake.now
                 if isinstance(message, Event):
                     if message.kind != "beat":
                         self._on_event(message)
@@ -155,11 +156,15 @@ class Actuators:
 
     def look(self) -> None:
         """Raises ActuatorsLost when the guard is gone or silent."""
-        silent = time.monotonic() - self._heard
-        if not self.lost and silent > self._silent:
-            self._give_up(f"no sign of life for {silent:.1f} s")
+        self._listen()
         if self.lost:
             raise self._lost("the experiment")
+
+    def _listen(self) -> None:
+        """Give up a guard that was silent for too long while this process was awake to hear it."""
+        silent = self.pulse.awake.now - self._heard
+        if not self.lost and silent > self._silent:
+            self._give_up(f"no sign of life for {silent:.1f} s")
 
     def _give_up(self, why: str) -> None:
         """The guard is lost for good: a frozen one must not wake up and command behind a successor's back."""

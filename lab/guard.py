@@ -1,48 +1,50 @@
-"""The guard: a small process that owns the actuators and lands the rig when the program that commands it cannot.
+"""The guard: owner of the actuators, which lands the rig when the program that commands it cannot, or when a reading shows
+that something has failed.
 
-It lands by itself when the program ends (its pipe breaks), freezes (no heartbeat), hangs (the experiment does not move
-on), shouts (a signal, a force beyond the limit), or when a reading shows that something has failed. After that it takes
-no command until a person has confirmed. The latch is on disk from the first command that energises anything until the
-safe state is read back. Run by `python -m lab.guard COMMANDS PULSE SAMPLES` with three file descriptors.
+After a landing of its own it takes no command until a person has confirmed. The latch is on disk from the first command that
+energises anything until the safe state is read back. In a run the guard is a process of its own (`guard_process.py`); a
+program that lands a rig whose guard was lost, and `lab safe`, are the guard themselves, since there is no time to start one.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-import os
-import select
-import signal
-import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection, wait
-from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from drivers.errors import DeviceFault, InstrumentError
+from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 
 from .clock import RigClock
-from .guard_messages import Event, RigLanded, Start
+from .guard_messages import Event, RigLanded
 from .hosted import Hosted
 from .instruments import COMMANDS, CONFIGS, ENERGISING, POLLED, make
 from .judge import Judge
-from .landing import Landing, SafeReport
-from .latch import Latch, RigLocked
-from .pulse import BEAT, FORCE, MOMENT, SIGNAL, Listener
+from .landing import Instruments, Landing, SafeReport
+from .latch import Latch
 from .rig_file import RigFile
 
-BEAT_BACK = 0.2
-"""Host seconds between two signs of life to the program."""
 CLIPPED = 1e3
 """Pa by which a set-point must be clipped to be worth a line in the log."""
 JUST_TRIED = 5.0
 """Host seconds in which a landing that was not confirmed is not repeated; the drivers stop once more as they close."""
 LOG_EVERY = 1.0
 """Host seconds between two such lines."""
+
+
+class Tell(Protocol):
+    """The way to the program."""
+
+    def __call__(self, message: Any, may_wait: bool = False) -> None:
+        """Send; unless it may wait, a message for a program that does not read is dropped."""
+
+
+def nobody(message: Any, may_wait: bool = False) -> None:
+    """There is no program to tell."""
 
 
 @dataclass
@@ -59,12 +61,11 @@ class Owned:
 class Guard:
     """One rig's guard."""
 
-    def __init__(self, start: Start, pulse: Listener, samples: Connection) -> None:
-        self.rig = RigFile.model_validate_json(start.rig)
-        self.clock = RigClock(self.rig.clock.speed, start.clock_start)
-        self.latch = Latch(Path(start.path)) if start.path else None
-        self.despite_latch = start.despite_latch
-        self.pulse, self.samples = pulse, samples
+    def __init__(self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody) -> None:
+        """`despite_latch`: also a locked rig may be commanded, by a person who sees to it."""
+        self.rig, self.clock, self.tell = rig, clock, tell
+        self.latch = Latch(rig.path) if rig.path is not None else None
+        self.despite_latch = despite_latch
         self.judge = Judge(self.rig)
         self.own = Owned()
         for name in COMMANDS:
@@ -72,15 +73,17 @@ class Guard:
             if config is not None:
                 self.own.drivers[name] = self._make(name, config)
                 self.own.locks[name] = threading.Lock()
-        self.landing = Landing(self.rig.safe, self.own.drivers, self.rig.clock.speed, self.own.busy.__contains__)
+        instruments = Instruments(self.own.drivers, self.own.opened, self.open, self.own.busy.__contains__)
+        self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed)
         self.running = True
         self.energised = False
         self.landed = ""
         """Why the guard landed the rig by itself; empty while it takes commands."""
+        self.handed_over = ""
+        """Who has the rig now; empty while it is this guard's."""
         self._cause: InstrumentError | None = None
         self._landing_lock = threading.RLock()
         self._deciding = threading.Lock()
-        self._sending = threading.Lock()
         self._clip_told = 0.0
         self._landed_at = -math.inf
         self._last = SafeReport()
@@ -101,11 +104,10 @@ class Guard:
                 self.latch.demand_free()
 
     def start(self) -> None:
-        """Poll and watch."""
+        """Poll the instruments, from now on and as soon as they are open."""
         for name in POLLED:
             if name in self.own.drivers:
                 threading.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
-        threading.Thread(target=self._watch, name="watch", daemon=True).start()
 
     # -- commands
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
@@ -135,6 +137,10 @@ class Guard:
                 if name == "pressure":
                     return self._set_pressure(*args)
                 return getattr(self.own.drivers[name], method)(*args)
+            except InstrumentError as e:
+                if self.landed:  # the command gave way to the landing's stop
+                    raise self._refusal() from e
+                raise
             finally:
                 self.own.busy.discard(name)
 
@@ -142,22 +148,27 @@ class Guard:
         """Connect one instrument."""
         with self.own.locks[name]:
             identity: Identity = self.own.drivers[name].open()
-            self.own.opened.append(name)
+            if name not in self.own.opened:
+                self.own.opened.append(name)
         return identity
 
     def close_one(self, name: str) -> None:
         """Disconnect one instrument."""
         with self.own.locks[name]:
-            self.own.opened = [n for n in self.own.opened if n != name]
+            if name in self.own.opened:
+                self.own.opened.remove(name)
             self.own.drivers[name].close()
 
     def _energise(self) -> None:
         if self.landed:
-            raise self._cause or RigLanded(f"the guard has landed the rig: {self.landed}")
+            raise self._refusal()
         if not self.energised:
             if self.latch is not None and not self.despite_latch:
                 self.latch.write("a run was cut off before its safe state was confirmed")
             self.energised = True
+
+    def _refusal(self) -> Exception:
+        return self._cause or RigLanded(f"the guard has landed the rig: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
         allowed = self.judge.setpoints(pressures)
@@ -173,13 +184,17 @@ class Guard:
         return held
 
     # -- landing
-    def safe(self, why: str, keep_vacuum: bool) -> SafeReport:
-        """Land what is open and read it back; the latch goes when all of it is confirmed. Never raises."""
+    def safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
+        """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
+
+        What is not open is opened, trying for `reach` host seconds.
+        """
         with self._landing_lock:
             if self._closed:
                 return self._last
             self.judge.told = None
-            report = self._last = self.landing.land(list(self.own.opened), keep_vacuum)
+            names = list(self.own.opened) if names is None else names
+            report = self._last = self.landing.land(names, keep_vacuum, reach)
             self._landed_at = time.monotonic()
             if self.latch is not None:
                 if self.energised or not report.confirmed:
@@ -205,11 +220,23 @@ class Guard:
             self.landed, self._cause = why, error
             threading.Thread(target=go, name="land", daemon=True).start()
 
+    def hand_over(self, by: str) -> SafeReport:
+        """Land for somebody else, and for good: no command is taken any more, whatever a person confirms."""
+        why = f"asked for by {by}"
+        with self._deciding:
+            self.handed_over = by
+            self.landed = self.landed or why
+        report = self.safe(why, self.rig.safe.keep_vacuum)
+        self.tell(Event("landed", why, None, report), may_wait=True)
+        return report
+
     def resume(self) -> None:
-        """A person has confirmed: open what has to be opened anew, take commands again.
+        """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
 
         Set-points start from what is measured: the regulators are vented, arm and spine stand where they were stopped.
         """
+        if self.handed_over:
+            raise self._refusal()
         if "arm" in self.own.opened:
             with self.own.locks["arm"]:
                 arm = self.own.drivers["arm"]
@@ -227,18 +254,6 @@ class Guard:
             self.latch.note("unlocked by a person")
 
     # -- threads
-    def tell(self, message: Any, may_wait: bool = False) -> None:
-        """Send to the program; unless it may wait, a message for a program that does not read is dropped."""
-        if not self._sending.acquire(blocking=may_wait):
-            return
-        try:
-            if may_wait or wait_writable(self.samples):
-                self.samples.send(message)
-        except (OSError, ValueError):
-            pass  # the program has gone: the watch sees it
-        finally:
-            self._sending.release()
-
     def _poll(self, name: str) -> None:
         """Read one instrument at the rig's rate; a reading that fails is passed on as its error."""
         while self.running:
@@ -267,40 +282,8 @@ class Guard:
             self.land(str(finding.error), finding.error)
         return finding.error
 
-    def _watch(self) -> None:
-        """Listen to the program's pulse; land when it ends, falls silent, hangs or shouts."""
-        beat_back = 0.0
-        while self.running:
-            wait([self.pulse.pipe], 0.05)
-            for kind, value in self.pulse.take():
-                self._heard(kind, value)
-            now = time.monotonic()
-            if self.pulse.gone:
-                self.land("the program ended")
-                return
-            silent = now - self.pulse.heard
-            if self.energised and silent > self.rig.safe.heartbeat:
-                self.land(f"no sign of life from the program for {silent:.1f} s")
-            if now > beat_back:
-                beat_back = now + BEAT_BACK
-                self.tell(Event("beat"))
-
-    def _heard(self, kind: bytes, value: float) -> None:
-        if kind == SIGNAL:
-            self.land(f"stopped by {signal.Signals(int(value)).name}")
-        elif kind == FORCE:
-            self._overloaded(f"force {value:.1f} N, limits.max_force is {self.rig.limits.max_force:g} N")
-        elif kind == MOMENT:
-            self._overloaded(f"moment {value:.2f} N m, limits.max_moment is {self.rig.limits.max_moment:g} N m")
-        elif kind == BEAT and self.energised and value > self.rig.safe.hang:
-            self.land(f"the experiment has not moved on for {value:.1f} s (safe.hang)")
-
-    def _overloaded(self, text: str) -> None:
-        if self.energised:
-            self.land(f"force: {text}", DeviceFault("force", f"{text}; the arm was stopped: free it by hand"))
-
     def close(self) -> None:
-        """Land what may still be energised, disconnect everything, the regulators first."""
+        """Land what may still be energised, disconnect everything, let another guard have the rig."""
         self.landed = self.landed or "the guard is ending"
         with self._landing_lock:
             if self.energised and time.monotonic() - self._landed_at > JUST_TRIED:
@@ -309,62 +292,15 @@ class Guard:
         self.running = False
         closing = [
             threading.Thread(target=self._close, args=(name,), name=f"close-{name}", daemon=True)
-            for name in self.own.opened
+            for name in self.own.drivers
         ]
         for thread in closing:
             thread.start()
         for thread in closing:
             thread.join(8.0)
+        if self.latch is not None:
+            self.latch.disown()
 
     def _close(self, name: str) -> None:
         with contextlib.suppress(Exception):
             self.own.drivers[name].close()
-
-
-def wait_writable(connection: Connection) -> bool:
-    """True when a message can be sent without waiting for the reader."""
-    return bool(select.select([], [connection], [], 0)[1])
-
-
-def _serve(guard: Guard, commands: Connection) -> None:
-    """Take commands until the program says goodbye or is gone."""
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            number, name, method, args = commands.recv()
-            if method == "end":
-                guard.close()
-                commands.send((number, True, None))
-                return
-            answer: Any
-            try:
-                ok, answer = True, guard.do(name, method, args)
-            except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
-                known = isinstance(e, (InstrumentError, RigLanded, RigLocked))
-                ok, answer = False, e if known else RuntimeError(f"{type(e).__name__}: {e}")
-            commands.send((number, ok, answer))
-    guard.landed = guard.landed or "the program ended"
-    guard.close()
-
-
-def main(commands: Connection, pulse: Listener, samples: Connection) -> int:
-    """Run one guard."""
-    start = commands.recv()
-    guard = Guard(start, pulse, samples)
-    try:
-        guard.take_over()
-    except (RigLocked, OSError) as e:
-        commands.send(
-            (0, False, e if isinstance(e, RigLocked) else RigLocked(f"latch and journal cannot be kept: {e}"))
-        )
-        return 1
-    commands.send((0, True, None))
-    guard.start()
-    _serve(guard, commands)
-    return 0
-
-
-if __name__ == "__main__":
-    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ignored, signal.SIG_IGN)
-    code = main(Connection(int(sys.argv[1])), Listener(int(sys.argv[2])), Connection(int(sys.argv[3]), readable=False))
-    os._exit(code)  # threads may be stuck in a driver that does not come back

@@ -108,6 +108,20 @@ class Latch:
                 self._owned = handle
                 return
 
+    def owned(self) -> bool:
+        """Whether a guard owns the rig now."""
+        try:
+            handle = os.open(self.journal, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        except OSError:
+            return False
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError:
+            return True
+        finally:
+            os.close(handle)
+        return False
+
     def disown(self) -> None:
         """Let another guard have the rig."""
         handle, self._owned = self._owned, None

@@ -11,8 +11,9 @@ import contextlib
 import os
 import struct
 import threading
-import time
 from collections.abc import Iterator
+
+from .awake import Awake
 
 RECORD = struct.Struct("<cd")
 BEAT, SIGNAL, FORCE, MOMENT = b"B", b"S", b"F", b"M"
@@ -26,7 +27,9 @@ class Pulse:
     def __init__(self, pipe: int) -> None:
         os.set_blocking(pipe, False)
         self._pipe = pipe
-        self._last = time.monotonic()
+        self.awake = Awake()
+        """Time that this process was awake: what a silence, or a step that takes long, is measured on."""
+        self._last = self.awake.now
         self._held = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._beat, name="pulse", daemon=True)
@@ -34,7 +37,7 @@ class Pulse:
 
     def mark(self) -> None:
         """The experiment has moved on."""
-        self._last = time.monotonic()
+        self._last = self.awake.now
 
     @property
     def waiting(self) -> bool:
@@ -64,7 +67,8 @@ class Pulse:
 
     def _beat(self) -> None:
         while not self._ended.wait(PERIOD):
-            self.shout(BEAT, 0.0 if self._held else time.monotonic() - self._last)
+            now = self.awake.look()
+            self.shout(BEAT, 0.0 if self._held else now - self._last)
 
 
 class Listener:
@@ -73,8 +77,6 @@ class Listener:
     def __init__(self, pipe: int) -> None:
         os.set_blocking(pipe, False)
         self.pipe = pipe
-        self.heard = time.monotonic()
-        """When the last record came."""
         self.gone = False
         """True once the other end is closed: the program has ended."""
         self._rest = b""
@@ -90,7 +92,6 @@ class Listener:
         if not data:
             self.gone = True
             return []
-        self.heard = time.monotonic()
         self._rest += data
         whole = len(self._rest) // RECORD.size * RECORD.size
         records, self._rest = self._rest[:whole], self._rest[whole:]

@@ -195,6 +195,12 @@ class RigFile(Table):
         """The file this was read from; None when it was not read from one."""
         return self._path
 
+    def read_from(self, path: Path | None) -> RigFile:
+        """The same, known to have been read from this file."""
+        found = self.model_copy()
+        found._path = path
+        return found
+
 
 def load_rig(path: Path) -> RigFile:
     """Read rig.yaml; raises ConfigError. The robot's path in the result is absolute."""
@@ -204,6 +210,4 @@ def load_rig(path: Path) -> RigFile:
         raise ConfigError(
             f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file"
         )
-    found = rig.model_copy(update={"robot": robot})
-    found._path = path.resolve()
-    return found
+    return rig.model_copy(update={"robot": robot}).read_from(path.resolve())

@@ -1,4 +1,7 @@
-"""`lab safe`: vent, stop and un-jam whatever can be reached, confirmed by reading back; `--clear` unlocks the rig then."""
+"""`lab safe`: vent, stop and un-jam whatever can be reached, confirmed by reading back; `--clear` unlocks the rig then.
+
+A run that is going is not waited for: its guard lands the rig at once, and for good, and says here what it read back.
+"""
 
 from __future__ import annotations
 
@@ -6,32 +9,26 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from .actuators import Actuators
 from .clock import RigClock
 from .console import out
 from .instruments import ACTUATORS
 from .interrupts import Shielded
+from .landing import SafeReport
 from .latch import Entry, Latch
 from .rescue import land_anew
-from .rig_file import load_rig
+from .rig_file import RigFile, load_rig
+from .takeover import Requests
 
-REACH_WITHIN = 5.0
-"""Host seconds for an instrument that an earlier program has just let go of."""
+ANSWER_WITHIN = 30.0
+"""Host seconds for a landing by the guard of a run: longer than any landing takes."""
 
 
 def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
     file = load_rig(rig_path)
-    names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
     latch = Latch(rig_path)
     with Shielded():
-        actuators = Actuators(file, RigClock(file.clock.speed), lambda name, sample: None, despite_latch=True)
-        try:
-            report = land_anew(actuators, names, REACH_WITHIN)
-            if clear and report.confirmed:
-                actuators.unlock()
-        finally:
-            actuators.close()
+        report = _land(file, latch, clear)
     locked = latch.read()
     if as_json:
         steps = [asdict(s) for s in report.steps]
@@ -45,6 +42,16 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
             out.print(f"  {step.instrument}: {'safe' if step.confirmed else '[red]NOT CONFIRMED[/red]'} ({step.text})")
         out.print(_verdict(report.confirmed, locked, rig_path))
     return 0 if report.confirmed and locked is None else 1
+
+
+def _land(file: RigFile, latch: Latch, clear: bool) -> SafeReport:
+    """By the guard of the run that is going; by this process where there is none, or where it does not answer."""
+    names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
+    if latch.owned() and file.path is not None:
+        report = Requests(file.path).ask(ANSWER_WITHIN)
+        if report is not None:
+            return report
+    return land_anew(file, RigClock(file.clock.speed), names, "lab safe", unlock=clear)
 
 
 def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> str:

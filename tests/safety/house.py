@@ -36,6 +36,12 @@ class House:
             data["instruments"].pop(name)
         self.rig.write_text(yaml.safe_dump(data))
 
+    def change_instrument(self, name: str, **values: Any) -> None:
+        """Rewrite one instrument's table in rig.yaml."""
+        data = yaml.safe_load(self.rig.read_text())
+        data["instruments"][name].update(values)
+        self.rig.write_text(yaml.safe_dump(data))
+
     def highest(self) -> float:
         """The highest chamber pressure in truth, Pa."""
         return float(max(self.fakes.plant.chamber_pressure))

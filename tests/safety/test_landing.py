@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -10,12 +11,22 @@ from typing import Any
 import pytest
 from house import House, until
 
-from drivers.interfaces import SpineSample
+from drivers.interfaces import PressureSample, SpineSample
 from lab import landing
 from lab.clock import RigClock
 from lab.instruments import ACTUATORS, make
-from lab.landing import Landing, SafeReport
+from lab.landing import Instruments, Landing, SafeReport
 from lab.rig_file import Safe, load_rig
+
+
+def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: Any = lambda name: False) -> Landing:
+    """A landing of drivers that are open."""
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is open")
+
+    return Landing(policy, Instruments(drivers, list(drivers), refuse, busy), speed)
+
 
 SUBSETS = [s for n in range(5) for s in itertools.combinations(ACTUATORS, n)]
 
@@ -51,7 +62,7 @@ def test_the_others_stop(
     if "arm" in failing:
         assert until(lambda: stale(drivers["arm"]), 2.0)
     began = time.monotonic()
-    report = Landing(Safe(within=1.0), drivers, 20.0).land(ACTUATORS, keep_vacuum=False)
+    report = landing_of(drivers, Safe(within=1.0), 20.0).land(ACTUATORS, keep_vacuum=False)
     assert time.monotonic() - began < 6.0
     house.fakes.switch.end()
     assert {s.instrument: s.confirmed for s in report.steps} == {n: n not in failing for n in ACTUATORS}, report
@@ -73,7 +84,7 @@ def test_nothing_open_is_safe_and_says_so() -> None:
 
 def test_the_vacuum_is_kept_when_the_policy_says_so(house: House, drivers: dict[str, Any]) -> None:
     drivers["valve"].set(True)
-    report = Landing(Safe(), drivers, 20.0).land(ACTUATORS, keep_vacuum=True)
+    report = landing_of(drivers, Safe(), 20.0).land(ACTUATORS, keep_vacuum=True)
     assert report.confirmed and "valve" not in {s.instrument for s in report.steps}
     assert house.fakes.plant.valve_on
     drivers["valve"].set(False)
@@ -92,6 +103,9 @@ def test_stops_are_sent_in_the_order_of_the_policy() -> None:
 
         vent = stop
 
+        def connect(self) -> None:
+            pass
+
         def set(self, on: bool) -> None:
             self.stop()
 
@@ -99,9 +113,47 @@ def test_stops_are_sent_in_the_order_of_the_policy() -> None:
             raise RuntimeError("no")
 
     names = ("valve", "spine", "pressure", "arm")
-    report = Landing(Safe(order=names, within=0.1), {n: Driver(n) for n in names}, 200.0).land(names, False)
+    report = landing_of({n: Driver(n) for n in names}, Safe(order=names, within=0.1), 200.0).land(names, False)
     assert tuple(told[:4]) == names
     assert not report.confirmed and all("did not take the stop" in s.text for s in report.steps)
+
+
+def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> None:
+    """The arm's controller and the gauge keep whoever opens them; the regulators are told, identified and read meanwhile."""
+    told, freed, opened = threading.Event(), threading.Event(), []
+
+    class Regulators:
+        def connect(self) -> None:
+            assert not opened
+
+        def vent(self) -> None:
+            told.set()
+
+        def read(self) -> PressureSample:
+            assert "pressure" in opened
+            return PressureSample(0.0, (0.0,), (0.0,))
+
+    class Arm:
+        def stop(self) -> None: ...
+
+        def standing(self) -> bool:
+            return True
+
+    def open_one(name: str) -> None:
+        if name != "pressure":
+            assert freed.wait(60.0)
+        opened.append(name)
+
+    instruments = Instruments({"arm": Arm(), "pressure": Regulators(), "gauge": object()}, opened, open_one)
+    reports: list[SafeReport] = []
+    landing_ = Landing(Safe(), instruments, 20.0)
+    thread = threading.Thread(target=lambda: reports.append(landing_.land(ACTUATORS[:2], False, 60.0)), daemon=True)
+    thread.start()
+    assert told.wait(30.0) and until(lambda: opened == ["pressure"], 30.0)
+    assert thread.is_alive()
+    freed.set()
+    thread.join(60.0)
+    assert reports[0].confirmed and {s.instrument for s in reports[0].steps} == {"arm", "pressure"}
 
 
 def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
@@ -126,7 +178,7 @@ def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
             spine.moving = True  # here it comes
         return False
 
-    report = Landing(Safe(), {"spine": spine}, 20.0, busy).land(["spine"], keep_vacuum=False)
+    report = landing_of({"spine": spine}, Safe(), 20.0, busy).land(["spine"], keep_vacuum=False)
     assert report.confirmed and spine.stops == 3 and not spine.moving
 
 
@@ -138,6 +190,6 @@ def test_a_command_that_does_not_come_back_keeps_the_landing_unconfirmed() -> No
         def read(self) -> SpineSample:
             return SpineSample(0.0, 0.1, 0.0, 0.1, False, True)
 
-    landed = Landing(Safe(within=0.1), {"spine": Spine()}, 200.0, lambda name: True)
+    landed = landing_of({"spine": Spine()}, Safe(within=0.1), 200.0, lambda name: True)
     report = landed.land(["spine"], keep_vacuum=False)
     assert not report.confirmed and "does not come back" in str(report)
