@@ -1,7 +1,8 @@
 """Landing: every actuator brought into the safe state, each whatever happens to the others, and read back.
 
 Each instrument has a thread of its own, started in the order of the policy: its stop is sent, and again until it is
-taken; then it is read until it is measured safe. A line that is dead holds up nobody but itself.
+taken; then it is read until it is measured safe. The next one starts when the one before has taken or refused its stop,
+and after a short head start in any case: a line that is dead holds up nobody but itself.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from drivers.errors import InstrumentError, NotReady
 from .rig_file import Safe
 
 HEAD_START = 0.005
-"""Host seconds between two stops in the order: enough to keep it, too little to delay anything."""
+"""Host seconds after which the next stop is sent, whatever became of the one before: too little to delay anything."""
 AGAIN = 0.3
 """Host seconds after which a stop is sent again as long as the instrument is not read back safe."""
 LEAST_TIME = 2.0
@@ -100,9 +101,11 @@ class Landing:
             try:
                 if overtook or time.monotonic() >= again_at:
                     before = self._busy(name)
-                    stop()
+                    try:
+                        stop()
+                    finally:
+                        sent.set()
                     taken, overtook, again_at = True, before, time.monotonic() + AGAIN
-                    sent.set()
                 confirmed, text = is_safe()
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
                 text = str(e) if taken else f"did not take the stop: {e}"
