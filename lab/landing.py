@@ -1,8 +1,9 @@
 """Landing: every actuator brought into the safe state, each whatever happens to the others, and read back.
 
 Each instrument has a thread of its own, started in the order of the policy. There it is opened if it has to be, its stop is
-sent, and again until it is taken; then it is read until it is measured safe. Nobody waits for anybody: a line that is dead, or
-an instrument that does not let itself be opened, holds up itself alone.
+sent, and again until it is taken; then it is read until it is measured safe. The next one starts when the one before has taken or
+refused its stop, and after a short head start in any case: a line that is dead, or an instrument that does not let itself be
+opened, holds up nobody but itself.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from drivers.errors import InstrumentError, NotReady
 from .rig_file import Safe
 
 HEAD_START = 0.005
-"""Host seconds between two stops in the order: enough to keep it, too little to delay anything."""
+"""Host seconds after which the next stop is sent, whatever became of the one before: too little to delay anything."""
 AGAIN = 0.3
 """Host seconds after which a stop is sent again as long as the instrument is not read back safe."""
 LEAST_TIME = 2.0
@@ -131,9 +132,11 @@ class Landing:
             try:
                 if overtook or time.monotonic() >= again_at:
                     before, again_at = self._rig.busy(name), time.monotonic() + AGAIN
-                    stop()
+                    try:
+                        stop()
+                    finally:
+                        sent.set()
                     taken, overtook = True, before
-                    sent.set()
                 if closed and self._is_open(name):
                     closed, deadline = False, time.monotonic() + self._within
                 confirmed, text = is_safe()

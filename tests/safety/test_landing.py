@@ -90,32 +90,59 @@ def test_the_vacuum_is_kept_when_the_policy_says_so(house: House, drivers: dict[
     drivers["valve"].set(False)
 
 
-def test_stops_are_sent_in_the_order_of_the_policy() -> None:
+class Refusing:
+    """An actuator that refuses its stop, told in `told`, and shows nothing."""
+
+    def __init__(self, name: str, told: list[str]) -> None:
+        self.name, self.told = name, told
+
+    def stop(self) -> None:
+        self.told.append(self.name)
+        raise RuntimeError("no")
+
+    vent = stop
+
+    def connect(self) -> None:
+        pass
+
+    def set(self, on: bool) -> None:
+        self.stop()
+
+    def standing(self) -> bool:
+        raise RuntimeError("no")
+
+
+def test_stops_are_sent_in_the_order_of_the_policy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(landing, "HEAD_START", 60.0)  # a stop that is refused makes room for the next at once
+    monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
     told: list[str] = []
+    names = ("valve", "spine", "pressure", "arm")
+    report = landing_of({n: Refusing(n, told) for n in names}, Safe(order=names, within=0.1), 200.0).land(names, False)
+    assert tuple(dict.fromkeys(told)) == names
+    assert not report.confirmed and all("did not take the stop" in s.text for s in report.steps)
 
-    class Driver:
-        def __init__(self, name: str) -> None:
-            self.name = name
 
+def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
+    told: list[str] = []
+    names = ("valve", "spine", "pressure", "arm")
+    others_told = threading.Event()
+
+    class Hanging(Refusing):
         def stop(self) -> None:
-            told.append(self.name)
-            raise RuntimeError("no")
+            assert others_told.wait(60.0)
+            super().stop()
+
+    class Last(Refusing):
+        def stop(self) -> None:
+            others_told.set()
+            super().stop()
 
         vent = stop
 
-        def connect(self) -> None:
-            pass
-
-        def set(self, on: bool) -> None:
-            self.stop()
-
-        def standing(self) -> bool:
-            raise RuntimeError("no")
-
-    names = ("valve", "spine", "pressure", "arm")
-    report = landing_of({n: Driver(n) for n in names}, Safe(order=names, within=0.1), 200.0).land(names, False)
-    assert tuple(told[:4]) == names
-    assert not report.confirmed and all("did not take the stop" in s.text for s in report.steps)
+    drivers = {n: {"valve": Hanging, "arm": Last}.get(n, Refusing)(n, told) for n in names}
+    landing_of(drivers, Safe(order=names), 20.0).land(names, False)
+    assert set(told) == set(names), "the first comes back only after the last was told"
 
 
 def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> None:
