@@ -18,11 +18,15 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
+from recordings.bounded import read_bounded
+
 from .units import UnitError, to_si
 
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]
-MAX_BYTES = 1_000_000
+MOST_PROBLEMS = 50
+"""Of one file that are spelled out."""
 
 
 class ConfigError(Exception):
@@ -45,15 +49,10 @@ class Source:
 
 
 def read_yaml(path: Path) -> Source:
-    """Parse one YAML file (safe loader, at most 1 MB); raises ConfigError."""
+    """Parse one YAML file (plain values only, see `model.plain_yaml`); raises ConfigError."""
+    data = read_bounded(path, 4 * MOST_CHARACTERS, ConfigError)
     try:
-        if path.exists() and not path.is_file():
-            raise ConfigError(f"{path}: is not a file; give the path of a YAML file")
-        if path.stat().st_size > 4 * MAX_BYTES:
-            raise ConfigError(f"{path}: has {path.stat().st_size} bytes, more than any sensible file")
-        text = path.read_text(encoding="utf-8")
-    except OSError as e:
-        raise ConfigError(f"{path}: cannot be read ({e.strerror}); check the path") from e
+        text = data.decode("utf-8")
     except UnicodeDecodeError as e:
         raise ConfigError(f"{path}: is not a text file; a YAML file is needed here") from e
     return parse_yaml(text, str(path))
@@ -61,17 +60,10 @@ def read_yaml(path: Path) -> Source:
 
 def parse_yaml(text: str, name: str) -> Source:
     """Parse YAML text; `name` stands for it in messages."""
-    if len(text) > MAX_BYTES:
-        raise ConfigError(f"{name}: has {len(text)} characters, more than the {MAX_BYTES} of any sensible file")
-    if text.count("*") and any(isinstance(t, yaml.AliasToken) for t in _scan(text, name)):
-        raise ConfigError(f"{name}: uses YAML aliases (*name); write the values out")
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as e:
-        mark = getattr(e, "problem_mark", None)
-        where = f"{name}:{mark.line + 1}" if mark else name
-        raise ConfigError(f"{where}: is not valid YAML: {getattr(e, 'problem', None) or _first_line(e)}") from e
+        data, node = parse(text)
+    except BadYaml as e:
+        raise ConfigError(f"{name}{'' if e.line is None else f':{e.line}'}: {e.why}") from e
     lines: dict[Loc, int] = {}
     if node is not None:
         _collect_lines(node, (), lines)
@@ -87,34 +79,29 @@ def check(source: Source, model: type[M]) -> M:
     """Turn parsed values into `model`; raises ConfigError with all problems."""
     if not isinstance(source.data, dict):
         raise ConfigError(f"{source.name}: holds {_short(source.data)}, not a table of keys and values")
-    problems: dict[Loc, str] = {}
+    problems: dict[Loc, str | ErrorDetails] = {}
     data = _convert_model(source.data, model, (), problems)
     try:
         result = model.model_validate(data)
     except ValidationError as e:
         for error in e.errors(include_url=False):
-            loc = _own_loc(error["loc"], data)
-            problems.setdefault(loc, _describe(error, loc, data, model))
+            problems.setdefault(_own_loc(error["loc"], data), error)
     else:
         if not problems:
             return result
     order = sorted(problems, key=lambda loc: (source.lines.get(loc, 10**9), str(loc)))
-    raise ConfigError("\n".join(f"{source.at(loc)}: {problems[loc]}" for loc in order))
+    told = []
+    for loc in order[:MOST_PROBLEMS]:
+        problem = problems[loc]
+        told.append(
+            f"{source.at(loc)}: {problem if isinstance(problem, str) else _describe(problem, loc, data, model)}"
+        )
+    if len(order) > len(told):
+        told.append(f"{source.name}: and {len(order) - len(told)} more problems")
+    raise ConfigError("\n".join(told))
 
 
 # ------------------------------------------------------------------ where a key stands
-def _scan(text: str, name: str) -> list[Any]:
-    try:
-        return list(yaml.scan(text, Loader=yaml.SafeLoader))
-    except (yaml.YAMLError, ValueError) as e:
-        mark = getattr(e, "problem_mark", None)
-        raise ConfigError(f"{name}{f':{mark.line + 1}' if mark else ''}: is not valid YAML: {_first_line(e)}") from e
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).partition("\n")[0]
-
-
 def _collect_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int]) -> None:
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
@@ -151,7 +138,7 @@ def _leaves(annotation: object) -> list[object]:
     return [annotation]
 
 
-def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, str]) -> dict[Any, Any]:
+def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]) -> dict[Any, Any]:
     out = dict(raw)
     for key, value in raw.items():
         field = model.model_fields.get(key) if isinstance(key, str) else None
@@ -160,7 +147,7 @@ def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, proble
     return out
 
 
-def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, str]) -> Any:
+def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:
     unit = _unit(field)
     if isinstance(value, dict):
         inner = _models(field.annotation, value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import json
 import time
 from dataclasses import dataclass
@@ -59,7 +60,7 @@ def job(protocol: str, rig_path: Path, settings: list[str], source: Source | Non
     source = _with(source or _source(protocol), settings)
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
-    if name not in EXPERIMENTS:
+    if not isinstance(name, str) or name not in EXPERIMENTS:
         raise ConfigError(
             f"{source.name}: protocol = {name!r}: must be one of {', '.join(EXPERIMENTS)}, or a protocol file"
         )
@@ -87,7 +88,7 @@ def _source(protocol: str) -> Source:
 
 def _with(source: Source, settings: list[str]) -> Source:
     """The source with `--set key=value` (dotted keys) put in."""
-    data: Any = json.loads(json.dumps(source.data)) if isinstance(source.data, dict) else source.data
+    data: Any = copy.deepcopy(source.data)
     for setting in settings:
         key, found, text = setting.partition("=")
         if not found or not isinstance(data, dict):

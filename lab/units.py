@@ -22,6 +22,8 @@ KINDS: dict[str, dict[str, float]] = {
     "A": {"A": 1.0, "mA": 1e-3},
 }
 
+LONGEST = 100
+"""Characters of a quantity; matching takes a time that grows with the square of it."""
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
 
 
@@ -34,9 +36,9 @@ def to_si(text: str, unit: str) -> float:
 
     Raises UnitError naming the units that would do.
     """
-    match = _QUANTITY.fullmatch(text)
+    match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
-        raise UnitError(f"{text!r} is not a number with a unit; write for example {example(unit)}")
+        raise UnitError(f"{text[:LONGEST]!r} is not a number with a unit; write for example {example(unit)}")
     value, name = float(match[1]), match[2]
     if name is None:
         return value

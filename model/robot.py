@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
 
 from model.errors import BadRobot
+from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
 
 Array = NDArray[np.float64]
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -25,8 +25,9 @@ LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": 
 Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e11, json_schema_extra={"unit": "Pa"})]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
 
-MOST_BYTES = 1_000_000
-"""Of a robot.yaml; what is larger is some other file."""
+
+MOST_PROBLEMS = 50
+"""Of one file that are spelled out."""
 
 
 def _form(value: object) -> str:
@@ -169,22 +170,22 @@ def robot_from_dict(data: Mapping[str, Any]) -> Robot:
     try:
         return Robot.model_validate(dict(data))
     except ValidationError as error:
-        raise BadRobot("\n".join(_line(e) for e in error.errors())) from error
+        raise BadRobot("\n".join(_line(e) for e in error.errors()[:MOST_PROBLEMS])) from error
 
 
 def load_robot(path: Path) -> Robot:
     """Read a robot.yaml written in SI numbers; raises `BadRobot` naming the file and every field that is wrong."""
+    if Path(path).exists() and not Path(path).is_file():
+        raise BadRobot(f"{path}: is not a file: give the path of a robot.yaml")
     try:
-        size = Path(path).stat().st_size
-        if size > MOST_BYTES:
-            raise BadRobot(
-                f"{path}: has {size} bytes, a robot.yaml has at most {MOST_BYTES}: check that this is the right file"
-            )
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        with open(path, encoding="utf-8") as file:
+            data, _ = parse(file.read(MOST_CHARACTERS + 1))
     except OSError as error:
         raise BadRobot(f"{path}: cannot be read ({error.strerror}): check the path") from error
-    except yaml.YAMLError as error:
-        raise BadRobot(f"{path}: not valid YAML: {error}") from error
+    except UnicodeDecodeError as error:
+        raise BadRobot(f"{path}: is not a text file: check that this is the right file") from error
+    except BadYaml as error:
+        raise BadRobot(f"{path}: {error}") from error
     if not isinstance(data, dict):
         raise BadRobot(f"{path}: holds no table of fields: start with `name:` and `length:`")
     try:
@@ -204,7 +205,7 @@ def _line(error: Any) -> str:
     if error["type"] in ("missing", "value_error"):
         return f"{field}: {message}"
     unit = _unit_of(error["loc"])
-    return f"{field} = {error['input']!r}{' ' + unit if unit else ''}: {message}"
+    return f"{field} = {repr(error['input'])[:60]}{' ' + unit if unit else ''}: {message}"
 
 
 def _unit_of(loc: tuple[int | str, ...]) -> str:

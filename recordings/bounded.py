@@ -6,19 +6,19 @@ import os
 import stat
 from pathlib import Path
 
-from .errors import RecordingError
 
-
-def read_bounded(path: str | os.PathLike[str], most: int, error: type[RecordingError]) -> bytes:
+def read_bounded(path: str | os.PathLike[str], most: int, error: type[Exception]) -> bytes:
     """The bytes of a regular file of `most` bytes at most; raises `error` for any other."""
     path = Path(path)
+    if "\0" in str(path):
+        raise error(f"{str(path)!r}: is no name of a file")
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise error(f"{path}: is not a file")
         with open(path, "rb") as file:
             data = file.read(most + 1)
     except OSError as problem:
-        raise error(f"{path}: cannot be read: {problem.strerror}") from problem
+        raise error(f"{path}: cannot be read ({problem.strerror}); check the path") from problem
     if len(data) > most:
         raise error(f"{path}: has more than {most / 1e6:g} MB, which no sensible file of this kind has")
     return data

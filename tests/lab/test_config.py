@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from lab.config import ConfigError, load
+from lab.config import MOST_PROBLEMS, ConfigError, check, load, parse_yaml
+from lab.units import UnitError, to_si
 
 
 class Table(BaseModel):
@@ -92,3 +93,17 @@ def test_what_is_no_table_is_one_clear_error(tmp_path: Path, text: str) -> None:
 def test_a_missing_file_says_so(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read"):
         load(tmp_path / "none.yaml", File)
+
+
+def test_a_quantity_of_a_million_characters_is_refused_at_once() -> None:
+    # matching them would take a time that grows with the square of their number
+    for text in ("1" * 10**6 + "\nx", "1 a" + " " * 10**6 + "b"):
+        with pytest.raises(UnitError, match="not a number with a unit"):
+            to_si(text, "Pa")
+
+
+def test_of_very_many_problems_the_first_are_spelled_out_and_the_rest_is_counted() -> None:
+    text = "\n".join(f"key{i}: 1" for i in range(5000))
+    with pytest.raises(ConfigError, match=r"and \d+ more problems") as caught:
+        check(parse_yaml(text, "rig.yaml"), File)
+    assert len(str(caught.value).splitlines()) == MOST_PROBLEMS + 1

@@ -1,0 +1,131 @@
+"""YAML as a person writes it: tables, lists, numbers, texts, true, false and null. Everything else is an error with its line.
+
+YAML can say much more (dates, sets, references, numbers of any size, tables as deep as memory). None of it has a
+meaning in the files of this project, and each is a way to make a program stumble or a small file large.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Hashable
+from typing import Any
+
+import yaml
+
+MOST_CHARACTERS = 500_000
+"""Of a file that a person writes; the longest of this project has 5000."""
+DEEPEST = 20
+"""Tables and lists within each other; the files of this project have five."""
+MOST_VALUES = 20_000
+"""Keys and values of a file."""
+LONGEST_NUMBER = 40
+"""Characters of a number."""
+LARGEST_INTEGER = 2**53
+"""Beyond it not every whole number is a float."""
+
+_PLAIN = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str")}
+_UNSAYABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
+"""Characters that no name, path or unit holds: control characters and halves of a character."""
+
+
+class BadYaml(ValueError):
+    """A text that is not plain YAML. `line` counts from 1; None where no line is to blame."""
+
+    def __init__(self, why: str, line: int | None = None) -> None:
+        super().__init__(why if line is None else f"line {line}: {why}")
+        self.why, self.line = why, line
+
+
+class _Loader(yaml.SafeLoader):
+    """Builds plain values only."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {
+        first: [(tag, pattern) for tag, pattern in found if tag in _PLAIN]
+        for first, found in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+    def __init__(self, text: str) -> None:
+        self._depth = self._values = 0
+        super().__init__(text)
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent):
+            raise BadYaml(f"uses the YAML alias *{str(event.anchor)[:40]}; write the values out", line)
+        tag = getattr(event, "tag", None)
+        if tag is not None and tag != "!":
+            raise BadYaml(f"uses the YAML tag {str(tag)[:40]!r}; write the plain value", line)
+        self._values += 1
+        if self._values > MOST_VALUES:
+            raise BadYaml(f"has more than {MOST_VALUES} keys and values; no sensible file has so many", line)
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise BadYaml(f"has more than {DEEPEST} tables and lists within each other", line)
+        node: yaml.Node | None = super().compose_node(parent, index)  # type: ignore[no-untyped-call]
+        self._depth -= 1
+        return node
+
+
+def parse(text: str) -> tuple[object, yaml.Node | None]:
+    """The values of a text, and its nodes (they know their lines); raises `BadYaml`, and nothing else."""
+    if len(text) > MOST_CHARACTERS:
+        raise BadYaml(f"has {len(text)} characters, more than the {MOST_CHARACTERS} of any sensible file")
+    loader = None
+    try:
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        return (None if node is None else _value(loader, node)), node
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        why = getattr(error, "problem", None) or str(error).partition("\n")[0]
+        raise BadYaml(f"is not valid YAML: {why}", mark.line + 1 if mark else None) from error
+    finally:
+        if loader is not None:
+            loader.dispose()  # type: ignore[no-untyped-call]
+
+
+def _value(loader: _Loader, node: yaml.Node) -> object:
+    if isinstance(node, yaml.SequenceNode):
+        return [_value(loader, item) for item in node.value]
+    if isinstance(node, yaml.MappingNode):
+        table: dict[object, object] = {}
+        for key_node, value_node in node.value:
+            key = _value(loader, key_node)
+            if not isinstance(key, Hashable):
+                raise BadYaml("a table or list is no key", _line(key_node))
+            if key in table:
+                raise BadYaml(f"the key {str(key)[:40]!r} stands twice in one table", _line(key_node))
+            table[key] = _value(loader, value_node)
+        return table
+    return _scalar(loader, yaml.ScalarNode(node.tag, node.value, node.start_mark))
+
+
+def _scalar(loader: _Loader, node: yaml.ScalarNode) -> object:
+    text = node.value
+    kind = node.tag.rpartition(":")[2]
+    if kind == "str":
+        if found := _UNSAYABLE.search(text):
+            raise BadYaml(f"a text holds the character {found[0]!r}, which cannot be part of it", _line(node))
+        return text
+    if kind == "null":
+        return None
+    if kind == "bool":
+        return loader.construct_yaml_bool(node)  # type: ignore[no-untyped-call]
+    try:
+        if len(text) > LONGEST_NUMBER:
+            raise ValueError("too long")
+        make = loader.construct_yaml_int if kind == "int" else loader.construct_yaml_float
+        number = make(node)  # type: ignore[no-untyped-call]
+    except (ValueError, IndexError, OverflowError) as error:
+        raise BadYaml(f"{text[:LONGEST_NUMBER]!r} is no number that can be used", _line(node)) from error
+    if isinstance(number, int) and abs(number) > LARGEST_INTEGER:
+        raise BadYaml(f"{text[:LONGEST_NUMBER]} is beyond {LARGEST_INTEGER}; write a float", _line(node))
+    if isinstance(number, float) and math.isinf(number) and "inf" not in text.lower():
+        raise BadYaml(f"{text[:LONGEST_NUMBER]} is larger than any number", _line(node))
+    return number
+
+
+def _line(node: yaml.Node) -> int:
+    return int(node.start_mark.line) + 1

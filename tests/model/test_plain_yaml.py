@@ -1,0 +1,77 @@
+"""YAML of people: plain values only, and one error with its line for everything else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from model.errors import BadRobot
+from model.plain_yaml import MOST_CHARACTERS, MOST_VALUES, BadYaml, parse
+from model.robot import load_robot
+
+
+def test_tables_lists_numbers_and_texts_are_read_as_before() -> None:
+    text = "a: [1, -2.5, 1.0e-3, 0x10, 1_000]\nb: {c: yes, d: ~, 0.05: 250 kPa}\n# note\ne: '007'\n"
+    values = {"a": [1, -2.5, 1e-3, 16, 1000], "b": {"c": True, "d": None, 0.05: "250 kPa"}, "e": "007"}
+    assert parse(text)[0] == values
+    assert parse("")[0] is None
+
+
+@pytest.mark.parametrize(
+    ("value", "word"),
+    [
+        ("!!timestamp foo", "tag"),
+        ("!!int ''", "tag"),
+        ("!!float x", "tag"),
+        ("!!binary aGk=", "tag"),
+        ("!!set {a, b}", "tag"),
+        ("!!python/object/apply:os.system [id]", "tag"),
+        ("*other", "alias"),
+        ("0x" + "f" * 400, "number"),
+        ("9" * 5000, "number"),
+        ("0b_", "number"),
+        ("1.0e+999", "larger"),
+        ("9007199254740993", "beyond"),
+        ('"\\0"', "character"),
+        ('"\\ud800"', "character"),
+        ("[" * 30 + "]" * 30, "within each other"),
+        ("{a: 1, a: 2}", "twice"),
+        ("{[1]: 2}", "no key"),
+        ("@", "not valid YAML"),
+    ],
+)
+def test_everything_else_is_an_error_with_its_line(value: str, word: str) -> None:
+    with pytest.raises(BadYaml, match=word) as caught:
+        parse(f"x: 1\ny: {value}\n")
+    assert caught.value.line == 2 and len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("text", ["\0", "a: \0", "\ud800", "%YAML 9.9\n---\na", "--- a\n--- b", "]", "\t"])
+def test_what_is_no_yaml_at_all_is_an_error(text: str) -> None:
+    with pytest.raises(BadYaml, match="not valid YAML"):
+        parse(text)
+
+
+def test_a_date_is_a_text_and_a_merge_key_is_a_key_like_any_other() -> None:
+    assert parse("a: 2001-01-01\n")[0] == {"a": "2001-01-01"}
+    assert parse("<<: {a: 1}\n")[0] == {"<<": {"a": 1}}
+
+
+@pytest.mark.parametrize(
+    "text", ["x" * (MOST_CHARACTERS + 1), "[" + "1," * MOST_VALUES + "]", "[" * 5000, "- " * 5000, "{a: " * 5000]
+)
+def test_what_is_longer_or_deeper_than_any_sensible_file_is_given_up_early(text: str) -> None:
+    with pytest.raises(BadYaml, match="more than"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    "data", [b"\xff\xfe", b"name: !!int ''", b"[" * 5000, b"\0", b'name: "\\0"', b"x" * (MOST_CHARACTERS + 1)]
+)
+def test_a_robot_file_of_such_content_is_a_bad_robot(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "robot.yaml").write_bytes(data)
+    with pytest.raises(BadRobot, match=r"robot\.yaml"):
+        load_robot(tmp_path / "robot.yaml")
+    with pytest.raises(BadRobot, match="not a file"):
+        load_robot(tmp_path)
