@@ -17,7 +17,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from natnet import NatNetClient
 from natnet.data_descriptions import DataDescriptions
 from natnet.data_frame import DataFrame, RigidBody
 from natnet.exceptions import NatNetError
@@ -26,13 +25,12 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from .errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from .frames import apply, compose, matrix_from_quaternion
 from .interfaces import BodySample, Clock, Identity, Quaternion, Sink, Vector3
+from .natnet_socket import ServerClient
 
 OLDEST_VERSION = (3, 0)
 """First NatNet version whose frames have the layout relied on here."""
 POLL = 0.001
 """Pause between two looks at the sockets, s."""
-KEEP_ALIVE = 0.5
-"""Pause between two keep-alive messages, s; the client would send one with every look."""
 ASK_AGAIN = 0.3
 """Pause before a request is repeated, s: datagrams get lost."""
 FARTHEST = 20.0
@@ -66,9 +64,9 @@ class Config(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     server: str
-    """Address of the computer that runs Motive."""
+    """Address of the computer that runs Motive; nobody else is heard."""
     local: str = ""
-    """Address of this computer in Motive's network; empty: whichever leads there."""
+    """Address of this computer in Motive's network, on which alone it listens; empty: the one that leads there."""
     command_port: int = Field(default=1510, ge=1, le=65535, json_schema_extra={"unit": ""})
     data_port: int = Field(default=1511, ge=1, le=65535, json_schema_extra={"unit": ""})
     body: str
@@ -90,33 +88,29 @@ class Config(BaseModel):
         return self
 
 
-class _Client(NatNetClient):  # type: ignore[misc]
-    """The natnet client with fewer keep-alive messages."""
-
-    _kept_alive = -math.inf
-
-    def send_request(self, command: int, command_str: str = "") -> int:
-        if command == self.NAT_KEEPALIVE:
-            now = time.monotonic()
-            if now - self._kept_alive < KEEP_ALIVE:
-                return 0
-            self._kept_alive = now
-        sent: int = super().send_request(command, command_str)
-        return sent
-
-
 class NatNetMocap:
     """Motion capture; see the module's text."""
 
-    def __init__(self, name: str, config: Config, clock: Clock, sink: Sink[BodySample]) -> None:
+    def __init__(
+        self,
+        name: str,
+        config: Config,
+        clock: Clock,
+        sink: Sink[BodySample],
+        notice: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """`notice` is called once after each `open` when anything but the server sends datagrams here, with a sentence."""
         self.name = name
         self.lost = 0
         """Frames missing in the server's count."""
         self._config = config
         self._clock = clock
         self._sink = sink
+        self._notice = notice
+        self._elsewhere = ""
+        """The first address that was not the server's."""
         self._rotation = matrix_from_quaternion(config.mocap_to_base.quaternion)
-        self._client: _Client | None = None
+        self._client: ServerClient | None = None
         self._frames: deque[DataFrame] = deque()
         self._descriptions: deque[DataDescriptions] = deque()
         self._ids: dict[str, int] = {}
@@ -136,13 +130,8 @@ class NatNetMocap:
         times the time-out.
         """
         self.close()
-        client = _Client(
-            server_ip_address=self._config.server,
-            local_ip_address=self._config.local,
-            command_port=self._config.command_port,
-            data_port=self._config.data_port,
-            use_multicast=False,
-        )
+        self._elsewhere = ""
+        client = self._client_of_server()
         client.on_data_frame_received_event.handlers.append(self._frames.append)
         client.on_data_description_received_event.handlers.append(self._descriptions.append)
         try:
@@ -201,15 +190,38 @@ class NatNetMocap:
         )
 
     # -- connecting
-    def _meet(self, client: _Client) -> Identity:
+    def _client_of_server(self) -> ServerClient:
+        config = self._config
+        try:
+            return ServerClient(
+                config.server, config.local, (config.command_port, config.data_port), self._heard_elsewhere
+            )
+        except OSError as e:
+            raise Unreachable(
+                self.name,
+                f"{config.server} cannot be reached from here ({e}); check server in rig.yaml and the network",
+            ) from e
+
+    def _heard_elsewhere(self, address: str) -> None:
+        """Somebody who is not the server has sent a datagram; it was thrown away."""
+        if self._elsewhere:
+            return
+        self._elsewhere = address
+        self._notice(
+            f"{self.name}: datagrams from {address} are not taken, only those of {self._config.server}; find out who "
+            "sends them, or correct server in rig.yaml"
+        )
+
+    def _meet(self, client: ServerClient) -> Identity:
         config = self._config
         where = f"{config.server}:{config.command_port}"
         try:
             client.connect(timeout=config.timeout)
         except TimeoutError as e:
+            other = f" (what {self._elsewhere} sent was not taken)" if self._elsewhere else ""
             raise Unreachable(
                 self.name,
-                f"no NatNet server answers at {where} within {config.timeout} s; check that Motive streams (Data "
+                f"no NatNet server answers at {where} within {config.timeout} s{other}; check that Motive streams (Data "
                 "Streaming on), the addresses in rig.yaml and the firewall",
             ) from e
         except (OSError, NatNetError) as e:
@@ -228,7 +240,7 @@ class NatNetMocap:
         self._wait(client, lambda: bool(self._frames), "frames; set Motive to live, and its transmission to unicast")
         return Identity("OptiTrack", f"{info.application_name}, {speaks}", firmware=str(info.server_version))
 
-    def _find_bodies(self, client: _Client, where: str) -> dict[str, int]:
+    def _find_bodies(self, client: ServerClient, where: str) -> dict[str, int]:
         """Ids of the tip's and the markers' bodies."""
         self._wait(client, lambda: bool(self._descriptions), "model definitions", client.request_modeldef)
         ids = {body.name: body.id_num for body in self._descriptions[-1].rigid_bodies}
@@ -242,7 +254,7 @@ class NatNetMocap:
         return ids
 
     def _wait(
-        self, client: _Client, done: Callable[[], bool], what: str, ask: Callable[[], None] | None = None
+        self, client: ServerClient, done: Callable[[], bool], what: str, ask: Callable[[], None] | None = None
     ) -> None:
         """Serve the sockets until `done`, asking again and again; raises `Unreachable` after the time-out."""
         deadline = time.monotonic() + self._config.timeout
@@ -258,7 +270,7 @@ class NatNetMocap:
                 ask()
             self._serve(client)
 
-    def _serve(self, client: _Client) -> None:
+    def _serve(self, client: ServerClient) -> None:
         """Take what has arrived. A damaged datagram is dropped; the count of frames will show it."""
         try:
             client.update_sync()
@@ -267,7 +279,7 @@ class NatNetMocap:
         time.sleep(POLL)
 
     # -- streaming
-    def _run(self, client: _Client) -> None:
+    def _run(self, client: ServerClient) -> None:
         while not self._stopping.is_set():
             self._serve(client)
             while self._frames:

@@ -38,8 +38,12 @@ def check(rig_path: Path, seconds: float, as_json: bool) -> int:
         span = time.monotonic() - began
         rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
     lost = sum(r.get("lost", 0) for r in rows)
+    for text in rig.notices:
+        err.print(f"warning: {text}")
     if as_json:
-        print(json.dumps({"rig": rig.file.name, "seconds": span, "instruments": rows}, indent=1))
+        print(
+            json.dumps({"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}, indent=1)
+        )
     else:
         out.print(_table(rig.file.name, rows, span))
         for f in failures:

@@ -1,11 +1,19 @@
-"""Who prepares the rig: a person at the console, or a program that answers JSON lines at a TCP address."""
+"""Who prepares the rig: a person at the console, or a program that answers JSON lines at a Unix socket.
+
+Whoever answers sets a paused rig going again, so the program must be of the same user: its socket lies in a folder that nobody
+else may enter, and the kernel says who is at the other end.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import socket
+import stat
+import struct
 import sys
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from protocols.bench import Operator, Setup
@@ -48,8 +56,8 @@ class Console:
 class Program:
     """Sends each set-up as one JSON line and waits for {"ok": true}."""
 
-    def __init__(self, host: str, port: int, within: float = 60.0) -> None:
-        self.address, self.within = (host, port), within
+    def __init__(self, path: Path, within: float = 60.0) -> None:
+        self.path, self.within = path, within
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare; ProtocolError when the program refuses or does not answer."""
@@ -65,11 +73,15 @@ class Program:
 
     @property
     def _where(self) -> str:
-        return f"operator at {self.address[0]}:{self.address[1]}"
+        return f"operator at {self.path}"
 
     def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
         try:
-            with socket.create_connection(self.address, timeout=self.within) as connection:
+            self._check_folder()
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+                connection.settimeout(self.within)
+                connection.connect(str(self.path))
+                self._check_peer(connection)
                 connection.sendall(json.dumps(question).encode() + b"\n")
                 line = connection.makefile().readline(LONGEST_ANSWER)
             answer = json.loads(line)
@@ -81,10 +93,30 @@ class Program:
             raise ProtocolError(f"{self._where}: answered {answer!r}; a JSON object with ok is needed")
         return answer
 
+    def _check_folder(self) -> None:
+        """Raises ProtocolError for a folder in which somebody else could put a socket, OSError without one."""
+        folder = self.path.parent
+        found = folder.stat()
+        mode = stat.S_IMODE(found.st_mode)
+        if found.st_uid != os.getuid():
+            raise ProtocolError(
+                f"{self._where}: its folder belongs to user {found.st_uid}, not to you ({os.getuid()}); have the socket in "
+                "a folder of your own of mode 0700"
+            )
+        if mode & 0o077:
+            raise ProtocolError(
+                f"{self._where}: its folder has mode {mode:04o}, so other users could answer; chmod 700 {folder}"
+            )
+
+    def _check_peer(self, connection: socket.socket) -> None:
+        """Raises ProtocolError when another user listens at the socket."""
+        _, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        if user != os.getuid():
+            raise ProtocolError(
+                f"{self._where}: user {user} listens there, not you ({os.getuid()}); start the program as yourself"
+            )
+
 
 def operator(spec: str) -> Operator:
-    """The operator that rig.yaml names: "console" or "tcp://host:port"."""
-    if spec == "console":
-        return Console()
-    host, port = spec.removeprefix("tcp://").rsplit(":", 1)
-    return Program(host, int(port))
+    """The operator that rig.yaml names: "console" or "unix:/path/of/its.sock"."""
+    return Console() if spec == "console" else Program(Path(spec.removeprefix("unix:")))

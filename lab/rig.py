@@ -44,6 +44,8 @@ class Rig:
         self.clock = RigClock(file.clock.speed)
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
+        self.notices: list[str] = []
+        """What drivers noticed beside their samples; each stands in the recording as a warning."""
         self.vital = Vital()
         self.stop_now: Callable[[], bool] = lambda: False
         """True once a person wants everything to stop at once."""
@@ -59,7 +61,9 @@ class Rig:
         if instruments.force:
             self.streams["force"] = ft300s.FT300S("force", instruments.force, self.clock, self._sink)
         if instruments.mocap:
-            self.streams["mocap"] = natnet_mocap.NatNetMocap("mocap", instruments.mocap, self.clock, self._sink)
+            self.streams["mocap"] = natnet_mocap.NatNetMocap(
+                "mocap", instruments.mocap, self.clock, self._sink, self._noticed
+            )
         if instruments.arm:
             state = ur5_state.Config(host=instruments.arm.host, max_age=instruments.arm.max_age)
             self.streams["arm_state"] = HostedArmState("arm_state", state, self.clock, self._sink)
@@ -94,6 +98,9 @@ class Rig:
         with self._lock:
             self._sinks = sinks
             self._recorder = recorder
+            known = tuple(self.notices)
+        for text in known:
+            _warn(recorder, text)
 
     def _sink(self, sample: Any) -> None:
         if isinstance(sample, WrenchSample):
@@ -119,10 +126,14 @@ class Rig:
             self.vital.landed = event
         elif event.kind == "pause":
             self.vital.pause = event
-        recorder = self._recorder
-        if recorder is not None and event.kind in ("landed", "clipped"):
-            with contextlib.suppress(RecordingError):
-                recorder.log("warning", event.text)
+        if event.kind in ("landed", "clipped"):
+            _warn(self._recorder, event.text)
+
+    def _noticed(self, text: str) -> None:
+        with self._lock:
+            self.notices.append(text)
+            recorder = self._recorder
+        _warn(recorder, text)
 
     def lost(self) -> dict[str, int]:
         """Samples that the streaming drivers know to be lost, by topic."""
@@ -191,3 +202,9 @@ class Rig:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _warn(recorder: Recorder | None, text: str) -> None:
+    if recorder is not None:
+        with contextlib.suppress(RecordingError):
+            recorder.log("warning", text)

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
 from drivers import alicat, dynamixel, ft300s, natnet_mocap, numato, pfeiffer, smc_itv, tmcl, ur5
 from drivers.interfaces import Vector3
@@ -173,6 +173,14 @@ class Limits(Table):
     """After a pause: how long a confirmed repair may take to show in the readings, host time."""
 
 
+LONGEST_SOCKET_PATH = 108
+"""Bytes that Linux has for the path of a socket, the closing zero included."""
+OPERATORS = (
+    "write console, or unix:/FOLDER/operator.sock: the socket of a program of yours, in a folder of mode 0700, the path "
+    f"shorter than {LONGEST_SOCKET_PATH} bytes"
+)
+
+
 class RigFile(Table):
     """The whole of rig.yaml."""
 
@@ -182,13 +190,23 @@ class RigFile(Table):
     instruments: Instruments
     clock: ClockConfig = ClockConfig()
     stand: Stand | None = None
-    operator: str = Field("console", pattern=r"^(console|tcp://[\w.\-]+:\d+)$")
-    """Who mounts specimens: a person at the console, or a program that answers at an address."""
+    operator: str = "console"
+    """Who mounts specimens and confirms pauses: a person at the console, or your program at a Unix socket (unix:/PATH)."""
     poll: float = Field(20.0, gt=0, le=200, json_schema_extra={"unit": "Hz"})
     """How often actuators are read, in host time."""
     safe: Safe = Safe()
     limits: Limits = Limits()
     _path: Path | None = PrivateAttr(default=None)
+
+    @field_validator("operator")
+    @classmethod
+    def _one_who_may_speak(cls, operator: str) -> str:
+        path = operator.removeprefix("unix:")
+        if operator == "console" or (operator.startswith("unix:/") and len(path.encode()) < LONGEST_SOCKET_PATH):
+            return operator
+        if operator.startswith("tcp:"):
+            raise ValueError("anybody on this computer could speak there; " + OPERATORS)
+        raise ValueError(OPERATORS)
 
     @property
     def path(self) -> Path | None:

@@ -171,6 +171,8 @@ def run(
         connect(rig, quiet=as_json)
         result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
     lost = result.lost
+    for text in rig.notices:
+        err.print(f"warning: {text}")
     if as_json:
         print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
                           "safe": result.safe}, indent=1))  # fmt: skip

@@ -1,4 +1,5 @@
-"""The door into the fakes that no real instrument has: JSON lines over loopback TCP.
+"""The door into the fakes that no real instrument has: JSON lines over a Unix socket that only its own
+user can reach.
 
     {"prepare": {"mount": "spine", "tip_mass": 0.0, "roll_deg": 0.0, "vacuum": 80000.0}}   what the person at the rig does
     {"confirm": "what was wrong"}                     a person has put it right; sets free what was held by `person`
@@ -16,7 +17,9 @@ from __future__ import annotations
 
 import json
 import socketserver
+import tempfile
 import threading
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -24,9 +27,9 @@ if TYPE_CHECKING:
 
 
 class BackDoor:
-    """Serves one FakeRig on a free port of its host."""
+    """Serves one FakeRig at a socket in a folder of its own."""
 
-    def __init__(self, rig: FakeRig, host: str) -> None:
+    def __init__(self, rig: FakeRig) -> None:
         door = self
 
         class Handler(socketserver.StreamRequestHandler):
@@ -34,13 +37,13 @@ class BackDoor:
                 for line in self.rfile:
                     self.wfile.write(json.dumps(door.answer(line)).encode() + b"\n")
 
-        class Server(socketserver.ThreadingTCPServer):
+        class Server(socketserver.ThreadingUnixStreamServer):
             daemon_threads = True
-            allow_reuse_address = True
 
         self._rig = rig
-        self._server = Server((host, 0), Handler)
-        self.address: tuple[str, int] = (host, self._server.server_address[1])
+        self._folder = tempfile.TemporaryDirectory(prefix="softlab-")  # of mode 0700
+        self.path = Path(self._folder.name) / "operator.sock"
+        self._server = Server(str(self.path), Handler)
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(0.05,), name="fake-backdoor", daemon=True
         )
@@ -55,6 +58,7 @@ class BackDoor:
             self._server.shutdown()
             self._thread.join(1.0)
         self._server.server_close()
+        self._folder.cleanup()
 
     def answer(self, line: bytes) -> dict[str, Any]:
         """Do what one line asks."""

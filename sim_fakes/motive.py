@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .clock import SimClock
+from .loopback import loopback
 from .plant import Plant
 from .pty_fake import Faults
 
@@ -110,7 +111,7 @@ class MotiveFake(threading.Thread):
         """`rate` in Hz of host time; `noise` (m) and `angle_noise` (rad) are one sigma per axis and frame."""
         super().__init__(name="fake-motive", daemon=True)
         self.plant, self.clock = plant, clock
-        self.host = host
+        self.host = loopback(host)
         self.version = version
         self.rate = rate
         self.markers = markers

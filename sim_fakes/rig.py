@@ -74,7 +74,7 @@ class FakeRig:
             units = tuple("ABCDEFGHI"[: len(self.wiring)])
             self.lines["pressure"] = AlicatFake(self.plant, self.clock, units, self.wiring, seed=seed + 5)
         self.mocap = MotiveFake(self.plant, self.clock, self.host, markers=len(self.truth.markers), seed=seed + 6)
-        self.door = BackDoor(self, self.host)
+        self.door = BackDoor(self)
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._poses.bind((self.host, 0))
         self._seed = seed
@@ -168,11 +168,14 @@ class FakeRig:
         self._poses.settimeout(0.2)
         while self._running:
             try:
-                pose = struct.unpack("<7d", self._poses.recv(256))[1:]
+                data, sender = self._poses.recvfrom(256)
+                pose = struct.unpack("<7d", data)[1:]
             except (TimeoutError, struct.error):
                 continue
             except OSError:
                 return
+            if sender[0] != self.host:
+                continue
             with self.plant.lock:
                 self.plant.probe_position = np.array(pose[:3])
                 self.plant.probe_rotation = rotation_matrix(pose[3:])
@@ -193,7 +196,7 @@ class FakeRig:
             "name": "virtual rig",
             "robot": robot,
             "clock": {"speed": self.clock.speed},
-            "operator": f"tcp://{self.door.address[0]}:{self.door.address[1]}",
+            "operator": f"unix:{self.door.path}",
             "instruments": {
                 "arm": {"driver": "ur5", "host": self.host},
                 "force": {"driver": "ft300s", "port": self.lines["force"].port},

@@ -20,6 +20,7 @@ GROUPS = {
     "test_end_to_end.py": RIG,
     "test_proposed_experiments.py": RIG,
     "test_resume.py": RIG,
+    "test_who_may_speak.py": RIG,
     "diagnosis": RODS,
     "model": RODS,
     "test_blind_bench.py": RODS,

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 
-from .backdoor import DEFAULT_PORT
+from ..loopback import loopback
 from .controller import Controller
 from .server import Address, Server
 from .variables import Version
@@ -47,10 +47,10 @@ def _end_with_parent() -> None:
 def main() -> None:
     """Parse the arguments and run."""
     parser = argparse.ArgumentParser(prog="python -m sim_fakes.ur", description=__doc__)
-    parser.add_argument("--host", required=True, help="loopback address of its own, 127.x.y.z")
+    parser.add_argument("--host", type=loopback, required=True, help="loopback address of its own, 127.x.y.z")
     parser.add_argument("--version", type=version, default=version("3.15.8.106339"), help="PolyScope version")
     parser.add_argument("--speed", type=factor, default=1.0, help="how many times faster than the host the rig runs")
-    parser.add_argument("--backdoor", type=int, default=DEFAULT_PORT, metavar="PORT")
+    parser.add_argument("--backdoor", metavar="PATH", help="Unix socket of the back door; none when not given")
     parser.add_argument(
         "--pose-to", type=address, metavar="HOST:PORT", help="send the TCP pose there by UDP each cycle"
     )
@@ -58,8 +58,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the measurement noise")
     parser.add_argument("--die-with-parent", action="store_true", help="end when standard input closes")
     arguments = parser.parse_args()
-    if not arguments.host.startswith("127."):
-        parser.error(f"--host {arguments.host}: only loopback addresses (127.x.y.z)")
     if arguments.die_with_parent:
         threading.Thread(target=_end_with_parent, daemon=True).start()
     controller = Controller(arguments.version, arguments.speed, arguments.seed)

@@ -1,4 +1,5 @@
-"""The back door: JSON, one object a line, for tests and for whoever starts the rig. No part of any robot.
+"""The back door: JSON, one object a line, for tests and for whoever starts the rig. No part of any robot, and at a
+Unix socket, so that only its own user can reach it.
 
 Requests, `do` and its other keys:
 - state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1); forget (empties the logs)
@@ -21,8 +22,6 @@ import numpy as np
 from .controller import POWER_OFF, RUNNING, Controller
 from .kinematics import Array, pose_matrix
 from .wire import Connection, Hub
-
-DEFAULT_PORT = 29900
 
 
 class BackDoor(Connection):

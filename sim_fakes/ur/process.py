@@ -12,10 +12,12 @@ import select
 import socket
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
-from . import backdoor, dashboard, rtde, upload
+from . import dashboard, rtde, upload
 
 START_TIMEOUT = 20.0
 """s of host time."""
@@ -25,9 +27,9 @@ def free_host(attempts: int = 50) -> str:
     """A loopback address on which all ports of a controller are free."""
     for _ in range(attempts):
         host = f"127.{random.randint(1, 254)}.{random.randint(0, 254)}.{random.randint(2, 254)}"
-        if all(_is_free(host, port) for port in (rtde.PORT, dashboard.PORT, *upload.PORTS, backdoor.DEFAULT_PORT)):
+        if all(_is_free(host, port) for port in (rtde.PORT, dashboard.PORT, *upload.PORTS)):
             return host
-    raise RuntimeError("no loopback address with free ports 29900, 29999 and 30001 to 30004")
+    raise RuntimeError("no loopback address with free ports 29999 and 30001 to 30004")
 
 
 def _is_free(host: str, port: int) -> bool:
@@ -54,8 +56,11 @@ class UrProcess:
     ) -> None:
         """Start and wait until it accepts clients. Raises RuntimeError when it does not within START_TIMEOUT."""
         self.host = host or free_host()
+        self._folder = tempfile.TemporaryDirectory(prefix="softlab-")  # of mode 0700
+        self.door = Path(self._folder.name) / "arm.sock"
         command = [sys.executable, "-m", "sim_fakes.ur", "--host", self.host, "--version", version]
         command += ["--speed", str(speed), "--seed", str(seed), "--die-with-parent"]
+        command += ["--backdoor", str(self.door)]
         if pose_to is not None:
             command += ["--pose-to", f"{pose_to[0]}:{pose_to[1]}"]
         if clock_start is not None:
@@ -76,7 +81,10 @@ class UrProcess:
     def backdoor(self, do: str = "state", **values: object) -> dict[str, Any]:
         """Ask the back door (see `sim_fakes.ur.backdoor`) and return its answer; ValueError for a bad request."""
         if self._line is None:
-            self._line = socket.create_connection((self.host, backdoor.DEFAULT_PORT), timeout=5.0)
+            line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            line.settimeout(5.0)
+            line.connect(str(self.door))
+            self._line = line
         self._line.sendall(json.dumps({"do": do, **values}).encode() + b"\n")
         answer = b""
         while not answer.endswith(b"\n"):
@@ -117,3 +125,4 @@ class UrProcess:
             self.process.wait(2.0)
         except subprocess.TimeoutExpired:
             self.kill()
+        self._folder.cleanup()

@@ -29,18 +29,20 @@ class Server:
         self.clock_start = clock_start
         """Host monotonic time (s) at which the rig's time was 0."""
 
-    async def run(self, backdoor_port: int, pose_to: Address | None, ready: Callable[[], None]) -> None:
-        """Listen on all ports, call `ready`, and run cycles for ever."""
+    async def run(self, door: str | None, pose_to: Address | None, ready: Callable[[], None]) -> None:
+        """Listen on all ports and at the back door (a Unix socket), call `ready`, and run cycles for ever."""
         hub = self.hub
         await self._listen(rtde.PORT, lambda: rtde.RtdeConnection(hub))
         await self._listen(dashboard.PORT, lambda: dashboard.DashboardConnection(hub))
         for port in upload.PORTS:
             await self._listen(port, lambda: upload.UploadConnection(hub))
         own = Hub(self.controller)
-        await self._listen(backdoor_port, lambda: backdoor.BackDoor(own, hub))
+        if door is not None:
+            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.BackDoor(own, hub), door)
         ready()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
             plant.setblocking(False)
+            plant.bind((self.host, 0))
             await self._cycles(plant, pose_to)
 
     async def _listen(self, port: int, make: Callable[[], Connection]) -> None:

@@ -70,7 +70,9 @@ class Connection(asyncio.Protocol):
         if not isinstance(transport, asyncio.Transport):
             raise TypeError("a stream transport is needed")
         self.transport = transport
-        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        line = transport.get_extra_info("socket")
+        if line.family == socket.AF_INET:
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.hub.connections.add(self)
         if not self.hub.frozen:
             self.greet()
