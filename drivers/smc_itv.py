@@ -49,6 +49,8 @@ class Config(BaseModel):
     """Pressure at 1023 counts; the units cannot be asked for it."""
     max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
     max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
+    time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
+    """Slowest that a chamber follows its set-point, through unit, tube and chamber: 63 % of a step in this time."""
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
     """How long a unit may take to answer, host time; a failed request is repeated once."""
     poll_interval: float = Field(0.1, ge=0.0, le=5, json_schema_extra={"unit": "s"})

@@ -14,12 +14,13 @@ from drivers.chambers import ChamberMap
 from drivers.errors import DeviceFault
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample
 
+from .pressure_envelope import PressureEnvelope
 from .rig_file import RigFile
 
 STANDARD_AMBIENT = 101_325.0
 """Pa absolute."""
-STEADY = 1e3
-"""Pa by which a set-point may move and still count as steady."""
+ROUNDED = 2e3
+"""Pa by which the set-point that a regulator holds may differ from the one it confirmed."""
 AGREE = 2
 """Readings that must agree that a set-point was lost."""
 SLACK = 0.01
@@ -47,9 +48,9 @@ class Judge:
         pressure = rig.instruments.pressure
         self.chambers = ChamberMap(pressure.chambers if pressure is not None else ())
         self._sizes = [len(group) for group in self.chambers.channels]
-        self._steady: tuple[float, ...] = ()
-        self._since = -math.inf
-        self._off_since: dict[int, float] = {}
+        lag = pressure.time_constant if pressure is not None else math.inf
+        error, patience = self._limits.pressure_error, self._limits.pressure_error_time
+        self._envelopes = [PressureEnvelope(lag, error, patience) for _ in self._sizes]
         self.told: tuple[float, ...] | None = None
         """Set-points that the regulators confirmed last, Pa; None while they are not known."""
         self._forgot = 0
@@ -113,7 +114,7 @@ class Judge:
         off = [
             (channel, told, held)
             for channel, (told, held) in enumerate(zip(self.told or sample.setpoint, sample.setpoint, strict=True), 1)
-            if abs(told - held) > 2 * STEADY
+            if abs(told - held) > ROUNDED
         ]
         self._forgot = self._forgot + 1 if off else 0
         if self._forgot < AGREE:
@@ -126,25 +127,19 @@ class Judge:
         )
 
     def _holds(self, name: str, sample: PressureSample) -> Finding | None:
-        """Whether a steady set-point is held."""
-        moved = len(self._steady) != len(sample.setpoint) or any(
-            abs(a - b) > STEADY for a, b in zip(self._steady, sample.setpoint, strict=True)
+        """Whether each channel follows its own set-point, whatever the others do."""
+        channels = enumerate(zip(self._envelopes, sample.setpoint, sample.measured, strict=True), 1)
+        astray = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
+        if not astray:
+            return None
+        p, asked, channel = max(astray, key=lambda found: found[0] - found[1])  # one too high calls for more
+        text = (
+            f"channel {channel} measures {p / 1e3:.1f} kPa, told {asked / 1e3:.1f} kPa, and has not followed for "
+            f"{self._limits.pressure_error_time:g} s"
         )
-        if moved:
-            self._steady, self._since = sample.setpoint, sample.t
-        limit, patience = self._limits.pressure_error, self._limits.pressure_error_time
-        for channel, (asked, p) in enumerate(zip(sample.setpoint, sample.measured, strict=True), 1):
-            if moved or abs(p - asked) <= limit:
-                self._off_since.pop(channel, None)
-                continue
-            since = self._off_since.setdefault(channel, sample.t)
-            if sample.t - max(since, self._since) < patience:
-                continue
-            text = f"channel {channel} measures {p / 1e3:.1f} kPa for {patience:g} s, told {asked / 1e3:.1f} kPa"
-            if p < asked:
-                return Finding("pause", NotHeld(name, f"{text}; supply low, leak or burst chamber: check and repair"))
-            return _land(name, f"{text}; the regulator does not let off: shut the supply and vent by hand")
-        return None
+        if p < asked:
+            return Finding("pause", NotHeld(name, f"{text}; supply low, leak or burst chamber: check and repair"))
+        return _land(name, f"{text}; the regulator does not let off: shut the supply and vent by hand")
 
 
 def _land(name: str, text: str) -> Finding:

@@ -157,7 +157,8 @@ class Limits(Table):
     max_total_pressure: float = Field(1.5e6, gt=0, le=3e6, json_schema_extra={"unit": "Pa"})
     """Sum over all chambers; set-points beyond it are scaled down together. The paper asks for 9 x 150 kPa at most."""
     pressure_error: float = Field(30e3, ge=5e3, le=200e3, json_schema_extra={"unit": "Pa"})
-    """Measured pressure may stay so far from a steady set-point, and so far above max_pressure at any time."""
+    """Measured pressure may stay so far from where its set-point and the regulator's time_constant put it, and so far above
+    max_pressure at any time."""
     pressure_error_time: float = Field(5.0, gt=0, le=60, json_schema_extra={"unit": "s"})
     """For this long, rig time; then the supply, a chamber or a regulator has failed."""
     max_force: float = Field(60.0, gt=0, le=300, json_schema_extra={"unit": "N"})

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import random
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers.errors import DeviceFault
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample
@@ -103,3 +108,113 @@ def test_a_regulator_that_forgot_its_setpoint_lands_the_rig() -> None:
     found = [judge.judge("pressure", pressure(t, held, 0.0)) for t, held in ((0.0, 100e3), (0.1, 0.0), (0.2, 0.0))]
     assert found[:2] == [None, None]
     assert found[2] is not None and found[2].act == "land" and "restarted" in str(found[2].error)
+
+
+# -- one channel that does not follow, while others and itself are ramped
+Setpoints = Callable[[float], float]
+LIMIT, PATIENCE = RIG.limits.pressure_error, RIG.limits.pressure_error_time
+RATES = st.floats(5e3, 100e3)
+"""Up to max_rate, Pa/s."""
+PERIODS = st.sampled_from([0.05, 0.1, 0.35, 1.0])
+"""s of rig time between two readings: 20 Hz, and the same with the rig's clock running faster."""
+
+
+def sweep(rate: float, levels: tuple[float, ...], hold: float) -> Setpoints:
+    """Set-point over time: from level to level at a rate, waiting at each; sent every 0.1 s as a ramp does."""
+
+    def at(t: float) -> float:
+        t = math.floor(t / 0.1 + 1e-9) * 0.1
+        for a, b in itertools.pairwise(itertools.cycle((0.0, *levels))):
+            way = abs(b - a) / rate
+            if t < way:
+                return a + (b - a) * t / way
+            t -= way + hold
+            if t < 0:
+                return b
+        raise AssertionError
+
+    return at
+
+
+def chamber(told: Setpoints, tau: float, period: float, noise: float, seed: int) -> Iterator[tuple[float, float, float]]:
+    """(t, set-point, measured) of a sound chamber that follows with a lag of `tau`."""
+    rng, p, step = random.Random(seed), 0.0, 0.05
+    for i in itertools.count():
+        t = i * period
+        yield t, told(t), p + rng.gauss(0.0, noise)
+        for k in range(round(period / step)):
+            s = told(t + k * step)
+            p = s + (p - s) * math.exp(-step / tau)
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    rate=RATES, period=PERIODS, tau=st.floats(0.05, 1.0), hold=st.floats(0.0, 4.0), seed=st.integers(0, 99),
+    levels=st.lists(st.floats(0.0, 300e3), min_size=1, max_size=5),
+)  # fmt: skip
+def test_no_sound_chamber_is_accused_in_any_sweep(
+    rate: float, period: float, tau: float, hold: float, seed: int, levels: list[float]
+) -> None:
+    judge = Judge(RIG)
+    assert RIG.instruments.pressure is not None and tau <= RIG.instruments.pressure.time_constant
+    told = sweep(rate, tuple(levels), hold + 0.1)
+    for t, asked, p in itertools.takewhile(lambda s: s[0] < 60.0, chamber(told, tau, period, 1e3, seed)):
+        assert judge.judge("pressure", pressure(t, asked, p)) is None
+
+
+def test_a_slow_regulator_is_sound_when_rig_yaml_says_how_slow() -> None:
+    told = sweep(60e3, (300e3,), 10.0)
+    assert RIG.instruments.pressure is not None
+    slow = RIG.instruments.pressure.model_copy(update={"time_constant": 4.0})
+    rig = RIG.model_copy(update={"instruments": RIG.instruments.model_copy(update={"pressure": slow})})
+    stream = [s for s, _ in zip(chamber(told, 4.0, 0.1, 1e3, 1), range(1200), strict=False)]
+    for known, accused in ((rig, False), (RIG, True)):
+        judge = Judge(known)
+        assert any(judge.judge("pressure", pressure(*s)) is not None for s in stream) is accused
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    rate=RATES, period=PERIODS, others=RATES, start=st.floats(0.0, 40.0), seed=st.integers(0, 99),
+    level=st.floats(80e3, 300e3),
+)  # fmt: skip
+def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
+    rate: float, period: float, others: float, start: float, seed: int, level: float
+) -> None:
+    """Blocked at what it holds from `start` on, while the other two are ramped up and down without a pause."""
+    judge, rng = Judge(RIG), random.Random(seed)
+    mine, theirs = sweep(rate, (level,), 8.0), sweep(others, (100e3,), 0.1)
+    sound, other = chamber(mine, 0.25, period, 100.0, seed), chamber(theirs, 0.25, period, 100.0, seed)
+    stuck, off_since = math.nan, math.inf
+    for (t, asked, p), (_, asked_too, p_too) in zip(sound, other, strict=True):
+        if t >= start and math.isnan(stuck):
+            stuck = p
+        shown = p if math.isnan(stuck) else stuck + rng.gauss(0.0, 100.0)
+        found = judge.judge("pressure", PressureSample(t, (asked, asked_too, 0.0), (shown, p_too, 0.0)))
+        if found is not None:
+            assert t > start and "channel 1" in str(found.error)
+            assert found.act == ("pause" if shown < asked else "land")
+            return
+        off_since = min(off_since, t) if t >= start and abs(shown - asked) > LIMIT + 1e3 else math.inf
+        assert t - off_since <= PATIENCE + 1.0, f"{shown - asked:.0f} Pa away since {off_since:.2f} s, now {t:.2f} s"
+        assert t < start + 60.0 + 4 * level / rate, "it was held 8 s at levels that differ by more than twice the limit"
+
+
+def test_a_leak_in_one_channel_is_told_while_the_others_never_stop_ramping() -> None:
+    judge, found = Judge(RIG), None
+    theirs = sweep(25e3, (250e3,), 0.1)
+    for i in range(140):
+        t = 0.1 * i
+        leaking = 200e3 if t < 2.0 else 150e3
+        found = judge.judge("pressure", PressureSample(t, (200e3, theirs(t), 0.0), (leaking, theirs(t - 0.3), 0.0)))
+        if found is not None:
+            break
+    assert found is not None and found.act == "pause" and "channel 1" in str(found.error)
+    assert 2.0 + PATIENCE <= t <= 2.0 + PATIENCE + 1.0
+
+
+def test_of_two_channels_that_do_not_follow_the_one_that_holds_too_much_decides() -> None:
+    judge, found = Judge(RIG), None
+    for i in range(120):
+        found = judge.judge("pressure", PressureSample(0.1 * i, (200e3, 0.0, 0.0), (0.0, 100e3, 0.0)))
+    assert found is not None and found.act == "land" and "channel 2" in str(found.error)

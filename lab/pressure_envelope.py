@@ -1,0 +1,51 @@
+"""Where the pressure of one channel may be, given what it was told and how slowly its regulator may follow.
+
+A chamber follows its set-point s as  dp/dt = (s - p) / tau'  with any tau' up to the regulator's time constant tau. Such a
+pressure stays between two bounds: the upper one jumps up with s and falls towards it with tau, the lower one falls with s
+and rises towards it with tau. What is outside of them by more than noise does not follow, whatever the set-points of
+this channel or of others are doing.
+
+Between two readings only their set-points are known. The bounds take the earlier one as told until the later reading, so
+that a ramp that is read seldom is not mistaken for a jump.
+"""
+
+from __future__ import annotations
+
+import math
+
+AGREE = 2
+"""Readings in a row that must be outside of the bounds: one may have been read out of step."""
+BACK = 1.0
+"""s near its set-point after which a channel follows again: a stuck one is merely passed by its set-point in a ramp."""
+
+
+class PressureEnvelope:
+    """Bounds (Pa gauge) of one channel, and since when it has been away from its set-point."""
+
+    def __init__(self, time_constant: float, error: float, patience: float) -> None:
+        """`time_constant` of the regulator (s), `error` that is tolerated (Pa), for how long (`patience`, s of `t`)."""
+        self._tau, self._error, self._patience = time_constant, error, patience
+        self._low = self._high = math.nan
+        self._setpoint = math.nan
+        self._t = math.nan
+        self._off_since = self._near_since = math.inf
+        self._outside = 0
+
+    def update(self, t: float, setpoint: float, measured: float) -> bool:
+        """Take a reading at time t (s); True when the channel has been too far from its set-point for too long."""
+        if math.isnan(self._t):  # what was told before is not known: it may still be on its way from where it is
+            self._low, self._high = min(setpoint, measured), max(setpoint, measured)
+        else:
+            left = math.exp(-max(0.0, t - self._t) / self._tau)
+            self._low = min(setpoint, self._setpoint + (self._low - self._setpoint) * left)
+            self._high = max(setpoint, self._setpoint + (self._high - self._setpoint) * left)
+        self._t, self._setpoint = t, setpoint
+        if abs(measured - setpoint) <= self._error:
+            self._outside, self._near_since = 0, min(self._near_since, t)
+            if t - self._near_since >= BACK:
+                self._off_since = math.inf
+            return False
+        self._off_since, self._near_since = min(self._off_since, t), math.inf
+        outside = not self._low - self._error <= measured <= self._high + self._error
+        self._outside = self._outside + 1 if outside else 0
+        return self._outside >= AGREE and t - self._off_since >= self._patience
