@@ -8,10 +8,11 @@ from pathlib import Path
 
 from .actuators import Actuators
 from .clock import RigClock
-from .console import out
+from .console import err, out
 from .instruments import ACTUATORS
 from .interrupts import Shielded
 from .latch import Entry, Latch
+from .real_time import at_real_speed
 from .rescue import land_anew
 from .rig_file import load_rig
 
@@ -21,7 +22,9 @@ REACH_WITHIN = 5.0
 
 def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
-    file = load_rig(rig_path)
+    file, told = at_real_speed(load_rig(rig_path))
+    if told:
+        err.print(told, markup=False)
     names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
     latch = Latch(rig_path)
     with Shielded():
