@@ -24,6 +24,7 @@ from .hosted_stream import HostedArmState
 from .instruments import ACTUATORS
 from .interrupts import Shielded
 from .landing import SafeReport
+from .limits import within_robot
 from .mending import Mending, Patient
 from .real_time import clock_of, demand_fakes
 from .rescue import rescue
@@ -41,7 +42,7 @@ class Rig:
     def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
         """Raises RigLocked when a person has to see to the rig first, unless `despite_latch`; ConfigError when its clock
         is for fakes and an instrument is none."""
-        self.file = file
+        self.file = file = within_robot(file)
         self.clock = clock_of(file)
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
