@@ -14,7 +14,7 @@ from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from .alicat_wire import FAULT_CODES, PA_PER_KPA, AlicatUnit, Frame
+from .alicat_wire import COUNTS, FAULT_CODES, UNITS, AlicatUnit, Frame
 from .chambers import PAPER_WIRING, ChamberMap
 from .errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
 from .interfaces import Clock, Identity, PressureSample
@@ -22,12 +22,16 @@ from .pressure_limits import PressureLimits
 from .serial_line import SerialLine
 
 T = TypeVar("T")
-KPA_CODE = 4
 GAUGE_PRESSURE, GAUGE_SETPOINT = 6, 38
 """Alicat's numbers for the gauge pressure reading and for the loop that controls it."""
 KNOWS_FULL_SCALE = (6, 0)
 KNOWS_SETPOINT_SOURCE = (10, 5)
 """First firmware that answers FPF, and LSS."""
+TRIAL_COUNTS = 160
+"""Set-point with which a unit that does not tell its unit of measure is tried, of 64000: 5 kPa on a unit of 2 MPa, the widest
+that rig.yaml takes, and less on any other."""
+TRIAL_SHARE = 0.25
+"""By which what it shows may differ from what rig.yaml makes of that: nominal ranges are rounded, units lie further apart."""
 SERIAL = "S"
 SOURCES = {SERIAL: "the serial line", "A": "its analog input", "U": "its front panel"}
 VENTED = 5e3
@@ -53,6 +57,8 @@ class Config(BaseModel):
     """Chambers (1..9) on each channel."""
     full_scale: float = Field(400e3, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Range of the units; `open` compares it with what they say."""
+    unit: Literal["Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi"] | None = None
+    """What the units' displays show. When not given, kPa is needed; firmware before 6v00 does not tell, so then it must be."""
     max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
     max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
     time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
@@ -87,7 +93,11 @@ class Alicat:
         self.chambers = ChamberMap(config.chambers)
         self._clock = clock
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
-        self._units = [AlicatUnit(name, self._line, letter) for letter in config.units]
+        self._unit = config.unit or "kPa"
+        self._pa = UNITS[self._unit][1]
+        self._units = [AlicatUnit(name, self._line, letter, self._pa) for letter in config.units]
+        self._untried: set[int] = set()
+        """Channels whose unit of measure was only read from rig.yaml."""
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._confirmed = [0.0] * self.channels
         self._decimals = [0] * self.channels
@@ -97,7 +107,7 @@ class Alicat:
         self._line.open()
 
     def open(self) -> Identity:
-        """Connect and check each unit: that it answers, controls gauge pressure in kPa, and obeys the serial line."""
+        """Connect and check each unit: that it answers, controls gauge pressure in the unit of rig.yaml, and obeys the line."""
         self._line.open()
         try:
             firmwares = self._find_units()
@@ -228,13 +238,23 @@ class Alicat:
         version = (int(match[1]), int(match[2])) if match else (0, 0)
         if version >= KNOWS_FULL_SCALE:
             value, code, unit_name = self._twice(lambda: unit.full_scale(GAUGE_PRESSURE))
-            if code != KPA_CODE:
-                raise wrong(f"shows {unit_name or 'unit of measure'} (code {code})", "set its pressure unit to kPa")
-            if not math.isclose(value * PA_PER_KPA, self.config.full_scale, rel_tol=1e-3):
+            if code != UNITS[self._unit][0]:
                 raise wrong(
-                    f"has a full scale of {value:g} kPa, rig.yaml says {self.config.full_scale / PA_PER_KPA:g} kPa",
+                    f"shows {unit_name or 'unit of measure'} (code {code})",
+                    f"set its pressure unit to {self._unit}, or write in rig.yaml which `unit` it shows",
+                )
+            if not math.isclose(value * self._pa, self.config.full_scale, rel_tol=1e-3):
+                raise wrong(
+                    f"has a full scale of {value * self._pa / 1e3:g} kPa, rig.yaml says {self.config.full_scale / 1e3:g} kPa",
                     "correct full_scale in rig.yaml, or fit the right unit",
                 )
+        else:
+            if self.config.unit is None:
+                raise wrong(
+                    f"has firmware {firmware}, which does not tell its unit of measure",
+                    f"write what its display shows in rig.yaml: instruments.{self.name}.unit: one of {', '.join(UNITS)}",
+                )
+            self._untried.add(self._units.index(unit))
         if version >= KNOWS_SETPOINT_SOURCE and (source := self._twice(unit.setpoint_source)) != SERIAL:
             raise wrong(
                 f"takes its set-point from {SOURCES.get(source, source)}",
@@ -246,7 +266,9 @@ class Alicat:
     def _set_channel(self, channel: int, pressure: float) -> None:
         """Send one set-point (Pa) and hold the unit to it."""
         unit, decimals = self._units[channel], self._decimals[channel]
-        digit = PA_PER_KPA * 10.0**-decimals
+        digit = self._pa * 10.0**-decimals
+        if channel in self._untried and pressure > 0:
+            self._try_unit(channel, digit)
         # rounding to the unit's digits must not lead above the limit
         pressure = min(round(pressure / digit), math.floor(self.config.max_pressure / digit + 1e-6)) * digit
         frame = self._twice(lambda: unit.set(pressure, decimals))
@@ -261,6 +283,27 @@ class Alicat:
                 )
             raise BadReply(self.name, f"{asked}: it was clamped or misread; check its set-point limits and the cable")
         self._raise_fault(unit, frame)
+
+    def _try_unit(self, channel: int, digit: float) -> None:
+        """Before the first pressure: a small set-point sent as a share of the full scale shows what the display counts in.
+
+        Raises WrongDevice when that is not what rig.yaml says; the unit is let off again.
+        """
+        unit = self._units[channel]
+        frame = self._twice(lambda: unit.set_share(TRIAL_COUNTS))
+        wanted = TRIAL_COUNTS / COUNTS * self.config.full_scale
+        if abs(frame.setpoint - wanted) <= max(TRIAL_SHARE * wanted, 0.6 * digit):
+            self._untried.discard(channel)
+            return
+        self._twice(lambda: unit.set(0.0, self._decimals[channel]))
+        shown = frame.setpoint / self._pa
+        fits = [name for name, (_, pa) in UNITS.items() if abs(shown * pa - wanted) <= TRIAL_SHARE * wanted]
+        raise WrongDevice(
+            self.name,
+            f"unit {unit.letter} shows {shown:g} for {wanted / self._pa:.4g} {self._unit}, sent as a share of its range: it "
+            f"does not show {self._unit}{f' but {fits[0]}' if fits else ''}, or its range is not "
+            f"{self.config.full_scale / 1e3:g} kPa; correct unit or full_scale in rig.yaml. Nothing else was set",
+        )
 
     def _vent_channel(self, channel: int, timeout: float) -> None:
         """Set-point 0 on one unit, read back, valves released. One try; `timeout` for the first answer, s of host time."""

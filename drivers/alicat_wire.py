@@ -1,6 +1,7 @@
 """The words that one Alicat pressure controller understands, and the data frame it answers with.
 
-Requests are ASCII lines that begin with the unit's letter and end in CR. Wire pressures are kPa, results are Pa.
+Requests are ASCII lines that begin with the unit's letter and end in CR. Wire pressures are in the unit's own unit of
+measure, as its display shows them, and no answer names it; results are Pa.
 """
 
 from __future__ import annotations
@@ -12,7 +13,13 @@ from .errors import BadReply, NoReply
 from .serial_line import SerialLine, show
 
 CR = b"\r"
-PA_PER_KPA = 1e3
+UNITS = {
+    "Pa": (2, 1.0), "hPa": (3, 100.0), "kPa": (4, 1e3), "MPa": (5, 1e6), "mbar": (6, 100.0), "bar": (7, 1e5),
+    "psi": (10, 6894.757),
+}  # fmt: skip
+"""Units of measure by name: Alicat's number, and Pa."""
+COUNTS = 64000
+"""A set-point can be sent as so many parts of the full scale, too; then it is the same pressure whatever the unit."""
 FRAME = re.compile(r"[A-Z]((?:\s+[+-]\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")
 MANUFACTURER_LINES = 10
 """Lines of the ??M* table: M00 to M09."""
@@ -32,7 +39,7 @@ FAULT_CODES = {
 
 @dataclass(frozen=True)
 class Frame:
-    """One data frame: pressure and set-point (Pa gauge), the decimals the unit shows in kPa, its status codes."""
+    """One data frame: pressure and set-point (Pa gauge), the decimals the unit shows, its status codes."""
 
     measured: float
     setpoint: float
@@ -43,9 +50,11 @@ class Frame:
 class AlicatUnit:
     """One unit on the line. Methods raise `NoReply` on silence, `BadReply` on `?` or anything out of protocol."""
 
-    def __init__(self, name: str, line: SerialLine, letter: str) -> None:
+    def __init__(self, name: str, line: SerialLine, letter: str, pa: float = 1e3) -> None:
+        """`pa`: Pa in the unit's own unit of measure."""
         self.name = name
         self.letter = letter
+        self.pa = pa
         self._line = line
 
     def poll(self) -> Frame:
@@ -57,7 +66,11 @@ class AlicatUnit:
 
         `timeout` (s, host time) where the line's own is too long.
         """
-        return self._frame(f"S {pressure / PA_PER_KPA:.{decimals}f}", timeout)
+        return self._frame(f"S {pressure / self.pa:.{decimals}f}", timeout)
+
+    def set_share(self, counts: int) -> Frame:
+        """Send a set-point as `counts` of the 64000 parts of the full scale; all firmware knows this form."""
+        return self._frame(f"{counts}")
 
     def cancel_hold(self) -> Frame:
         """Let the unit control again after its valves were held or its exhaust was opened."""
@@ -107,7 +120,7 @@ class AlicatUnit:
         # pressure comes first; a unit that shows more than two numbers has its set-point last
         numbers = match[1].split()
         decimals = len(numbers[-1].partition(".")[2])
-        return Frame(float(numbers[0]) * PA_PER_KPA, float(numbers[-1]) * PA_PER_KPA, decimals, tuple(match[2].split()))
+        return Frame(float(numbers[0]) * self.pa, float(numbers[-1]) * self.pa, decimals, tuple(match[2].split()))
 
     def _ask(self, words: str, timeout: float | None = None) -> str:
         """What follows the unit's letter in the answer."""

@@ -18,7 +18,7 @@ from model.rod import solve
 
 from .console import out
 from .figures import tip_curves
-from .inputs import Case, read_case
+from .inputs import Case, clipped_note, read_case
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,13 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
         folder.mkdir(parents=True, exist_ok=True)
         figure = tip_curves(c, folder / "compare.png")
     if as_json:
-        data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "figure": str(figure) if figure else None}
+        data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": len(case.table.clipped)}
+        data["figure"] = str(figure) if figure else None
         print(json.dumps(data, indent=1))
         return 0
     out.print(sheet(c.table))
+    if note := clipped_note(case.table):
+        out.print(note)
     if c.unsolved:
         out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
     if figure:

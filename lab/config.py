@@ -121,12 +121,12 @@ def _unit(field: FieldInfo) -> str | None:
 
 
 def _models(annotation: object, value: object) -> type[BaseModel] | None:
-    """The model that `value` is meant to be, through unions told apart by their `driver` (or other literal) key."""
+    """The model that `value` is meant to be, through unions told apart by a key that can have one value only (`driver`)."""
     options = [a for a in _leaves(annotation) if isinstance(a, type) and issubclass(a, BaseModel)]
     if len(options) > 1 and isinstance(value, dict):
         for option in options:
             for key, field in option.model_fields.items():
-                if get_origin(field.annotation) is Literal and value.get(key) in get_args(field.annotation):
+                if get_origin(field.annotation) is Literal and get_args(field.annotation) == (value.get(key),):
                     return option
     return options[0] if len(options) == 1 else None
 

@@ -68,9 +68,23 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         return Case(load(robot_path, Robot), Table(tuple(rows)))
     name, robot = robots[0]
     for other, its in robots[1:]:
-        if its != robot:
+        if _body(its) != _body(robot):
             raise ConfigError(f"{other}: was recorded with another robot.yaml than {name}; give one with --robot")
     return Case(robot, Table(tuple(rows)))
+
+
+def _body(robot: Robot) -> Robot:
+    """What the model knows of a robot: how much pressure it bears may have been written down later."""
+    return robot.model_copy(update={"max_pressure": None})
+
+
+def clipped_note(table: Table) -> str:
+    """One line that names the states on whose way the rig's limits clipped set-points; empty when there are none."""
+    states = [f"trial {row.trial} step {row.step}" for row in table.clipped]
+    if not states:
+        return ""
+    named = ", ".join(states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
+    return f"set-points were clipped by the rig's limits on the way to {len(states)} of {len(table)} states: {named}"
 
 
 def _folder(path: Path) -> tuple[Robot, Table]:

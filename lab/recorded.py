@@ -24,6 +24,7 @@ from recordings.trials import Table, TrialRow
 
 from .config import ConfigError
 from .console import out
+from .inputs import clipped_note
 
 
 def info(file: Path, as_json: bool) -> int:
@@ -65,8 +66,9 @@ def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_js
                 raise ConfigError(
                     f"{other.path}: was recorded with another robot.yaml than {first.path}; export them apart"
                 )
-        export_case(first, folder, joined(tables(recordings)))
-        _told([folder / "robot.yaml", folder / "trials.csv"], as_json)
+        table = joined(tables(recordings))
+        export_case(first, folder, table)
+        _told([folder / "robot.yaml", folder / "trials.csv"], as_json, table)
         return 0
     written: list[Path] = []
     for recording in recordings:
@@ -76,10 +78,13 @@ def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_js
     return 0
 
 
-def _told(files: Sequence[Path], as_json: bool) -> None:
+def _told(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
     if as_json:
-        print(json.dumps({"files": [str(path) for path in files]}, indent=1))
+        clipped = {} if table is None else {"clipped": len(table.clipped)}
+        print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
         return
+    if table is not None and (note := clipped_note(table)):
+        out.print(note)
     for path in files:
         out.print(str(path))
 

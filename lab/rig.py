@@ -19,13 +19,14 @@ from recordings.writer import Recorder
 
 from . import actuators as act
 from . import operator as op
-from .clock import RigClock
 from .guard_messages import Event
 from .hosted_stream import HostedArmState
 from .instruments import ACTUATORS
 from .interrupts import Shielded
 from .landing import SafeReport
+from .limits import within_robot
 from .mending import Mending, Patient
+from .real_time import clock_of, demand_fakes
 from .rescue import rescue
 from .rig_file import RigFile
 from .streams import TOPICS, recorded
@@ -39,9 +40,10 @@ class Rig:
     """All instruments of one rig.yaml. Use as a context: leaving it lands the rig safe and disconnects."""
 
     def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
-        """Raises RigLocked when a person has to see to the rig first, unless `despite_latch`."""
-        self.file = file
-        self.clock = RigClock(file.clock.speed)
+        """Raises RigLocked when a person has to see to the rig first, unless `despite_latch`; ConfigError when its clock
+        is for fakes and an instrument is none."""
+        self.file = file = within_robot(file)
+        self.clock = clock_of(file)
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
         self.notices: list[str] = []
@@ -75,7 +77,8 @@ class Rig:
         return [n for n in ORDER if n in present or n in self.streams]
 
     def open(self, name: str) -> Identity:
-        """Connect one instrument; raises InstrumentError."""
+        """Connect one instrument; raises InstrumentError, and ConfigError where only a fake may be."""
+        demand_fakes(self.file, "arm" if name == "arm_state" else name)
         identity: Identity = self.streams[name].open() if name in self.streams else self.actuators.open(name)
         self.identities[name] = identity
         return identity

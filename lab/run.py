@@ -28,6 +28,7 @@ from recordings.writer import Recorder
 from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
 from .console import Screen, clock, err, out
 from .interrupts import Interrupts
+from .limits import problems
 from .provenance import provenance
 from .resume import Broken, find
 from .rig import Rig
@@ -56,7 +57,7 @@ def job(protocol: str, rig_path: Path, settings: list[str], source: Source | Non
     `source`: the protocol file, when it was read already.
     """
     rig = load_rig(rig_path)
-    load(rig.robot, Robot)
+    robot = load(rig.robot, Robot)
     source = _with(source or _source(protocol), settings)
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
@@ -70,9 +71,9 @@ def job(protocol: str, rig_path: Path, settings: list[str], source: Source | Non
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {name} needs instruments.{', instruments.'.join(missing)}; add them")
-    checked = Job(experiment, parameters, rig, rig_path)
-    _check_limits(checked)
-    return checked
+    if beyond := problems(experiment.plan(parameters), rig, rig_path, robot):
+        raise ConfigError("\n".join(beyond))
+    return Job(experiment, parameters, rig, rig_path)
 
 
 def _source(protocol: str) -> Source:
@@ -101,29 +102,6 @@ def _with(source: Source, settings: list[str]) -> Source:
                 raise ConfigError(f"--set {setting}: {step} is not a table")
         place[last] = parse_yaml(text, f"--set {key}").data
     return Source(source.name, data, source.lines)
-
-
-def _check_limits(job: Job) -> None:
-    """What the protocol asks for against what the rig allows."""
-    asked = job.experiment.plan(job.parameters).limits
-    instruments = job.rig.instruments
-    pairs = [
-        ("pressure_pa", "pressure", "max_pressure", "Pa"),
-        ("pressure_rate_pa_s", "pressure", "max_rate", "Pa/s"),
-        ("spine_length_m", "spine", "max_length", "m"),
-        ("spine_speed_m_s", "spine", "max_speed", "m/s"),
-        ("arm_speed_m_s", "arm", "max_speed", "m/s"),
-    ]
-    problems = []
-    for key, instrument, limit, unit in pairs:
-        allowed = getattr(getattr(instruments, instrument), limit, None)
-        if key in asked and allowed is not None and asked[key] > allowed * (1 + 1e-9):
-            problems.append(
-                f"{job.experiment.name}: asks for {asked[key]:g} {unit}, above instruments.{instrument}.{limit} = "
-                f"{allowed:g} {unit} of {job.rig_path}; ask for less, or raise the limit if the rig can take it"
-            )
-    if problems:
-        raise ConfigError("\n".join(problems))
 
 
 def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> int:

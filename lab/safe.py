@@ -10,11 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from .clock import RigClock
-from .console import out
+from .console import err, out
 from .instruments import ACTUATORS
 from .interrupts import Shielded
 from .landing import SafeReport
 from .latch import Entry, Latch
+from .real_time import at_real_speed
 from .rescue import land_anew
 from .rig_file import RigFile, load_rig
 from .takeover import Requests
@@ -25,7 +26,9 @@ ANSWER_WITHIN = 30.0
 
 def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
-    file = load_rig(rig_path)
+    file, told = at_real_speed(load_rig(rig_path))
+    if told:
+        err.print(told, markup=False)
     latch = Latch(rig_path)
     with Shielded():
         report = _land(file, latch, clear)

@@ -114,6 +114,8 @@ class Robot(BaseModel):
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     base_to_world: Pose | None = None
+    max_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
+    """Highest pressure (gauge) that its chambers may hold: no part of the model, but nothing is inflated without it."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:

@@ -12,6 +12,8 @@ VENTED_BELOW = 5e3
 """Pa; all chambers measured below this count as vented."""
 LOWEST_AMBIENT = 80e3
 """Pa absolute; a spine below this is still evacuated."""
+CLIPPED = 1e3
+"""Pa between asked and set that are more than an instrument's rounding."""
 RAMP_STEP = 0.1
 """Rig seconds between two set-points of a ramp."""
 
@@ -97,7 +99,11 @@ def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, r
 
 
 def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
-    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time at which the set-point got there."""
+    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time at which the set-point got there.
+
+    `bench.clipped` tells until the next ramp whether the rig's limits clipped a set-point on the way.
+    """
+    bench.clipped = False
     regulators = bench.need(bench.pressure, "pressure")
     start = regulators.read().setpoint
     begin = bench.clock.now()
@@ -107,6 +113,7 @@ def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
         share = min(1.0, (bench.clock.now() - begin) / duration) if duration > 0 else 1.0
         wanted = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
         confirmed = regulators.set(wanted)
+        bench.clipped |= max(abs(c - w) for c, w in zip(confirmed, wanted, strict=True)) > CLIPPED
         now = bench.clock.now()
         if share == 1.0 and max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < 1e3:
             return now

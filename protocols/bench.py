@@ -100,6 +100,8 @@ class Bench:
     arm_state: ArmState | None = None
     force: ForceSensor | None = None
     mocap: MotionCapture | None = None
+    clipped: bool = False
+    """The last ramp's set-points were clipped on their way by the rig's limits."""
 
     def need(self, instrument: T | None, name: str) -> T:
         """The instrument, or MissingInstrument naming what rig.yaml lacks."""

@@ -21,7 +21,7 @@ from recordings.states import Crossing, Settled, Window
 from .actions import home, ramp, set_spine, vent
 from .bench import Bench, Setup
 from .errors import WrongWiring
-from .experiment import Plan, Step, Trial, Trials, settled
+from .experiment import Ask, Plan, Step, Trial, Trials, settled
 from .parameters import Chamber, Jam, Parameters, Pressure, Settle, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
 
@@ -96,7 +96,11 @@ def plan(p: Bending, name: str = "bending") -> Plan:
     for repeat, vacuum, spine in _sweeps(p):
         reach = f"spine {spine * 100:g} cm, {vacuum / 1e3:g} kPa, repeat {repeat}"
         steps.append(
-            Step(f"vent, release, grow and jam: {reach}", 8.0 + abs(spine - length) / p.spine.speed + p.spine.settle)
+            Step(
+                f"vent, release, grow and jam: {reach}",
+                8.0 + abs(spine - length) / p.spine.speed + p.spine.settle,
+                Ask(spine_length=spine, spine_speed=p.spine.speed, vacuum=vacuum),
+            )
         )
         length, before = spine, 0.0
         for level in levels(p):
@@ -107,7 +111,8 @@ def plan(p: Bending, name: str = "bending") -> Plan:
                 "sweep": 0.0,
                 "hold": p.hold_times[-1] if p.hold_times else 0,
             }
-            steps.append(Step(f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}", climb + stay[p.reading]))
+            ask = Ask(pressures=tuple(_chambers(p, level.pressure)), pressure_rate=p.rate)
+            steps.append(Step(f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}", climb + stay[p.reading], ask))
     limits = {
         "pressure_pa": max(p.pressures), "pressure_rate_pa_s": p.rate, "spine_length_m": max(p.spine_lengths),
         "spine_speed_m_s": p.spine.speed, "vacuum_pa": max(p.vacuums), "tip_mass_kg": p.tip_mass,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from recordings.concluding import conclude
 from recordings.errors import NotSettled
@@ -24,11 +24,45 @@ SENSORS = {
 
 
 @dataclass(frozen=True)
+class Push:
+    """A specimen of the stiffness stand pushed at its end; SI units."""
+
+    specimen: Literal["spine", "body"]
+    spine: float
+    """Length of the spine, also inside the body."""
+    length: float
+    """From the clamp to where it is pushed."""
+    deflection: float
+    max_force: float
+    """At which the trial ends early."""
+
+
+@dataclass(frozen=True)
+class Ask:
+    """What a step asks of the rig, as far as that is known beforehand; SI units, None or empty where it asks nothing."""
+
+    pressures: tuple[float, ...] = ()
+    """By chamber, gauge."""
+    pressure_rate: float | None = None
+    spine_length: float | None = None
+    spine_speed: float | None = None
+    vacuum: float | None = None
+    """Below ambient."""
+    probe: tuple[tuple[float, float | None], ...] = ()
+    """Where the arm's probe is sent in the stand's frame: along the specimen, and depth (None: as far off as the stand's
+    standoff)."""
+    arm_speed: float | None = None
+    arm_acceleration: float | None = None
+    push: Push | None = None
+
+
+@dataclass(frozen=True)
 class Step:
-    """One thing that will be done, and about how long it takes, s of rig time."""
+    """One thing that will be done, about how long it takes (s of rig time), and what it asks of the rig."""
 
     label: str
     seconds: float
+    ask: Ask = Ask()
 
 
 @dataclass(frozen=True)
@@ -110,7 +144,7 @@ class Trials:
             trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
             t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,
             tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
-            specimen=trial.specimen, probe=trial.probe,
+            specimen=trial.specimen, probe=trial.probe, clipped=self.bench.clipped,
         )  # fmt: skip
         number = self.bench.recorder.state(self.bench.clock.now(), state)
         judged = ", ".join(SENSORS.get(topic, topic) for topic in topics)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -24,7 +25,7 @@ from recordings.trials import TrialRow
 from .actions import home, set_spine, vent
 from .bench import Bench, Setup, StandFrame
 from .errors import NotReached, ProtocolError, TooMuchForce
-from .experiment import Plan, Step, Trial, Trials, with_probe
+from .experiment import Ask, Plan, Push, Step, Trial, Trials, with_probe
 from .parameters import Jam, Parameters, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
 
@@ -79,6 +80,11 @@ class Stiffness(Parameters):
         """Length from the clamp to where it is pushed, m."""
         return spine if self.specimen == "spine" else self.body_length
 
+    @property
+    def first_place(self) -> float:
+        """How far along the specimen the probe waits while it is grown, m from the clamp."""
+        return 0.1 if self.specimen == "spine" else self.body_length
+
 
 NEEDS = ("spine", "valve", "gauge", "force", "arm")
 
@@ -89,15 +95,36 @@ def plan(p: Stiffness) -> Plan:
     before = 0.0
     for repeat, spine in itertools.product(range(1, p.repeats + 1), p.lengths):
         label = f"{p.specimen} {spine * 100:g} cm, repeat {repeat}"
-        steps.append(Step(f"release, grow, jam: {label}", 8.0 + abs(spine - before) / p.spine.speed + p.spine.settle))
-        steps.append(Step(f"zero and approach: {label}", 15.0))
-        steps += [Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5) for i in range(1, p.steps + 1)]
+        grow, approach, deflect = _asks(p, spine)
+        steps.append(
+            Step(f"release, grow, jam: {label}", 8.0 + abs(spine - before) / p.spine.speed + p.spine.settle, grow)
+        )
+        steps.append(Step(f"zero and approach: {label}", 15.0, approach))
+        steps += [
+            Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5, deflect(i)) for i in range(1, p.steps + 1)
+        ]
         before = spine
     limits = {
         "force_n": p.max_force, "arm_speed_m_s": p.speed, "spine_length_m": max(p.lengths),
         "deflection_m": max(p.deflection_ratio * p.cantilever(x) for x in p.lengths), "vacuum_pa": p.vacuum,
     }  # fmt: skip
     return Plan("stiffness", steps, limits)
+
+
+def _asks(p: Stiffness, spine: float) -> tuple[Ask, Ask, Callable[[int], Ask]]:
+    """What growing, approaching and each deflection ask of the rig at one spine length, m."""
+    length = p.cantilever(spine)
+    free = Ask(arm_speed=p.speed, arm_acceleration=p.acceleration)
+    grow = replace(free, spine_length=spine, spine_speed=p.spine.speed, vacuum=p.vacuum, probe=((p.first_place, None),))
+    nearest, farthest = -p.radius - p.clearance, p.radius + p.approach_step
+    approach = replace(free, probe=((length, None), (length, nearest), (length, farthest)))
+
+    def deflect(i: int) -> Ask:
+        way = p.deflection_ratio * length * i / p.steps
+        push = Push(p.specimen, spine, length, way, p.max_force)
+        return replace(free, arm_speed=p.push_speed, probe=((length, way - p.radius),), push=push)
+
+    return grow, approach, deflect
 
 
 def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
@@ -126,7 +153,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
 
 def _grow(bench: Bench, p: Stiffness, probe: ProbeMotion, spine: float) -> float:
     """The next specimen, with the probe out of its way; returns ambient pressure, Pa absolute."""
-    probe.go(0.1 if p.specimen == "spine" else p.body_length, -probe.stand.standoff, p.speed)
+    probe.go(p.first_place, -probe.stand.standoff, p.speed)
     return set_spine(bench, spine, p.vacuum, p.spine, p.jam)
 
 

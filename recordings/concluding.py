@@ -122,6 +122,7 @@ def _row(streams: Streams, state: State, span: Span) -> TrialRow:
         specimen=state.specimen,
         force=value.get("force"),
         deflection=value.get("deflection"),
+        clipped=state.clipped,
         sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
     )
 

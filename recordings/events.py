@@ -1,7 +1,7 @@
 """Messages of the experiment itself: /state (what is asked for), /trial (what was concluded), /log; and those for viewers.
 
 They hold text, so their layout is not fixed and the protobuf runtime encodes them. On /state and /trial the flat
-fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back.
+fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back, with `clipped`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ JOINTS_OF_ARM = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2",
 
 _OPTIONAL, _REPEATED = FieldDescriptorProto.LABEL_OPTIONAL, FieldDescriptorProto.LABEL_REPEATED
 _DOUBLE, _INT64 = FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.TYPE_INT64
-_STRING = FieldDescriptorProto.TYPE_STRING
+_STRING, _BOOL = FieldDescriptorProto.TYPE_STRING, FieldDescriptorProto.TYPE_BOOL
 
 _STATE = (
     ("t", _DOUBLE, _OPTIONAL, "s"),
@@ -49,6 +49,7 @@ _STATE = (
     ("targets", _DOUBLE, _REPEATED, "Pa"),
     ("spine_length", _DOUBLE, _OPTIONAL, "m"),
     ("json", _STRING, _OPTIONAL, ""),
+    ("clipped", _BOOL, _OPTIONAL, ""),
 )
 _TRIAL = (
     ("t", _DOUBLE, _OPTIONAL, "s"),
@@ -60,6 +61,7 @@ _TRIAL = (
     ("force", _DOUBLE, _OPTIONAL, "N"),
     ("deflection", _DOUBLE, _OPTIONAL, "m"),
     ("json", _STRING, _OPTIONAL, ""),
+    ("clipped", _BOOL, _OPTIONAL, ""),
 )
 
 
@@ -132,6 +134,7 @@ def encode_state(t: float, number: int, state: State) -> bytes:
         targets=state.targets,
         spine_length=state.spine_length,
         json=state.to_json(),
+        clipped=state.clipped,
     )
     return bytes(message.SerializeToString())
 
@@ -148,6 +151,7 @@ def encode_trial(t: float, number: int, row: TrialRow) -> bytes:
         force=row.force,
         deflection=row.deflection,
         json=row.to_json(),
+        clipped=row.clipped,
     )
     return bytes(message.SerializeToString())
 

@@ -7,7 +7,7 @@ import math
 import mmap
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -260,12 +260,18 @@ class Recording:
     @property
     def states(self) -> list[StateEvent]:
         """What was asked for, in order."""
-        return [StateEvent(m.t, m.number, State.from_json(m.json)) for _, m in self.events(events.STATE)]
+        return [
+            StateEvent(m.t, m.number, replace(State.from_json(m.json), clipped=m.clipped))
+            for _, m in self.events(events.STATE)
+        ]
 
     @property
     def trials(self) -> list[TrialEvent]:
         """What was concluded live, in order."""
-        return [TrialEvent(m.t, m.number, TrialRow.from_json(m.json)) for _, m in self.events(events.TRIAL)]
+        return [
+            TrialEvent(m.t, m.number, replace(TrialRow.from_json(m.json), clipped=m.clipped))
+            for _, m in self.events(events.TRIAL)
+        ]
 
     @property
     def log(self) -> list[LogLine]:

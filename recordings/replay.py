@@ -77,7 +77,7 @@ def compare(recording: Recording, states: list[Replayed] | None = None) -> Compa
             raise RecordingError(f"{recording.path}: {name} has no recorded state {event.number}")
         if replayed.row is None:
             differences.append(f"{name}: no row in replay: {replayed.reason}")
-        elif replayed.row.to_json() != event.row.to_json():
+        elif replayed.row.to_json() != event.row.to_json() or replayed.row.clipped != event.row.clipped:
             differences.append(f"{name}: {_first_difference(event.row, replayed.row)}")
     numbers = {event.number for event in live}
     rows = [replayed for replayed in again.values() if replayed.row is not None]

@@ -112,7 +112,8 @@ class State:
     counts from it; a crossing has hold 0); `rate` (Pa/s): of the ramp that led here; `targets` (Pa): pressures asked
     for, by chamber; `spine_length` (m): length asked for, used when /spine is not among `topics`; `ambient` (Pa
     absolute): what `vacuum` counts from; `topics`: the streams that must reach the end of the window and are averaged
-    into the row.
+    into the row; `clipped`: the rig's limits clipped set-points on the way here. That stands beside the JSON text, which
+    older readers take apart key by key.
     """
 
     trial: int
@@ -132,6 +133,7 @@ class State:
     topics: tuple[str, ...] = ("/pressure", "/tip", "/spine", "/vacuum")
     specimen: str | None = None
     probe: Probe | None = None
+    clipped: bool = False
 
     def __post_init__(self) -> None:
         _one_of("protocol", self.protocol, PROTOCOLS)
@@ -153,8 +155,10 @@ class State:
         return next(name for name, kind in _RULES.items() if isinstance(self.rule, kind))
 
     def to_json(self) -> str:
-        """Everything, exactly: floats are written so that they read back as the same number."""
-        return json.dumps(asdict(self) | {"rule": {"name": self.rule_name, **asdict(self.rule)}})
+        """Everything but `clipped`, exactly: floats are written so that they read back as the same number."""
+        values = asdict(self) | {"rule": {"name": self.rule_name, **asdict(self.rule)}}
+        del values["clipped"]
+        return json.dumps(values)
 
     @classmethod
     def from_json(cls, text: str) -> State:

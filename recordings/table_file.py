@@ -147,6 +147,8 @@ def _check_limits(where: str, name: str, value: float) -> None:
         raise BadTable(f"{where}: {value:g} Pa; give Pa below ambient, from 0 (no vacuum) to about 101 325")
     if name == "hold" and value < 0:
         raise BadTable(f"{where}: {value:g} s is before the ramp's end")
+    if name == "clipped" and value not in (0, 1):
+        raise BadTable(f"{where}: {value:g} is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty")
     if name == "tip_mass" and not 0 <= value <= 10:
         raise BadTable(f"{where}: {value:g} kg is outside 0 .. 10 kg; masses are in kg, is this g?")
 

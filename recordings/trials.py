@@ -3,11 +3,12 @@
 Columns, in this order (SI; a column that was never measured is absent, a cell that was not measured is empty):
 
     trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg p1..pN x y z
-    qw qx qy qz  m1x m1y m1z ..  specimen force deflection  sd_<column> ..
+    qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped  sd_<column> ..
 
 `t` s, middle of the time that was averaged; `rate` Pa/s of the ramp that led here; `hold` s from the ramp's end to the
 reading, 0 when read while ramping; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame;
-`sd_` the standard deviation of the samples that were averaged (not of their mean).
+`clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty; `sd_` the standard deviation of
+the samples that were averaged (not of their mean).
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ INTEGERS = frozenset({"trial", "step", "repeat"})
 TEXTS = frozenset({"protocol", "branch", "specimen"})
 TIP = ("x", "y", "z")
 ORIENTATION = ("qw", "qx", "qy", "qz")
-TAIL = ("specimen", "force", "deflection")
+TAIL = ("specimen", "force", "deflection", "clipped")
 
 _PRESSURE = re.compile(r"p([1-9][0-9]*)")
 _MARKER = re.compile(r"m([1-9][0-9]*)([xyz])")
@@ -78,12 +79,15 @@ class TrialRow:
     specimen: str | None = None
     force: float | None = None
     deflection: float | None = None
+    clipped: bool = False
+    """The rig's limits clipped set-points on the way here."""
     sd: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the averaged samples, by column."""
 
     def cells(self) -> dict[str, Cell]:
         """Column -> value in the table's order, without what was not measured."""
         values: dict[str, Any] = {name: getattr(self, name) for name in (*HEAD, *TAIL)}
+        values["clipped"] = 1 if self.clipped else None
         values |= {f"p{i}": p for i, p in enumerate(self.pressures, 1)}
         values |= dict(zip(TIP, self.tip or (), strict=False))
         values |= dict(zip(ORIENTATION, self.orientation or (), strict=False))
@@ -100,6 +104,7 @@ class TrialRow:
             raise BadTable(f"unknown column {', '.join(unknown)}")
         given: dict[str, Any] = dict(cells)
         plain = {name: given[name] for name in (*HEAD, *TAIL) if name in given}
+        plain["clipped"] = bool(given.get("clipped", 0))
         chambers = sum(1 for name in given if _PRESSURE.fullmatch(name))
         markers = max((int(match[1]) for name in given if (match := _MARKER.fullmatch(name))), default=0)
         missing = [n for n in ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length") if n not in given]
@@ -118,8 +123,8 @@ class TrialRow:
         )
 
     def to_json(self) -> str:
-        """The cells, exactly: equal text means equal to the last bit."""
-        return json.dumps(self.cells())
+        """The cells but `clipped`, exactly: equal text means equal to the last bit. Older readers know no further cell."""
+        return json.dumps({name: value for name, value in self.cells().items() if name != "clipped"})
 
     @classmethod
     def from_json(cls, text: str) -> TrialRow:
@@ -157,6 +162,11 @@ class Table:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    @property
+    def clipped(self) -> tuple[TrialRow, ...]:
+        """The rows on whose way the rig's limits clipped set-points."""
+        return tuple(row for row in self.rows if row.clipped)
 
     def __iter__(self) -> Iterator[TrialRow]:
         return iter(self.rows)

@@ -100,11 +100,15 @@ class AlicatFake(PtyFake):
         seed: int = 0,
         full_scale: float = 400e3,
         firmware: str = "10v20.0-R24",
+        unit: str = "kPa",
     ) -> None:
-        """`full_scale` in Pa."""
+        """`full_scale` in Pa; `unit` of measure on display and wire, which firmware before 6v00 tells nobody."""
         super().__init__("alicat", clock, baud, seed)
+        code = next(code for code, name in UNIT_NAMES.items() if name.lower() == unit.lower())
         self.device = {
-            letter: AlicatDevice(plant, tuple(group), full_scale, serial=str(521641 + i), firmware=firmware)
+            letter: AlicatDevice(
+                plant, tuple(group), full_scale, serial=str(521641 + i), firmware=firmware, unit_code=code
+            )
             for i, (letter, group) in enumerate(zip(units, chambers, strict=True))
         }
         self._stuck: dict[str, float] = {}

@@ -26,7 +26,7 @@ from drivers.errors import (
     WrongDevice,
 )
 from drivers.interfaces import PressureRegulators
-from sim_fakes.alicat import AlicatFake
+from sim_fakes.alicat import PA_PER_UNIT, AlicatFake
 from sim_fakes.clock import SimClock
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
@@ -370,10 +370,100 @@ def test_older_firmware_is_never_asked_what_it_does_not_know(
 ) -> None:
     for unit in fake.device.values():
         unit.firmware = firmware
-    regulators = make()
+    regulators = make(unit="kPa")
     assert regulators.open().firmware == firmware
     assert not any(unit.locked for unit in fake.device.values())
     assert regulators.read().setpoint == (0.0, 0.0, 0.0)
+
+
+@pytest.fixture
+def old(plant: Plant, clock: SimClock) -> Iterator[Callable[[str], AlicatFake]]:
+    """Units of firmware 5v12, which answer in their unit of measure without naming it."""
+    started: list[AlicatFake] = []
+
+    def old(unit: str) -> AlicatFake:
+        started.append(AlicatFake(plant, clock, seed=3, full_scale=413.7e3, firmware="5v12.0-R22", unit=unit))
+        started[-1].start()
+        return started[-1]
+
+    yield old
+    for fake in started:
+        fake.stop()
+
+
+def highest_told(fake: AlicatFake) -> float:
+    """The highest set-point that any unit has held, Pa, by what was sent."""
+    told = [0.0]
+    pa = PA_PER_UNIT[fake.device["A"].unit_code]
+    for request in fake.requests:
+        words = request.decode().strip()[1:]
+        if words.startswith("S "):
+            told.append(float(words[2:]) * pa)
+        elif words.isdigit():
+            told.append(int(words) / 64000 * fake.device["A"].full_scale)
+    return max(told)
+
+
+def test_a_unit_that_does_not_tell_its_unit_of_measure_needs_it_in_rig_yaml(
+    make: Callable[..., Alicat], old: Callable[[str], AlicatFake]
+) -> None:
+    with pytest.raises(WrongDevice, match=r"firmware 5v12.*write what its display shows.*pressure.unit: one of .*psi"):
+        make(port=old("psi").port).open()
+
+
+@pytest.mark.parametrize("unit", ["psi", "bar", "kPa"])
+def test_a_unit_that_shows_another_unit_of_measure_is_read_and_set_in_pascal(
+    make: Callable[..., Alicat], old: Callable[[str], AlicatFake], clock: SimClock, unit: str
+) -> None:
+    fake = old(unit)
+    regulators = make(port=fake.port, unit=unit, full_scale=413.7e3)
+    regulators.open()
+    digit = PA_PER_UNIT[fake.device["A"].unit_code] / 100
+    for _ in range(200):
+        if max(abs(p - 30e3) for p in regulators.set((30e3,) * 3)) <= digit:
+            break
+        clock.sleep(0.2)
+    assert [u.setpoint for u in fake.device.values()] == pytest.approx([30e3] * 3, abs=digit)
+    assert regulators.read().setpoint == pytest.approx((30e3,) * 3, abs=digit)
+
+
+@pytest.mark.parametrize(
+    ("shows", "told"), [("psi", "kPa"), ("kPa", "psi"), ("psi", "bar"), ("bar", "mbar"), ("kPa", "Pa")]
+)
+def test_a_wrong_unit_of_measure_is_caught_before_the_first_pressure_beyond_5_kpa(
+    make: Callable[..., Alicat], old: Callable[[str], AlicatFake], shows: str, told: str
+) -> None:
+    fake = old(shows)
+    regulators = make(port=fake.port, unit=told, full_scale=413.7e3)
+    regulators.open()
+    with pytest.raises(WrongDevice, match=f"does not show {told} but {shows}.*correct unit or full_scale"):
+        regulators.set((100e3, 0.0, 0.0))
+    assert highest_told(fake) <= 5e3 and fake.device["A"].setpoint == 0
+    regulators.vent()
+
+
+@pytest.mark.parametrize("said", [50e3, 2e6])
+def test_a_range_far_from_the_unit_s_is_caught_too(
+    make: Callable[..., Alicat], old: Callable[[str], AlicatFake], said: float
+) -> None:
+    fake = old("kPa")
+    regulators = make(port=fake.port, unit="kPa", full_scale=said, max_pressure=min(said, 300e3))
+    regulators.open()
+    with pytest.raises(WrongDevice, match="its range is not"):
+        regulators.set((20e3, 0.0, 0.0))
+    assert highest_told(fake) <= 5e3
+
+
+def test_a_unit_that_tells_its_unit_of_measure_is_believed_before_rig_yaml(
+    make: Callable[..., Alicat], fake: AlicatFake
+) -> None:
+    for unit in fake.device.values():
+        unit.unit_code, unit.full_scale = 10, 60 * PA_PER_UNIT[10]
+    with pytest.raises(WrongDevice, match="shows PSI.*set its pressure unit to kPa, or write in rig.yaml which `unit`"):
+        make().open()
+    regulators = make(unit="psi", full_scale=60 * PA_PER_UNIT[10])
+    regulators.open()
+    assert not any(request.strip()[1:].isdigit() for request in fake.requests)
 
 
 @pytest.mark.parametrize("streaming", [False, True])
