@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .actuators import Actuators
 from .clock import RigClock
-from .console import out
+from .console import out, styled
 from .instruments import ACTUATORS
 from .interrupts import Shielded
 from .latch import Entry, Latch
@@ -42,17 +42,21 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
         )
     else:
         for step in report.steps:
-            out.print(f"  {step.instrument}: {'safe' if step.confirmed else '[red]NOT CONFIRMED[/red]'} ({step.text})")
-        out.print(_verdict(report.confirmed, locked, rig_path))
+            found = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
+            out.print(f"  {step.instrument}:", found, f"({step.text})")
+        said, style = _verdict(report.confirmed, locked, rig_path)
+        out.print(said, style=style)
     return 0 if report.confirmed and locked is None else 1
 
 
-def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> str:
+def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> tuple[str, str]:
+    """What to say in the end, and in which style."""
     if not confirmed:
-        return "[red]Not confirmed safe: use the vent valve and the emergency stop.[/red]"
+        return "Not confirmed safe: use the vent valve and the emergency stop.", "red"
     if locked is None:
-        return "Safe."
+        return "Safe.", ""
     return (
         f"Safe now. The rig stays locked: {locked}. When you have looked at it and nobody is in its way: "
-        f"lab safe --clear --rig {rig_path}"
+        f"lab safe --clear --rig {rig_path}",
+        "",
     )
