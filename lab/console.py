@@ -7,6 +7,7 @@ terminal is written out. Colour is given beside a text, by `style=` or `styled`.
 from __future__ import annotations
 
 import contextlib
+import io
 import logging
 import os
 import sys
@@ -61,7 +62,11 @@ def complain(text: str) -> None:
 
 
 def plain_failures() -> None:
-    """From now on the logs of libraries and the traceback of a mistake in this program are printed plain, too."""
+    """From now on the logs of libraries and the traceback of a mistake in this program are printed plain, too, and a
+    character that the terminal's encoding does not have is written out."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     handler = logging.StreamHandler()
     handler.setFormatter(_PlainFormatter("%(name)s: %(message)s"))
     logging.basicConfig(level=logging.ERROR, handlers=[handler])

@@ -77,6 +77,12 @@ def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
     assert [str(p) for p in LAB if calls(p, "Text") and p != CONSOLE] == []
 
 
+@pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])
+def test_no_room_but_the_lab_prints(room: str) -> None:
+    users = [str(p) for p in (ROOT / room).rglob("*.py") if calls(p, "print") or "import rich" in p.read_text()]
+    assert users == []
+
+
 def test_what_is_printed_beside_it_is_json() -> None:
     odd = [
         f"{path.relative_to(ROOT)}:{call.lineno}"

@@ -121,6 +121,19 @@ def test_a_mistake_in_the_program_and_the_logs_of_libraries_are_told_plain() -> 
     assert f"library: {SHOWN}" in said and f"ZeroDivisionError: {SHOWN}" in said and "\x1b" not in said
 
 
+def test_a_character_that_the_terminal_does_not_have_ends_nothing() -> None:
+    program = """
+        from lab.console import Screen, plain_failures
+        plain_failures()
+        Screen("title").say("25 °C 漢")
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, check=True,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"}, cwd=Path(cli.__file__).parents[1],
+    )  # fmt: skip
+    assert done.stdout == b"  25 \\xb0C \\u6f22\n"
+
+
 def test_a_reader_that_has_gone_does_not_end_the_program() -> None:
     program = """
         import sys
