@@ -196,7 +196,7 @@ class NatNetMocap:
             return ServerClient(
                 config.server, config.local, (config.command_port, config.data_port), self._heard_elsewhere
             )
-        except OSError as e:
+        except (OSError, UnicodeError) as e:
             raise Unreachable(
                 self.name,
                 f"{config.server} cannot be reached from here ({e}); check server in rig.yaml and the network",

@@ -13,7 +13,7 @@ from rich.table import Table
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 
-from .console import err, out
+from .console import err, out, styled
 from .latch import Latch
 from .rig import Rig
 from .rig_file import load_rig
@@ -81,7 +81,7 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         table.add_column(column)
     for r in rows:
         if not r["ok"]:
-            table.add_row(r["instrument"], f"[red]{r['problem']}[/red]", "", "", "")
+            table.add_row(r["instrument"], styled(r["problem"], "red"), "", "", "")
             continue
         identity = " ".join(x for x in (r["maker"], r["model"], r["serial"], r["firmware"]) if x)
         rate = f"{r['rate_hz']:g} Hz" if r.get("rate_hz") is not None else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import math
 import os
 import sys
@@ -257,21 +256,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The matrices of fits and diagnoses are small: threads of the linear algebra would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     a = parser().parse_args(arguments)
-    logging.basicConfig(level=logging.ERROR, format="%(name)s: %(message)s")
+    from .console import complain, plain_failures
     from .failures import explained
 
+    plain_failures()
     try:
         handler: Handler = a.handler
         return handler(a)
     except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
+        complain("stopped")
         return FAILED
     except Exception as e:
         known = explained(e)
         if known is None:
             raise
         text, code = known
-        print(text, file=sys.stderr)
+        complain(text)
         return code
 
 

@@ -1,26 +1,94 @@
-"""What a person sees while something runs: lines of text, and progress with time left (quiet when not a terminal)."""
+"""What a person sees while something runs: lines of text, and progress with time left (quiet when not a terminal).
+
+All of it goes through `out` and `err`, which take text as it is: nothing in it is markup, and what would act on a
+terminal is written out. Colour is given beside a text, by `style=` or `styled`.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import logging
+import os
 import sys
 import time
+import traceback
 from types import TracebackType
+from typing import IO, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.protocol import is_renderable
+from rich.text import Text
 
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+from .plain import plain
+
+
+class PlainConsole(Console):
+    """A console that prints text plain, in tables too."""
+
+    def __init__(self, stderr: bool = False, file: IO[str] | None = None, width: int | None = None) -> None:
+        super().__init__(stderr=stderr, file=file, width=width, markup=False, highlight=False, emoji=False)
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        """Every string that is printed or stands in a table comes through here."""
+        return super().render_str(plain(text), **how)
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        """See Console.print; what is no text (a path, an error) is turned into it first."""
+        super().print(*(o if is_renderable(o) else str(o) for o in objects), **how)
+
+    def on_broken_pipe(self) -> None:
+        """Nobody reads any more (`lab run | head`): go on in silence, because a run must come to its end."""
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
+
+out = PlainConsole()
+err = PlainConsole(stderr=True)
+
+
+def styled(text: str, style: str) -> Text:
+    """Text in a style, for a table's cell or a part of a line."""
+    return Text(plain(text), style)
+
+
+def complain(text: str) -> None:
+    """One message to stderr, its lines as they are."""
+    err.print(text, soft_wrap=True)
+
+
+def plain_failures() -> None:
+    """From now on the logs of libraries and the traceback of a mistake in this program are printed plain, too, and a
+    character that the terminal's encoding does not have is written out."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    handler = logging.StreamHandler()
+    handler.setFormatter(_PlainFormatter("%(name)s: %(message)s"))
+    logging.basicConfig(level=logging.ERROR, handlers=[handler])
+    sys.excepthook = lambda kind, error, trace: complain(
+        "".join(traceback.format_exception(kind, error, trace)).rstrip("\n")
+    )
+
+
+class _PlainFormatter(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return plain(super().format(record))
 
 
 class Screen:
     """Narrator of protocols: says lines, shows how far they are and how long it will take at the rig's speed."""
 
     def __init__(self, title: str, speed: float = 1.0, quiet: bool = False) -> None:
-        self._title, self._speed, self._quiet = title, speed, quiet
+        self._title, self._speed, self._quiet = plain(title), speed, quiet
         self._progress = Progress(
-            TextColumn("{task.description}"), BarColumn(bar_width=30), TextColumn("{task.percentage:3.0f} %"),
-            TimeElapsedColumn(), TextColumn("{task.fields[left]}"), console=out, transient=True,
+            TextColumn("{task.description}", markup=False), BarColumn(bar_width=30),
+            TextColumn("{task.percentage:3.0f} %", markup=False), TimeElapsedColumn(),
+            TextColumn("{task.fields[left]}", markup=False), console=out, transient=True,
             disable=quiet or not sys.stdout.isatty(),
         )  # fmt: skip
         self._task: TaskID | None = None
@@ -37,9 +105,10 @@ class Screen:
         self._progress.stop()
 
     def say(self, text: str) -> None:
-        """One line."""
+        """Something that has happened. What cannot be shown (a terminal that is gone) is no reason to end a run."""
         if not self._quiet:
-            self._progress.console.print(f"  {text}")
+            with contextlib.suppress(OSError):
+                self._progress.console.print("  " + text.replace("\n", "\n    "))
 
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""

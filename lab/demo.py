@@ -18,7 +18,7 @@ from sim_fakes.virtual_robot import draw_effect, list_effects
 from .check import check
 from .compare import comparison
 from .compare import sheet as error_sheet
-from .console import Screen, out
+from .console import Screen, out, styled
 from .demo_report import Seal, write
 from .diagnose import Outputs, diagnose
 from .fakes import write_rig
@@ -57,7 +57,7 @@ class Story:
 
     def step(self, title: str, do: Callable[[], T]) -> T:
         """Say what comes, do it."""
-        out.print(f"\n[bold]{title}[/bold]  [dim]{time.monotonic() - self.began:.0f} s[/dim]")
+        out.print(styled(f"\n{title}", "bold"), styled(f" {time.monotonic() - self.began:.0f} s", "dim"))
         return do()
 
 
@@ -92,7 +92,8 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     page = story.step("Report", lambda: write(folder, case, files, fit, before, after, equal, seal))
     out.print(f"{page}")
     out.print(f"\nThe seal: {seal.text}")
-    out.print(f"[bold]The effect that was on: {seal.effect}[/bold] = {seal.size:.4g} {seal.unit} ({seal.physics})")
+    found = styled(f"The effect that was on: {seal.effect}", "bold")
+    out.print(found, f"= {seal.size:.4g} {seal.unit} ({seal.physics})")
     out.print(f"Done in {time.monotonic() - story.began:.0f} s.")
     return 0 if equal and all(r.error is None and r.safe for r in runs) else 1
 

@@ -27,6 +27,7 @@ from model.effects.spec import STAGES
 from model.robot import Robot, load_robot
 
 from .console import out as screen
+from .console import styled
 from .example import paper_robot
 from .own_effects import catalogue
 
@@ -190,7 +191,7 @@ def _table(found: list[Signature], robot: str) -> Table:
         for i, s in enumerate([s for s in found if s.effect.stage == stage]):
             if i == 0:
                 table.add_section()
-                table.add_row(f"[bold]{stage}[/bold]")
+                table.add_row(styled(stage, "bold"))
             moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}"
             hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" else ""
             sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")

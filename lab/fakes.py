@@ -38,7 +38,7 @@ def serve(a: argparse.Namespace) -> int:
             write_rig(rig, a.rig)
             out.print(f"{a.rig} reaches the fakes; Ctrl-C ends them")
         else:
-            print(rig.rig_yaml(str(paper_robot())), flush=True)
+            out.print(rig.rig_yaml(str(paper_robot())), soft_wrap=True)
         ended.wait()
     return 0
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
-    "figure.dpi": 110, "savefig.dpi": 150, "legend.frameon": False, "axes.titlesize": 10,
+    "figure.dpi": 110, "savefig.dpi": 150, "legend.frameon": False, "axes.titlesize": 10, "text.parse_math": False,
 }  # fmt: skip
 
 

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .plain import one_line
+
 TAKE_WITHIN = 8.0
 """Host seconds to wait for an earlier guard that is still landing; it disconnects the arm, which takes 2 s."""
 JOURNAL_LIMIT = 1_000_000
@@ -90,7 +92,7 @@ class Latch:
             with open(self.journal, "r+" if fresh else "a", encoding="utf-8") as file:
                 if fresh:
                     file.truncate(0)
-                file.write(f"{time.strftime('%Y-%m-%d %H:%M:%S')} [{os.getpid()}] {text}\n")
+                file.write(f"{time.strftime('%Y-%m-%d %H:%M:%S')} [{os.getpid()}] {one_line(text)}\n")
 
     def own(self, within: float = TAKE_WITHIN) -> None:
         """Own the rig until this process ends; raises RigLocked when another guard keeps it."""

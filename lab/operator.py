@@ -19,6 +19,8 @@ from typing import Any
 from protocols.bench import Operator, Setup
 from protocols.errors import ProtocolError, Stopped
 
+from .console import out
+
 MOUNTS = {
     "robot": "hang the robot in its frame, spine inside",
     "body": "mount the robot at the stiffness stand",
@@ -34,19 +36,19 @@ class Console:
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare."""
-        print(
+        out.print(
             f"Prepare: {MOUNTS[setup.mount]}; tip mass {setup.tip_mass * 1e3:g} g; "
             f"chamber pattern turned by {setup.roll_deg:g} deg; vacuum supply at {setup.vacuum / 1e3:g} kPa below ambient."
         )
         if not sys.stdin.isatty():
-            print("(not a terminal: taken as prepared)")
+            out.print("(not a terminal: taken as prepared)")
             return
         if input("Enter when ready, q to stop: ").strip().lower() == "q":
             raise Stopped("not prepared; nothing moved")
 
     def confirm(self, trouble: str) -> None:
         """See Operator.confirm; where nobody can type, nobody can confirm."""
-        print(f"Paused, vented and stopped: {trouble}")
+        out.print(f"Paused, vented and stopped: {trouble}")
         if not sys.stdin.isatty():
             raise Stopped(f"paused: {trouble}; nobody is there to put it right (not a terminal)")
         if input("Enter when it is put right and nobody is in the cell, q to stop: ").strip().lower() == "q":

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from model.calibration import fit_area_factor_by_length
@@ -27,6 +26,7 @@ from model.rod import solve
 from model.section import combined_modulus
 
 from . import findings_figures, paper_figures
+from .console import PlainConsole
 from .console import out as screen
 from .example import paper_robot
 from .paper_findings import Findings, find
@@ -101,7 +101,7 @@ class PaperReport:
             "figures": [str(path) for path in self.figures],
         }
 
-    def print(self, console: Console) -> None:
+    def print(self, console: PlainConsole) -> None:
         """Show the tables."""
         console.print(self._tip_table())
         console.print(self._error_table())

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from model.compare import ErrorTable
 from model.condition import Condition
 from model.robot import Robot
 
+from .console import PlainConsole
 from .paper_area import AreaFindings, area_findings
 from .paper_moduli import ModuliFindings, modulus_forms
 
@@ -81,7 +81,7 @@ class Findings:
         """JSON-able."""
         return {"modulus": self.moduli.as_dict(), "area_factor": self.area.as_dict(), "euler_step": self.step.as_dict()}
 
-    def print(self, console: Console) -> None:
+    def print(self, console: PlainConsole) -> None:
         """Tables and sentences."""
         parts = (
             ("1. Table II: what makes the modulus grow with length", _forms(self.moduli), self.moduli.sentences()),
@@ -89,7 +89,7 @@ class Findings:
             ("3. Table III: what the Euler step alone can make", None, self.step.sentences()),
         )
         for title, table, sentences in parts:
-            console.print(f"[bold]{title}[/bold]")
+            console.print(title, style="bold")
             if table is not None:
                 console.print(table)
             for sentence in sentences:

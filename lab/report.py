@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, select_autoescape
+from jinja2 import Environment, FileSystemLoader
+
+from .plain import plain
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,9 @@ class Report:
     def write(self, path: Path) -> Path:
         """Write the page."""
         environment = Environment(
-            loader=FileSystemLoader(Path(__file__).parent), autoescape=select_autoescape(["j2", "html"])
+            loader=FileSystemLoader(Path(__file__).parent),
+            autoescape=True,
+            finalize=lambda value: plain(value) if isinstance(value, str) else value,
         )
         page = environment.get_template("report.html.j2").render(
             title=self.title, subtitle=self.subtitle, lead=self.lead, sections=[vars(s) for s in self.sections]

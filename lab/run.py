@@ -159,7 +159,7 @@ def run(
         for topic, n in lost.items():
             out.print(f"  lost on {topic}: {n} samples")
         if not result.safe:
-            err.print("[red]The safe state is not confirmed: use the vent valve and the emergency stop.[/red]")
+            err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
     if result.error is not None and not isinstance(result.error, Stopped):
         raise result.error
     if result.error is not None or not result.safe:

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from .clock import RigClock
-from .console import err, out
+from .console import err, out, styled
 from .instruments import ACTUATORS
 from .interrupts import Shielded
 from .landing import SafeReport
@@ -28,7 +28,7 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
     file, told = at_real_speed(load_rig(rig_path))
     if told:
-        err.print(told, markup=False)
+        err.print(told)
     latch = Latch(rig_path)
     with Shielded():
         report = _land(file, latch, clear)
@@ -42,8 +42,10 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
         )
     else:
         for step in report.steps:
-            out.print(f"  {step.instrument}: {'safe' if step.confirmed else '[red]NOT CONFIRMED[/red]'} ({step.text})")
-        out.print(_verdict(report.confirmed, locked, rig_path))
+            found = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
+            out.print(f"  {step.instrument}:", found, f"({step.text})")
+        said, style = _verdict(report.confirmed, locked, rig_path)
+        out.print(said, style=style)
     return 0 if report.confirmed and locked is None else 1
 
 
@@ -57,12 +59,14 @@ def _land(file: RigFile, latch: Latch, clear: bool) -> SafeReport:
     return land_anew(file, RigClock(file.clock.speed), names, "lab safe", unlock=clear)
 
 
-def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> str:
+def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> tuple[str, str]:
+    """What to say in the end, and in which style."""
     if not confirmed:
-        return "[red]Not confirmed safe: use the vent valve and the emergency stop.[/red]"
+        return "Not confirmed safe: use the vent valve and the emergency stop.", "red"
     if locked is None:
-        return "Safe."
+        return "Safe.", ""
     return (
         f"Safe now. The rig stays locked: {locked}. When you have looked at it and nobody is in its way: "
-        f"lab safe --clear --rig {rig_path}"
+        f"lab safe --clear --rig {rig_path}",
+        "",
     )

@@ -116,6 +116,8 @@ JOINTS = _foreign("/arm/joints", JointStates)
 EVENTS: dict[str, EventType] = {event.topic: event for event in (STATE, TRIAL, LOG, POSE, POSES, JOINTS)}
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
+LONGEST_TEXT = 10_000
+"""Characters of a line of /log and of the detail of an outcome; what instruments say ends up there."""
 
 
 def encode_state(t: float, number: int, state: State) -> bytes:
@@ -154,6 +156,13 @@ def encode_trial(t: float, number: int, row: TrialRow) -> bytes:
         clipped=row.clipped,
     )
     return bytes(message.SerializeToString())
+
+
+def bounded(text: str) -> str:
+    """The text as it is but for an end that is too long, and for halves of characters, which no file can hold."""
+    whole = text.encode("utf-8", "backslashreplace").decode()
+    over = len(whole) - LONGEST_TEXT
+    return whole if over <= 0 else f"{whole[:LONGEST_TEXT]} ... ({over} more characters)"
 
 
 def encode_log(log_time: int, level: str, text: str, name: str) -> bytes:

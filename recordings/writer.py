@@ -231,11 +231,14 @@ class Recorder:
             entry.lost += count
 
     def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
-        """A line on /log; `level` one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp."""
+        """A line on /log; `level` one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp.
+
+        The text is kept as it is, up to `events.LONGEST_TEXT` characters.
+        """
         if level not in events.LEVELS:
             raise BadMessage(f"log level {level!r} is unknown; one of {', '.join(events.LEVELS)}")
         ns = self._newest() if t is None else self._nanoseconds("/log", t)
-        self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, text, name))
+        self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), name))
 
     def state(self, t: float, state: State) -> int:
         """Record what is asked for, before it is read; returns the state's number in this recording.
@@ -373,7 +376,11 @@ class Recorder:
         `outcome`: completed, stopped or failed. Raises `WriteFailed` when the file could not be finished.
         """
         if self._outcome is None:
-            self._outcome = {"outcome": outcome, "detail": detail, "closed_wall_ns": str(time.time_ns())}
+            self._outcome = {
+                "outcome": outcome,
+                "detail": events.bounded(detail),
+                "closed_wall_ns": str(time.time_ns()),
+            }
             self._queue.append(None)
             self._wake.set()
         self._thread.join()

@@ -31,6 +31,7 @@ class NumatoFake(PtyFake):
         self.plant = plant
         self.coils = [False] * relays
         self.valve = valve
+        self.identity = "SOFTLAB1"
 
     def process(self, dt: float) -> None:
         if not self.faults.extra.get("welded"):
@@ -63,7 +64,7 @@ class NumatoFake(PtyFake):
         if command == "ver":
             return "00000008"
         if command == "id get":
-            return "SOFTLAB1"
+            return self.identity
         if command == "relay readall":
             mask = sum(on << i for i, on in enumerate(self.coils))
             return f"{mask:0{max(2, len(self.coils) // 4)}x}"

@@ -18,6 +18,7 @@ GROUPS = {
     "test_blind_wire.py": RIG,
     "test_cluster.py": RIG,
     "test_end_to_end.py": RIG,
+    "test_plain_text_on_a_rig.py": RIG,
     "test_proposed_experiments.py": RIG,
     "test_resume.py": RIG,
     "test_who_may_speak.py": RIG,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -55,3 +56,60 @@ def test_no_file_names_a_machine_path_or_a_package_index() -> None:
         if bad.search(line)
     ]
     assert found == []
+
+
+LAB = sorted((ROOT / "lab").rglob("*.py"))
+CONSOLE = ROOT / "lab" / "console.py"
+TAG = re.compile(r"\[/[a-z ]*\]|\[(bold|dim|italic|underline|red|green|yellow|blue|cyan|magenta|white)\b[a-z ]*\]")
+
+
+def calls(path: Path, name: str) -> list[ast.Call]:
+    """The calls of a function by its bare name."""
+    tree = ast.walk(ast.parse(path.read_text()))
+    return [n for n in tree if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id == name]
+
+
+def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
+    parts = re.compile(
+        r"^\s*(from rich(\.(console|text|markup|progress|live|panel|logging))? import|import rich)", re.M
+    )
+    assert [str(p) for p in LAB if p != CONSOLE and parts.search(p.read_text())] == []
+    assert [str(p) for p in LAB if calls(p, "Text") and p != CONSOLE] == []
+
+
+@pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])
+def test_no_room_but_the_lab_prints(room: str) -> None:
+    users = [str(p) for p in (ROOT / room).rglob("*.py") if calls(p, "print") or "import rich" in p.read_text()]
+    assert users == []
+
+
+def test_what_is_printed_beside_it_is_json() -> None:
+    odd = [
+        f"{path.relative_to(ROOT)}:{call.lineno}"
+        for path in LAB
+        for call in calls(path, "print")
+        if not (call.args and ast.unparse(call.args[0]).startswith(("json.dumps(", "message.to_json(")))
+    ]
+    assert odd == []
+
+
+def test_no_text_of_the_lab_is_markup() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno}: {node.value!r}"
+        for path in LAB
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and TAG.search(node.value)
+    ]
+    assert found == []
+
+
+def test_pages_escape_everything() -> None:
+    environments = [call for path in LAB for call in calls(path, "Environment")]
+    assert environments
+    for call in environments:
+        (escaping,) = [k.value for k in call.keywords if k.arg == "autoescape"]
+        assert isinstance(escaping, ast.Constant) and escaping.value is True
+    for page in (ROOT / "lab").rglob("*.j2"):
+        text = page.read_text()
+        assert not re.search(r"\|\s*safe|autoescape|<script", text), page
+        assert not any("{{" in style or "{%" in style for style in re.findall(r"<style.*?</style>", text, re.S)), page

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.table import Table
 
+from ..console import styled
 from ..figures import STYLE, save
 from .intervals import Interval
 from .metrics import best_temperature
@@ -28,7 +29,7 @@ def sheet(result: Score) -> Table:
     for column in ("figure", "found", "95 % interval", "cases", "target", ""):
         table.add_column(column, justify="left" if column in ("figure", "") else "right")
     for label, *cells, met in rows(result):
-        mark = {"met": "[green]met[/green]", "missed": "[red]missed[/red]"}.get(met, "")
+        mark = styled(met, {"met": "green", "missed": "red"}.get(met, ""))
         table.add_row(label, *cells, mark)
     return table
 

@@ -276,6 +276,13 @@ def test_no_server_is_unreachable_within_the_time_out() -> None:
     assert time.monotonic() - start < 2
 
 
+@pytest.mark.parametrize("server", ["a" * 200, "255.255.255.255"])
+def test_a_server_that_cannot_be_reached_is_told_with_its_name(server: str) -> None:
+    config = Config(server=server, body="Tip", mocap_to_base=Pose(**IDENTITY), timeout=0.3)
+    with pytest.raises(Unreachable, match=server):
+        NatNetMocap("mocap", config, SimClock(), lambda _: None).open()
+
+
 def test_a_local_address_that_is_not_ours_is_unreachable(make: Make, fake: MotiveFake) -> None:
     with pytest.raises(Unreachable, match="192.0.2.1"):
         make(local="192.0.2.1").open()

@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image
@@ -15,6 +16,9 @@ import numpy as np
 import pytest
 from diagnosed_case import Answered, answered_once
 from numpy.typing import NDArray
+
+from diagnosis.result import Diagnosis
+from lab.diagnosis_report import write
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (
@@ -77,6 +81,15 @@ def test_the_page_points_nowhere(answered: Answered) -> None:
     text = answered.page.read_text()
     assert not re.search(r'(?:src|href|url\()\s*=?\s*["\']?\s*(?:https?:)?//', text)
     assert "<script" not in text
+
+
+def test_the_page_shows_what_comes_from_outside_as_text(answered: Answered, tmp_path: Path) -> None:
+    hostile = "[/red] \x1b[2J <script>alert(1)</script> <img src=x onerror=alert(1)>"
+    found = Diagnosis.from_json(answered.json.read_text())
+    found = replace(found, statement=hostile, concerns=(hostile,))
+    page = write(found, 0.4, tmp_path / "page.html", hostile).read_text()
+    shown = "[/red] \\x1b[2J &lt;script&gt;alert(1)&lt;/script&gt; &lt;img src=x onerror=alert(1)&gt;"
+    assert page.count(shown) == 3 and "\x1b" not in page and "<script" not in page and "<img src=x" not in page
 
 
 def test_the_browser_shows_title_verdict_and_all_sections(answered: Answered, browser: str, tmp_path: Path) -> None:

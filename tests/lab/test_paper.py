@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
+from lab.console import PlainConsole
 from lab.paper import PaperReport, main, run
 
 
@@ -60,7 +60,7 @@ def test_the_json_holds_the_numbers_of_the_report(report: PaperReport, folder: P
 
 def test_the_tables_show_each_spine_length_with_published_and_computed_error(report: PaperReport) -> None:
     text = io.StringIO()
-    report.print(Console(file=text, width=140))
+    report.print(PlainConsole(file=text, width=140))
     shown = text.getvalue()
     assert "239.5, 322.9" in shown
     assert "13.2" in shown and "6.11" in shown

@@ -254,3 +254,18 @@ def test_samples_older_than_what_is_kept_are_refused_rather_than_missing(tmp_pat
         assert len(recorder.buffers.window("/valve", 9.2, 10.0)) == 80
         with pytest.raises(RecordingError, match="no longer in memory"):
             recorder.buffers.window("/valve", 0.0, 10.0)
+
+
+def test_what_instruments_say_is_kept_as_it_is_but_not_without_end(tmp_path: Path) -> None:
+    hostile = "[/red] \x1b[2J <script>"
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
+    recorder.log("warning", hostile)
+    recorder.log("warning", "x" * 1_000_000)
+    recorder.log("warning", "half \ud800")
+    recorder.close("failed", "half \ud800" + "y" * 1_000_000)
+    recording = Recording.open(tmp_path / "a.mcap")
+    first, long, half = (line.text for line in recording.log if line.level == "warning")
+    assert first == hostile and half == "half \\ud800"
+    assert len(long) < 11_000 and long.endswith("x ... (990000 more characters)")
+    assert recording.metadata["outcome"]["detail"].startswith("half \\ud800yyy")
+    assert len(recording.metadata["outcome"]["detail"]) < 11_000

@@ -1,0 +1,21 @@
+"""Text from instruments, files and people, made fit to be shown: it says what it says and does nothing."""
+
+from __future__ import annotations
+
+import re
+
+_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Control characters but tab and newline, what turns the direction of writing, and halves of characters."""
+
+
+def plain(text: str) -> str:
+    """The text with every character that would act on a terminal or a page written out, as in \\x1b.
+
+    Tabs and line ends stay. Escaping for HTML is the template's business.
+    """
+    return _ACTS.sub(lambda found: found[0].encode("unicode_escape").decode(), text.replace("\r\n", "\n"))
+
+
+def one_line(text: str) -> str:
+    """The same on a single line, for files that are read line by line."""
+    return plain(text).replace("\n", "\\n")

@@ -1,0 +1,188 @@
+"""Whatever a text holds, it is shown and does nothing: on the screen, in tables, in progress, in logs, on pages."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+from rich.table import Table
+
+from drivers.errors import DeviceFault
+from lab import cli
+from lab.check import _table
+from lab.console import PlainConsole, Screen, complain, out, styled
+from lab.figures import STYLE, save
+from lab.latch import Latch
+from lab.plain import plain
+from lab.report import Report
+
+HOSTILE = "[/red] [bold]x[/] \x1b[2J\r\x07\0\u202e <script>alert(1)</script> :smile: \ud800 {{ 1 }}"
+SHOWN = "[/red] [bold]x[/] \\x1b[2J\\r\\x07\\x00\\u202e <script>alert(1)</script> :smile: \\ud800 {{ 1 }}"
+
+
+def test_plain_text_keeps_what_is_read_and_writes_out_what_acts() -> None:
+    assert plain(HOSTILE) == SHOWN
+    assert plain("naïve µ → 漢字 \t\n") == "naïve µ → 漢字 \t\n"
+    assert plain("one\r\ntwo\x9b2J") == "one\ntwo\\x9b2J"
+
+
+def test_out_prints_text_errors_and_paths_plain(capsys: pytest.CaptureFixture[str]) -> None:
+    for thing in (HOSTILE, DeviceFault("valve", HOSTILE), Path(HOSTILE.replace("\0", ""))):
+        out.print(thing, soft_wrap=True)
+    assert capsys.readouterr().out.splitlines() == [SHOWN, f"valve: {SHOWN}", SHOWN.replace("\\x00", "")]
+
+
+def test_a_table_shows_text_plain_in_every_place() -> None:
+    table = Table(HOSTILE, title=HOSTILE, caption=HOSTILE)
+    table.add_row(HOSTILE)
+    table.add_row(styled(HOSTILE, "red"))
+    text = io.StringIO()
+    PlainConsole(file=text, width=400).print(table)
+    assert text.getvalue().count(SHOWN) == 5
+
+
+def test_the_screen_says_text_plain_and_shows_that_it_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+    with Screen(HOSTILE) as screen:
+        screen.say(f"{HOSTILE}\nsafe")
+    said = capsys.readouterr().out
+    assert "[/red] [bold]x[/] \\x1b[2J" in said and "\n    safe\n" in said
+
+
+def test_progress_on_a_terminal_shows_text_plain(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    program = f"""
+        from lab.console import Screen, out
+        with Screen({HOSTILE!r}) as screen:
+            screen.progress(1.0, 2.0)
+            screen._progress.refresh()
+            screen.say({HOSTILE!r})
+    """
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "400"}
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(
+        command, stdout=theirs, stderr=subprocess.PIPE, env=environment, cwd=Path(cli.__file__).parents[1], check=False
+    )
+    os.close(theirs)
+    seen = b""
+    try:
+        while piece := os.read(ours, 65536):
+            seen += piece
+    except OSError:
+        pass  # all is read
+    os.close(ours)
+    assert done.returncode == 0, done.stderr.decode()
+    assert seen.decode().count(SHOWN) >= 2 and b"\x1b[2J" not in seen and b"\x07" not in seen
+
+
+def test_the_table_of_lab_check_is_plain() -> None:
+    sound = {
+        "instrument": "arm",
+        "ok": True,
+        "maker": HOSTILE,
+        "model": HOSTILE,
+        "serial": HOSTILE,
+        "firmware": HOSTILE,
+    }
+    rows = [{"instrument": "valve", "ok": False, "problem": HOSTILE}, sound | {"limits": {}}]
+    text = io.StringIO()
+    PlainConsole(file=text, width=1000).print(_table(HOSTILE, rows, 1.0))
+    assert text.getvalue().count(SHOWN) == 6
+
+
+def test_an_error_that_ends_the_command_is_plain(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def fail(a: object) -> int:
+        raise DeviceFault("valve", HOSTILE)
+
+    monkeypatch.setattr(cli, "_info", fail)
+    assert cli.main(["info", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == f"valve: {SHOWN}\n"
+
+
+def test_a_mistake_in_the_program_and_the_logs_of_libraries_are_told_plain() -> None:
+    program = f"""
+        import logging
+        from lab.console import plain_failures
+        plain_failures()
+        logging.getLogger("library").error({HOSTILE!r})
+        raise ZeroDivisionError({HOSTILE!r})
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(command, capture_output=True, cwd=Path(cli.__file__).parents[1], check=False)
+    said = done.stderr.decode()
+    assert done.returncode == 1
+    assert f"library: {SHOWN}" in said and f"ZeroDivisionError: {SHOWN}" in said and "\x1b" not in said
+
+
+def test_a_character_that_the_terminal_does_not_have_ends_nothing() -> None:
+    program = """
+        from lab.console import Screen, plain_failures
+        plain_failures()
+        Screen("title").say("25 °C 漢")
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, check=True,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"}, cwd=Path(cli.__file__).parents[1],
+    )  # fmt: skip
+    assert done.stdout == b"  25 \\xb0C \\u6f22\n"
+
+
+def test_a_reader_that_has_gone_does_not_end_the_program() -> None:
+    program = """
+        import sys
+        from lab.console import Screen, out
+        sys.stdin.readline()
+        for i in range(3):
+            out.print("nobody reads this")
+            Screen("title").say("nor this")
+        print("went on", file=sys.stderr)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, cwd=Path(cli.__file__).parents[1]
+    ) as process:
+        assert process.stdout and process.stdin and process.stderr
+        process.stdout.close()
+        process.stdin.write("\n")
+        process.stdin.close()
+        assert process.stderr.read() == "went on\n"
+    assert process.returncode == 0
+
+
+def test_a_long_message_is_not_broken_into_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    complain("word " * 100)
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_page_shows_text_and_runs_none_of_it(tmp_path: Path) -> None:
+    report = Report(HOSTILE, HOSTILE, HOSTILE)
+    picture = tmp_path / "p.png"
+    picture.write_bytes(b"png")
+    report.section(HOSTILE).text(HOSTILE).table([HOSTILE], [[HOSTILE]]).figure(picture, f'"{HOSTILE}')
+    page = report.write(tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<script" not in page and page.count("&lt;script&gt;alert(1)&lt;/script&gt;") == 10
+    assert "\x1b" not in page and "\u202e" not in page and "\\x1b[2J" in page and "{{ 1 }}" in page
+
+
+def test_a_figure_draws_text_that_looks_like_mathematics(tmp_path: Path) -> None:
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure, axis = plt.subplots()
+        axis.set_title(r"$\frac{1} costs $5 [/red]")
+        assert save(figure, tmp_path / "a.png").stat().st_size > 1000
+
+
+def test_the_guard_s_journal_has_one_line_for_a_text(tmp_path: Path) -> None:
+    latch = Latch(tmp_path / "rig.yaml")
+    latch.note(f"{HOSTILE}\nall is well")
+    (line,) = latch.journal.read_text(encoding="utf-8").splitlines()
+    assert line.endswith(f"{SHOWN}\\nall is well")
