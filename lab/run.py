@@ -24,6 +24,7 @@ from recordings.journal import Journal
 from recordings.trials import Table
 from recordings.writer import Recorder
 
+from .checked import last
 from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
 from .console import Screen, clock, err, out
 from .interrupts import Interrupts
@@ -32,6 +33,8 @@ from .provenance import provenance
 from .resume import Broken, find
 from .rig import Rig
 from .rig_file import RigFile, load_rig
+
+UNCHECKED = "Units, ranges and hoses of this rig are not confirmed"
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,8 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, quiet=as_json)
+        if isinstance(check := last(rig_path, j.rig), str) and not as_json:
+            out.print(f"{UNCHECKED}: {check}; lab check --move --rig {rig_path}", markup=False)
         result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
     lost = result.lost
     if as_json:
@@ -210,7 +215,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
             "robot.yaml": j.rig.robot.read_bytes(),
             "protocol.yaml": j.protocol_yaml.encode(),
         },
-        metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1),
+        metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1) | _checked(j),
         markers=markers,
         start=rig.clock.now(),
     )
@@ -240,6 +245,14 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         lost = _finish(recorder, outcome, str(error or ""), report)
     rows = (*(broken.table if broken is not None else ()), *trials.rows)
     return Outcome(file, outcome, Table(rows), lost, report, error)
+
+
+def _checked(j: Job) -> dict[str, dict[str, str]]:
+    """Metadata that tells when the rig was last seen to do what it is told, or why that is not known."""
+    check = last(j.rig_path, j.rig)
+    if isinstance(check, str):
+        return {"check": {"moved": "no", "why": check}}
+    return {"check": {"moved": check.when} | {m.what: m.text for m in check.seen}}
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
