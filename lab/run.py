@@ -150,7 +150,7 @@ def run(
     with Rig(j.rig) as rig:
         connect(rig, quiet=as_json)
         if isinstance(check := last(rig_path, j.rig), str) and not as_json:
-            out.print(f"{UNCHECKED}: {check}; lab check --move --rig {rig_path}", markup=False)
+            out.print(f"{UNCHECKED}: {check}; lab check --move --rig {rig_path}", markup=False, soft_wrap=True)
         result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
     lost = result.lost
     if as_json:
