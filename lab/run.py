@@ -27,6 +27,7 @@ from recordings.writer import Recorder
 from .checked import last
 from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
 from .console import Screen, clock, err, out
+from .inputs import same_body
 from .interrupts import Interrupts
 from .limits import problems
 from .provenance import provenance
@@ -149,8 +150,8 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, quiet=as_json)
-        if isinstance(check := last(rig_path, j.rig), str) and not as_json:
-            out.print(f"{UNCHECKED}: {check}; lab check --move --rig {rig_path}", markup=False, soft_wrap=True)
+        if isinstance(none := last(rig_path, j.rig), str) and not as_json:
+            out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", markup=False, soft_wrap=True)
         result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
     lost = result.lost
     if as_json:
@@ -174,7 +175,7 @@ def job_again(broken: Broken, rig_path: Path) -> Job:
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
     j = job(name, rig_path, [], source)
-    if j.rig.robot.read_bytes() != broken.robot:
+    if not same_body(j.rig.robot.read_bytes(), broken.robot):
         raise ConfigError(f"{j.rig.robot}: is not the robot.yaml of the run to resume; start a new run instead")
     return j
 
@@ -249,10 +250,10 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:
     """Metadata that tells when the rig was last seen to do what it is told, or why that is not known."""
-    check = last(j.rig_path, j.rig)
-    if isinstance(check, str):
-        return {"check": {"moved": "no", "why": check}}
-    return {"check": {"moved": check.when} | {m.what: m.text for m in check.seen}}
+    found = last(j.rig_path, j.rig)
+    if isinstance(found, str):
+        return {"check": {"moved": "no", "why": found}}
+    return {"check": {"moved": found.when} | {m.what: m.text for m in found.seen}}
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
