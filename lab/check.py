@@ -1,8 +1,10 @@
-"""`lab check`: is everything there?"""
+"""`lab check`: is everything there? With `--move`: does it do what it is told?"""
 
 from __future__ import annotations
 
 import json
+import sys
+import tempfile
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -12,19 +14,35 @@ from rich.table import Table
 
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
+from model.robot import Robot
+from protocols.bench import Setup
+from protocols.errors import ProtocolError, Stopped
+from recordings.writer import Recorder
 
-from .console import err, out, styled
+from .checked import Moved, keep
+from .config import ConfigError, load
+from .console import Screen, err, out, styled
+from .interrupts import Interrupts
 from .latch import Latch
+from .moves import STEP, moves
 from .rig import Rig
-from .rig_file import load_rig
+from .rig_file import RigFile, load_rig
 
 STREAMED = {"force": "/force", "mocap": "/tip", "arm_state": "/arm"}
 POLLED = {"pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge": "/vacuum"}
+VACUUM = 80e3
+"""Pa below ambient that the supply is set to."""
 
 
-def check(rig_path: Path, seconds: float, as_json: bool) -> int:
-    """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do."""
-    with Rig(load_rig(rig_path), despite_latch=True) as rig:
+def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes: bool = False) -> int:
+    """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do.
+
+    With `move` try each actuator by a little; a person is asked once unless `yes`.
+    """
+    file = load_rig(rig_path)
+    robot = _may_move(file, yes) if move else None
+    moved: list[Moved] = []
+    with Rig(file, despite_latch=not move) as rig:
         outcome: dict[str, Identity | InstrumentError] = {}
 
         def note(name: str, result: Identity | InstrumentError) -> None:
@@ -37,20 +55,76 @@ def check(rig_path: Path, seconds: float, as_json: bool) -> int:
         time.sleep(max(0.0, seconds))
         span = time.monotonic() - began
         rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
+        if robot is not None and not failures:
+            moved = _moved(rig, robot, as_json)
+            keep(rig_path, file, moved)
     lost = sum(r.get("lost", 0) for r in rows)
     for text in rig.notices:
         err.print(f"warning: {text}")
     if as_json:
-        print(
-            json.dumps({"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}, indent=1)
-        )
+        told = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
+        print(json.dumps(told | ({"moved": [asdict(m) for m in moved]} if move else {}), indent=1))
     else:
         out.print(_table(rig.file.name, rows, span))
         for f in failures:
             err.print(f"missing: {f}")
         if locked := Latch(rig_path).read():
             err.print(f"locked: {locked}. Nothing can be run until `lab safe --clear --rig {rig_path}`")
-    return 1 if failures else (3 if lost else 0)
+    failed = failures or not all(m.ok for m in moved)
+    return 1 if failed else (3 if lost else 0)
+
+
+def _may_move(file: RigFile, yes: bool) -> Robot:
+    """The robot that may be moved; raises ConfigError, or Stopped when the person says no."""
+    robot = load(file.robot, Robot)
+    if file.instruments.pressure is not None and robot.max_pressure is None:
+        raise ConfigError(
+            f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold"
+        )
+    if yes:
+        return robot
+    if not sys.stdin.isatty():
+        raise ConfigError("--move: nobody can be asked (not a terminal); add --yes when nobody is in reach of the rig")
+    print(
+        f"This inflates each channel to {STEP / 1e3:g} kPa, homes the spine and moves it by 1 cm, opens the valve and moves the "
+        f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, and nobody be in reach."
+    )
+    if input("yes to go on: ").strip().lower() not in ("y", "yes"):
+        raise Stopped("not confirmed; nothing moved")
+    return robot
+
+
+def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
+    """Try what the rig has, land it, and tell each outcome; the landing is the last of them."""
+    seen: list[Moved] = []
+    screen = Screen("check", rig.clock.speed, quiet=as_json)
+    markers = len(getattr(rig.file.instruments.mocap, "markers", ()) or ())
+
+    def tell(result: Moved) -> None:
+        seen.append(result)
+        if not as_json:
+            out.print(f"  {result.what}: {'as told' if result.ok else 'NOT AS TOLD'}: {result.text}")
+
+    with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
+        now = rig.clock.now()
+        start = time.time_ns() - round(now * 1e9)
+        recorder = Recorder(Path(folder) / "moves.mcap", start_wall_ns=start, markers=markers, start=now)
+        rig.stop_now = lambda: interrupts.now
+        bench = rig.bench(recorder, screen, interrupts.stopping, list(rig.identities))
+        rig.record_to(recorder)
+        try:
+            if rig.file.operator != "console":  # a person at the console has just been asked
+                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, VACUUM))
+            for result in moves(bench, rig.file, robot):
+                tell(result)
+        except (ProtocolError, KeyboardInterrupt) as e:
+            tell(Moved("check", False, str(e) or "stopped at once by the person at the rig"))
+        finally:
+            report = rig.safe()
+            rig.record_to(None)
+            recorder.close("completed", "")
+    tell(Moved("safe state", report.confirmed, str(report)))
+    return seen
 
 
 def _row(

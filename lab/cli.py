@@ -18,7 +18,7 @@ Handler = Callable[[argparse.Namespace], int]
 def _check(a: argparse.Namespace) -> int:
     from .check import check
 
-    return check(a.rig, a.seconds, a.json)
+    return check(a.rig, a.seconds, a.json, a.move, a.yes)
 
 
 def _plan(a: argparse.Namespace) -> int:
@@ -150,6 +150,8 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("check", _check, "connect to each instrument: identity, rate, age, limits", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+    p.add_argument("--move", action="store_true", help="try each actuator by a little: is it what rig.yaml says?")
+    p.add_argument("--yes", action="store_true", help="with --move: nobody is in reach, do not ask")
     p.add_argument(
         "--seconds", type=float, default=2.0, help="host seconds over which stream rates and losses are counted"
     )
@@ -179,6 +181,12 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--seed", type=int, default=0, help="seed of all noise")
     p.add_argument("--regulators", choices=("alicat", "smc_itv"), default="alicat")
+    p.add_argument("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'")
+    p.add_argument("--firmware", default="10v20.0-R24", help="of an Alicat; before 6v00 it does not tell its unit")
+    p.add_argument("--unit", default="kPa", help="what an Alicat shows and takes, such as psi")
+    p.add_argument(
+        "--swap", metavar="I,K", help="two channels whose hoses are exchanged, for `lab check --move` to find"
+    )
     p.add_argument("--spine", choices=("dynamixel", "tmcl"), default="dynamixel")
     p.add_argument("--channels", choices=("3", "9"), default="3", help="three sets of three chambers, or nine separate")
     p.add_argument("--rig", type=Path, help="write rig.yaml and robot.yaml here instead of printing")

@@ -200,7 +200,9 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
         hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(siblings)}"
         return f"{key}: unknown key; {hint}"
     if kind == "missing":
-        return f"{key}: is missing{f'; give it in {unit}' if unit else ''}"
+        extra = field.json_schema_extra if field is not None else None
+        hint = f"; {extra['write']}" if isinstance(extra, dict) and "write" in extra else ""
+        return f"{key}: is missing{f'; give it in {unit}' if unit else ''}{hint}"
     limits = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
               "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}  # fmt: skip
     if kind in limits:

@@ -8,12 +8,14 @@ import signal
 import threading
 from pathlib import Path
 
-from sim_fakes.rig import FakeRig
+from drivers.alicat_wire import UNITS
+from sim_fakes.rig import FakeRig, Regulators
 from sim_fakes.virtual_robot import list_effects
 
 from .config import ConfigError
 from .console import out
 from .example import paper_robot
+from .units import to_si
 
 
 def serve(a: argparse.Namespace) -> int:
@@ -26,7 +28,7 @@ def serve(a: argparse.Namespace) -> int:
         speed=a.speed,
         effects=effects(a.effect),
         seed=a.seed,
-        regulators=a.regulators,
+        regulators=regulators(a),
         spine=a.spine,
         channels=int(a.channels),
     )
@@ -41,6 +43,21 @@ def serve(a: argparse.Namespace) -> int:
             out.print(rig.rig_yaml(str(paper_robot())), soft_wrap=True)
         ended.wait()
     return 0
+
+
+def regulators(a: argparse.Namespace) -> Regulators:
+    """The fake regulators that the options ask for; raises ConfigError."""
+    try:
+        full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
+        swapped = tuple(int(i) for i in a.swap.split(",")) if a.swap else None
+    except ValueError as e:
+        raise ConfigError(f"--full-scale or --swap: {e}") from e
+    if swapped is not None and (len(swapped) != 2 or not all(1 <= i <= int(a.channels) for i in swapped)):
+        raise ConfigError(f"--swap {a.swap}: name two channels from 1 to {a.channels}, such as 2,3")
+    if a.unit not in UNITS:
+        raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
+    pair = None if swapped is None else (swapped[0], swapped[1])
+    return Regulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
 def write_rig(rig: FakeRig, path: Path) -> None:

@@ -78,6 +78,17 @@ def _body(robot: Robot) -> Robot:
     return robot.model_copy(update={"max_pressure": None})
 
 
+def same_body(a: bytes, b: bytes) -> bool:
+    """Whether two robot.yaml describe the same body; when one cannot be read, whether they are the same file."""
+    if a == b:
+        return True
+    try:
+        one, other = (check(parse_yaml(text.decode("utf-8"), "robot.yaml"), Robot) for text in (a, b))
+    except (ConfigError, UnicodeDecodeError):
+        return False
+    return _body(one) == _body(other)
+
+
 def clipped_note(table: Table) -> str:
     """One line that names the states on whose way the rig's limits clipped set-points; empty when there are none."""
     states = [f"trial {row.trial} step {row.step}" for row in table.clipped]

@@ -24,7 +24,7 @@ from recordings.trials import Table, TrialRow
 
 from .config import ConfigError
 from .console import out
-from .inputs import clipped_note
+from .inputs import clipped_note, same_body
 
 
 def info(file: Path, as_json: bool) -> int:
@@ -62,7 +62,7 @@ def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_js
     if case:
         first = recordings[0]
         for other in recordings[1:]:
-            if other.attachments.get("robot.yaml") != first.attachments.get("robot.yaml"):
+            if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
                 raise ConfigError(
                     f"{other.path}: was recorded with another robot.yaml than {first.path}; export them apart"
                 )

@@ -44,6 +44,15 @@ class ItvConfig(smc_itv.Config):
     """Regulators on a port each."""
 
     driver: Literal["smc_itv"]
+    full_scale: float = Field(
+        gt=0,
+        le=1e6,
+        json_schema_extra={
+            "unit": "Pa",
+            "write": "the units cannot be asked: by their label ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
+        },
+    )
+    """Pressure at 1023 counts: without a default here, because a wrong one is not seen in the readings."""
 
 
 class DynamixelConfig(dynamixel.Config):

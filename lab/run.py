@@ -25,14 +25,18 @@ from recordings.journal import Journal
 from recordings.trials import Table
 from recordings.writer import Recorder
 
+from .checked import last
 from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
 from .console import Screen, clock, err, out
+from .inputs import same_body
 from .interrupts import Interrupts
 from .limits import problems
 from .provenance import provenance
 from .resume import Broken, find
 from .rig import Rig
 from .rig_file import RigFile, load_rig
+
+UNCHECKED = "Units, ranges and hoses of this rig are not confirmed"
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,8 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, quiet=as_json)
+        if isinstance(none := last(rig_path, j.rig), str) and not as_json:
+            out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
         result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
     lost = result.lost
     for text in rig.notices:
@@ -172,7 +178,7 @@ def job_again(broken: Broken, rig_path: Path) -> Job:
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
     j = job(name, rig_path, [], source)
-    if j.rig.robot.read_bytes() != broken.robot:
+    if not same_body(j.rig.robot.read_bytes(), broken.robot):
         raise ConfigError(f"{j.rig.robot}: is not the robot.yaml of the run to resume; start a new run instead")
     return j
 
@@ -213,7 +219,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
             "robot.yaml": j.rig.robot.read_bytes(),
             "protocol.yaml": j.protocol_yaml.encode(),
         },
-        metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1),
+        metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1) | _checked(j),
         markers=markers,
         start=rig.clock.now(),
     )
@@ -243,6 +249,14 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         lost = _finish(recorder, outcome, str(error or ""), report)
     rows = (*(broken.table if broken is not None else ()), *trials.rows)
     return Outcome(file, outcome, Table(rows), lost, report, error)
+
+
+def _checked(j: Job) -> dict[str, dict[str, str]]:
+    """Metadata that tells when the rig was last seen to do what it is told, or why that is not known."""
+    found = last(j.rig_path, j.rig)
+    if isinstance(found, str):
+        return {"check": {"moved": "no", "why": found}}
+    return {"check": {"moved": found.when} | {m.what: m.text for m in found.seen}}
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:

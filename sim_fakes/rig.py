@@ -9,7 +9,8 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,38 @@ from .virtual_robot import RobotTruth, VirtualRobot
 PLANT_PERIOD = 0.01
 """Host seconds between two steps of the plant."""
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
+MOST_PRESSURE = 300e3
+"""Pa that rig.yaml allows its regulators unless it says otherwise."""
 NINE = tuple((i,) for i in range(1, 10))
+
+
+@dataclass(frozen=True)
+class Regulators:
+    """Which pressure regulators a rig has, and what may be odd about them; rig.yaml tells all of it but the last."""
+
+    driver: str = "alicat"
+    """alicat or smc_itv."""
+    full_scale: float | None = None
+    """Pa; None: 400 kPa for Alicat, 500 kPa for ITV."""
+    firmware: str = "10v20.0-R24"
+    """Of an Alicat; before 6v00 it does not tell its unit of measure."""
+    unit: str = "kPa"
+    """What an Alicat shows and takes."""
+    swapped: tuple[int, int] | None = None
+    """Two channels (from 1) whose hoses are exchanged: each inflates the other's chambers."""
+
+    @property
+    def range(self) -> float:
+        """Full scale, Pa."""
+        return self.full_scale or (400e3 if self.driver == "alicat" else 500e3)
+
+    def hoses(self, wiring: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
+        """Chambers that each channel really feeds."""
+        groups = list(wiring)
+        if self.swapped is not None:
+            a, b = self.swapped[0] - 1, self.swapped[1] - 1
+            groups[a], groups[b] = groups[b], groups[a]
+        return groups
 
 
 class FakeRig:
@@ -48,7 +80,7 @@ class FakeRig:
         speed: float = 1.0,
         effects: Mapping[str, float] | None = None,
         seed: int = 0,
-        regulators: str = "alicat",
+        regulators: str | Regulators = "alicat",
         spine: str = "dynamixel",
         channels: int = 3,
         truth: RobotTruth | None = None,
@@ -67,12 +99,8 @@ class FakeRig:
             "gauge": PfeifferFake(self.plant, self.clock, seed=seed + 4),
         }
         self.lines["spine"] = (TmclFake if spine == "tmcl" else DynamixelFake)(self.plant, self.clock, seed=seed + 2)
-        if regulators == "smc_itv":
-            for i, group in enumerate(self.wiring):
-                self.lines[f"pressure{i + 1}"] = SmcItvFake(self.plant, self.clock, chambers=group, seed=seed + 10 + i)
-        else:
-            units = tuple("ABCDEFGHI"[: len(self.wiring)])
-            self.lines["pressure"] = AlicatFake(self.plant, self.clock, units, self.wiring, seed=seed + 5)
+        self.regulators = Regulators(regulators) if isinstance(regulators, str) else regulators
+        self._plug_regulators(seed)
         self.mocap = MotiveFake(self.plant, self.clock, self.host, markers=len(self.truth.markers), seed=seed + 6)
         self.door = BackDoor(self)
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -87,6 +115,27 @@ class FakeRig:
         """What a person was asked to put right."""
         self.on_confirm: Callable[[str], None] | None = None
         """What that person does about it."""
+
+    def _plug_regulators(self, seed: int) -> None:
+        how = self.regulators
+        hoses = how.hoses(self.wiring)
+        if how.driver == "smc_itv":
+            for i, group in enumerate(hoses):
+                self.lines[f"pressure{i + 1}"] = SmcItvFake(
+                    self.plant, self.clock, chambers=group, seed=seed + 10 + i, full_scale=how.range
+                )
+            return
+        units = tuple("ABCDEFGHI"[: len(hoses)])
+        self.lines["pressure"] = AlicatFake(
+            self.plant,
+            self.clock,
+            units,
+            hoses,
+            seed=seed + 5,
+            full_scale=how.range,
+            firmware=how.firmware,
+            unit=how.unit,
+        )
 
     def _warm_up(self, effects: dict[str, float]) -> None:
         """Have the physics compiled before any instrument answers: a compiler holds the interpreter for seconds."""
@@ -184,12 +233,18 @@ class FakeRig:
     def rig_file(self, robot: str = "robot.yaml") -> dict[str, Any]:
         """The contents of the rig.yaml that reaches these instruments."""
         wiring = [list(group) for group in self.wiring]
-        pressure: dict[str, Any] = {"driver": "alicat", "chambers": wiring}
+        how = self.regulators
+        pressure: dict[str, Any] = {"driver": how.driver, "chambers": wiring, "full_scale": how.range}
+        if how.range < MOST_PRESSURE:
+            pressure["max_pressure"] = how.range
         if "pressure" in self.lines:
-            pressure |= {"port": self.lines["pressure"].port, "units": list("ABCDEFGHI"[: len(wiring)])}
+            pressure |= {
+                "port": self.lines["pressure"].port,
+                "units": list("ABCDEFGHI"[: len(wiring)]),
+                "unit": how.unit,
+            }
         else:
-            ports = [self.lines[f"pressure{i + 1}"].port for i in range(len(wiring))]
-            pressure |= {"driver": "smc_itv", "ports": ports}
+            pressure["ports"] = [self.lines[f"pressure{i + 1}"].port for i in range(len(wiring))]
         spine = self.lines["spine"]
         stand = np.array(self.truth.stand)
         return {

@@ -16,6 +16,7 @@ GROUPS = {
     "test_call_order_network.py": "call order",
     "test_bad_input.py": RIG,
     "test_blind_wire.py": RIG,
+    "test_check_moves.py": RIG,
     "test_cluster.py": RIG,
     "test_end_to_end.py": RIG,
     "test_plain_text_on_a_rig.py": RIG,

@@ -17,12 +17,14 @@ from drivers.errors import DeviceFault, InstrumentError
 from lab.actuators import ActuatorsLost
 from lab.cli import main
 from lab.clock import RigClock
+from lab.console import Screen
 from lab.guard import Guard
 from lab.guard_messages import RigLanded
 from lab.inputs import read_case
 from lab.latch import RigLocked
 from lab.rig import Rig
 from lab.rig_file import load_rig
+from protocols.actions import ramp
 from recordings.reader import Recording
 from recordings.writer import Recorder
 
@@ -224,6 +226,32 @@ def test_a_clipped_setpoint_is_returned_and_logged_in_the_recording(small: House
         rig.record_to(None)
     (line,) = [line.text for line in Recording.open(tmp_path / "a.mcap").log if "clipped" in line.text]
     assert "asked 300.0" in line
+
+
+def test_a_ramp_whose_setpoints_were_clipped_says_so_until_the_next(small: House, rig: Rig, tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
+        bench = rig.bench(recorder, Screen("ramp", quiet=True), lambda: False)
+        ramp(bench, (60e3, 0.0, 0.0), 2e6)  # twenty times what the regulators' max_rate lets through
+        assert bench.clipped
+        ramp(bench, (60e3, 0.0, 0.0), 25e3)
+        assert not bench.clipped
+
+
+def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
+    robot = small.rig.with_name("robot.yaml")
+    robot.write_text(robot.read_text().replace("max_pressure: 250000.0", "max_pressure: 80000.0"))
+    with Rig(load_rig(small.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        inflate(rig, small)
+        for _ in range(20):
+            got = rig.actuators.call("pressure", "set", (200e3, 60e3, 60e3))
+            time.sleep(0.02)
+        assert got[0] == pytest.approx(80e3, abs=100)
+        small.fakes.set_faults("pressure", {"reading": 120e3})  # above 80 + 30 kPa, far below the regulators' 300
+        assert until(lambda: rig.vital.landed is not None, 5.0)
+        assert rig.vital.landed is not None and "limit 110.0 kPa" in rig.vital.landed.text
+        small.fakes.switch.end()
+        small.fakes.lines["pressure"].faults.extra.clear()
 
 
 def test_a_second_program_cannot_take_the_rig(small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

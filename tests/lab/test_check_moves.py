@@ -1,0 +1,172 @@
+"""`lab check --move` on whole rigs of fakes: what agrees with itself and is wrong all the same is seen by the tip."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from conftest import PATIENT
+
+from lab.checked import Moved, keep, last, place
+from lab.cli import main
+from lab.fakes import write_rig
+from lab.rig_file import load_rig
+from recordings.reader import Recording
+from sim_fakes.alicat import AlicatFake
+from sim_fakes.rig import FakeRig, Regulators
+from sim_fakes.smc_itv import STEPS, SmcItvFake
+
+Start = Callable[..., tuple[FakeRig, Path]]
+ROUNDING = 1.01
+"""A set-point is rounded to the steps of its unit."""
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Fakes with such regulators, and a rig.yaml that tells of them what is given."""
+    with ExitStack() as running:
+
+        def start(regulators: Regulators, **told: Any) -> tuple[FakeRig, Path]:
+            fakes = running.enter_context(FakeRig(speed=20.0, seed=4, regulators=regulators))
+            rig = tmp_path / "rig.yaml"
+            write_rig(fakes, rig)
+            data = yaml.safe_load(rig.read_text()) | PATIENT
+            data["instruments"]["pressure"] |= {"timeout": 2.0} | told
+            rig.write_text(yaml.safe_dump(data))
+            return fakes, rig
+
+        yield start
+
+
+def checked(rig: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Moved]]:
+    """Exit code of `lab check --move`, and what was seen."""
+    code = main(["check", "--move", "--yes", "--json", "--seconds", "0", "--rig", str(rig)])
+    seen = [Moved(**m) for m in json.loads(capsys.readouterr().out)["moved"]]
+    return code, {m.what: m for m in seen}
+
+
+def highest(fakes: FakeRig) -> float:
+    """The highest set-point that any regulator was sent, Pa in truth."""
+    told = [0.0]
+    for line in fakes.lines.values():
+        words = [request.decode("ascii", "replace").strip() for request in line.requests]
+        if isinstance(line, SmcItvFake):
+            told += [int(w[4:]) / STEPS * line.device.full_scale for w in words if w.startswith("SET ")]
+        elif isinstance(line, AlicatFake):
+            pa = {4: 1e3, 10: 6894.757}[line.device["A"].unit_code]
+            told += [float(w[3:]) * pa for w in words if w[1:3] == "S "]
+            told += [int(w[1:]) / 64000 * line.device["A"].full_scale for w in words if w[1:].isdigit()]
+    return max(told)
+
+
+def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
+    start: Start, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    fakes, rig = start(Regulators())
+    code, seen = checked(rig, capsys)
+    assert code in (0, 3) and all(m.ok for m in seen.values()), seen
+    assert {"valve", "spine", "arm", "safe state"} < set(seen)
+    assert sum("the tip went" in m.text for m in seen.values()) == 3
+    assert highest(fakes) <= 5e3 * ROUNDING
+    assert not isinstance(last(rig, load_rig(rig)), str)
+    settings = ("spine_lengths=[0]", "pressures=[50 kPa]", "unload=false", "settle.still_distance=5 mm")
+    run = ["run", "bending", "--rig", str(rig), "--out", str(tmp_path)]
+    run += [word for setting in settings for word in ("--set", setting)]
+    assert main(run) in (0, 3)
+    assert "not confirmed" not in capsys.readouterr().out
+    (first,) = tmp_path.glob("*.mcap")
+    assert Recording.open(first).metadata["check"]["moved"].startswith("20")
+    rig.write_text(rig.read_text().replace("units:\n    - A\n    - B", "units:\n    - B\n    - A"))
+    assert main(run) in (0, 3)
+    assert "are not confirmed: instruments or stand of" in capsys.readouterr().out
+    (second,) = set(tmp_path.glob("*.mcap")) - {first}
+    assert Recording.open(second).metadata["check"]["moved"] == "no"
+
+
+@pytest.mark.parametrize("full_scale", [100e3, 500e3, 900e3])
+def test_an_itv_of_the_range_in_rig_yaml_passes(
+    start: Start, capsys: pytest.CaptureFixture[str], full_scale: float
+) -> None:
+    fakes, rig = start(Regulators("smc_itv", full_scale=full_scale))
+    code, seen = checked(rig, capsys)
+    assert code in (0, 3) and all(m.ok for m in seen.values()), seen
+
+
+@pytest.mark.parametrize(("true", "told"), [(900e3, 500e3), (900e3, 100e3)])
+def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
+    start: Start, capsys: pytest.CaptureFixture[str], true: float, told: float
+) -> None:
+    fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=told, max_pressure=100e3)
+    code, seen = checked(rig, capsys)
+    assert code == 1 and any("gives more than it says; correct full_scale" in m.text for m in seen.values()), seen
+    assert highest(fakes) <= 5e3 * 1.1 and not place(rig).exists()
+
+
+def test_an_itv_that_gives_less_than_it_says_is_caught(start: Start, capsys: pytest.CaptureFixture[str]) -> None:
+    _, rig = start(Regulators("smc_itv", full_scale=500e3), full_scale=900e3)
+    code, seen = checked(rig, capsys)
+    assert code == 1 and any("gives less than it says" in m.text for m in seen.values()), seen
+
+
+def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(
+    start: Start, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = Regulators(firmware="5v12.0-R22", unit="psi", full_scale=413.7e3)
+    fakes, rig = start(old)
+    code, seen = checked(rig, capsys)
+    assert code in (0, 3) and all(m.ok for m in seen.values()), seen
+    assert place(rig).exists()
+    rig.write_text(rig.read_text().replace("unit: psi", "unit: kPa"))
+    code, seen = checked(rig, capsys)
+    assert code == 1 and any("does not show kPa but psi" in m.text for m in seen.values()), seen
+    assert highest(fakes) <= 5e3 * ROUNDING and not place(rig).exists()
+    assert seen["safe state"].ok
+
+
+@pytest.mark.parametrize("driver", ["alicat", "smc_itv"])
+def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(
+    start: Start, capsys: pytest.CaptureFixture[str], driver: str
+) -> None:
+    _, rig = start(Regulators(driver, swapped=(2, 3)))
+    code, seen = checked(rig, capsys)
+    first, second = (m for name, m in seen.items() if name.startswith("pressure channel"))
+    assert code == 1 and first.ok and not second.ok
+    assert "other chambers are inflated; look for exchanged hoses" in second.text
+    assert seen["safe state"].ok
+
+
+def test_nothing_moves_where_nobody_can_be_asked(
+    start: Start, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fakes, rig = start(Regulators())
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False)
+    assert main(["check", "--move", "--rig", str(rig)]) == 2
+    assert "--yes" in capsys.readouterr().err
+    assert not any(line.requests for line in fakes.lines.values())
+
+
+def test_a_check_that_failed_takes_an_older_one_away(tmp_path: Path) -> None:
+    example = load_rig(Path(__file__).parent.parent.parent / "examples" / "rig" / "rig.yaml")
+    rig = tmp_path / "rig.yaml"
+    assert last(rig, example) == f"{rig} was never checked"
+    keep(rig, example, [Moved("valve", True, "on and off")])
+    assert not isinstance(last(rig, example), str)
+    pressure = example.instruments.pressure
+    assert pressure is not None
+
+    def with_pressure(**change: object) -> object:
+        instruments = example.instruments.model_copy(update={"pressure": pressure.model_copy(update=change)})
+        return last(rig, example.model_copy(update={"instruments": instruments}))
+
+    assert not isinstance(with_pressure(max_pressure=100e3), str)
+    assert "were changed after the check of" in str(with_pressure(full_scale=900e3))
+    assert "were changed after the check of" in str(with_pressure(chambers=((9, 1, 2), (6, 7, 8), (3, 4, 5))))
+    keep(rig, example, [Moved("valve", False, "stuck")])
+    assert "never checked" in str(last(rig, example))
+    place(rig).write_text("{")
+    assert "cannot be read" in str(last(rig, example))
