@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
+from drivers.errors import DeviceFault, InstrumentError, NotReady, StaleReading, Unreachable, WrongDevice
 from drivers.frames import matrix_from_quaternion, rotation_from_vector
 from drivers.interfaces import BodySample, MotionCapture
 from drivers.natnet_mocap import Config, NatNetMocap, Pose
@@ -88,11 +88,26 @@ def make(request: pytest.FixtureRequest, samples: list[BodySample]) -> Iterator[
         mocap.close()
 
 
-def wait(condition: Callable[[], bool], within: float = 5.0) -> None:
+def wait(condition: Callable[[], bool], within: float = 60.0) -> None:
     deadline = time.monotonic() + within
     while not condition():
         assert time.monotonic() < deadline, "never happened"
         time.sleep(0.005)
+
+
+def refused(mocap: NatNetMocap, kind: type[InstrumentError], text: str = "") -> None:
+    """Wait until the newest reading is refused for this reason; late for want of processors, it may first be for another."""
+
+    def so() -> bool:
+        try:
+            mocap.latest()
+        except kind as e:
+            return text in str(e)
+        except InstrumentError:
+            pass
+        return False
+
+    wait(so)
 
 
 def test_it_is_a_motion_capture_that_tells_who_it_is(make: Make) -> None:
@@ -165,9 +180,7 @@ def test_a_hidden_tip_is_delivered_as_invalid_and_latest_refuses(
         plant.tip_position = seen + 0.1
     wait(lambda: not samples[-1].valid)
     assert samples[-1].position == pytest.approx(seen, abs=1e-6)
-    time.sleep(0.4)
-    with pytest.raises(DeviceFault, match="has not been tracked for"):
-        mocap.latest()
+    refused(mocap, DeviceFault, "has not been tracked for")
     plant.tip_visible = True
     wait(lambda: samples[-1].valid)
     assert first(mocap).position == pytest.approx(seen + 0.1, abs=1e-6)
@@ -178,8 +191,7 @@ def test_a_body_never_tracked_is_told_apart_from_a_silent_server(make: Make, fak
     time.sleep(0.05)
     mocap = make()
     mocap.open()
-    with pytest.raises(DeviceFault, match="since the start"):
-        mocap.latest()
+    refused(mocap, DeviceFault, "since the start")
 
 
 @pytest.mark.parametrize("fault", ["nan", "absurd", "zeros", "no_body"])
@@ -192,9 +204,7 @@ def test_values_that_cannot_be_true_are_invalid(
     plant.tip_visible = fault != "zeros"
     fake.faults.extra[fault] = True
     wait(lambda: not samples[-1].valid)
-    time.sleep(0.4)
-    with pytest.raises(DeviceFault):
-        mocap.latest()
+    refused(mocap, DeviceFault)
 
 
 def test_a_marker_that_is_not_tracked_has_no_place(make: Make, fake: MotiveFake, plant: Plant) -> None:
@@ -226,8 +236,9 @@ def test_a_replayed_frame_does_not_keep_a_reading_fresh(
     mocap.open()
     first(mocap)
     fake.faults.extra["replay"] = True
-    time.sleep(0.4)
+    refused(mocap, StaleReading, "no frame for")
     count = len(samples)
+    time.sleep(0.1)
     with pytest.raises(StaleReading, match="no frame for"):
         mocap.latest()
     assert len(samples) == count
@@ -256,9 +267,10 @@ def test_a_damaged_frame_is_dropped_and_counted_and_the_stream_goes_on(
     at = fake.frame
     wait(lambda: fake.frame > at + 5)
     fake.faults.truncate = False
+    damaged = fake.frame - at + 1
     count = len(samples)
     wait(lambda: len(samples) > count + 3)
-    assert 4 <= mocap.lost <= 12
+    assert 4 <= mocap.lost <= damaged + 1
     assert first(mocap).valid
 
 
@@ -267,9 +279,7 @@ def test_a_server_gone_silent_makes_readings_stale(make: Make, fake: MotiveFake)
     mocap.open()
     first(mocap)
     fake.faults.silent = True
-    time.sleep(0.4)
-    with pytest.raises(StaleReading, match="Motive"):
-        mocap.latest()
+    refused(mocap, StaleReading, "Motive")
     fake.faults.silent = False
     first(mocap)
 
@@ -279,7 +289,7 @@ def test_no_server_is_unreachable_within_the_time_out() -> None:
     start = time.monotonic()
     with pytest.raises(Unreachable, match="no NatNet server"):
         NatNetMocap("mocap", config, SimClock(), lambda _: None).open()
-    assert time.monotonic() - start < 2
+    assert time.monotonic() - start < 20
 
 
 def test_a_local_address_that_is_not_ours_is_unreachable(make: Make, fake: MotiveFake) -> None:
@@ -349,7 +359,8 @@ def test_keep_alive_is_sent_sparingly(make: Make, fake: MotiveFake) -> None:
     mocap = make()
     mocap.open()
     time.sleep(0.7)
-    assert 1 <= fake.keep_alives < 10
+    wait(lambda: fake.keep_alives >= 1)
+    assert fake.keep_alives < 10
 
 
 @pytest.mark.parametrize(
