@@ -2,30 +2,40 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+READY_DEV := .venv/.ready-dev
+# Python compiles on first import what is used: a fifth of what would be compiled here.
+INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt -e
+# make test ROOM=drivers: one room alone.
+ROOMS := $(sort $(patsubst tests/%/,%,$(filter-out tests/__%,$(wildcard tests/*/))))
 
-.PHONY: demo test lint bench faults clean
+.PHONY: demo test room lint bench faults clean
 
 demo: $(READY)
 	$(BIN)/lab demo --out demo
 
-# One thread of linear algebra a process: they share the processors with the fakes.
-test: $(READY)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3
+# One thread of linear algebra a process: they share the processors with the fakes. What several processes would compile at
+# once is compiled before, model and virtual robot beside each other.
+test: room $(READY_DEV)
+	$(if $(ROOM),,$(BIN)/python -m model.warm_up & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 $(if $(ROOM),tests/$(ROOM))
 
-lint: $(READY)
+room:
+	@$(if $(filter-out $(ROOMS),$(ROOM)),echo "ROOM=$(ROOM): no such room; one of: $(ROOMS)" >&2; exit 2)
+
+lint: $(READY_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 # All benchmarks: tables on the screen, JSON in out/.
-bench: $(READY)
+bench: $(READY_DEV)
 	mkdir -p out
 	$(BIN)/python -m benchmarks.rod --json out/rod.json
 	$(BIN)/python -m benchmarks.recording --json out/recording.json
 
 # The whole fault matrix, then kills, signals, fuzz and soak: an hour and a half on two processors.
-faults: $(READY)
+faults: $(READY_DEV)
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
 	$(BIN)/python -m benchmarks.faults.kills --count 50
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
@@ -35,8 +45,12 @@ faults: $(READY)
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	touch $(READY)
+	$(INSTALL) .
+	touch $@
+
+$(READY_DEV): $(READY)
+	$(INSTALL) '.[dev]'
+	touch $@
 
 clean:
 	rm -rf .venv demo out

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import secrets
 import shutil
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -21,7 +24,7 @@ from .compare import sheet as error_sheet
 from .console import Screen, out, styled
 from .demo_report import Seal, write
 from .diagnose import Outputs, diagnose
-from .fakes import write_rig
+from .fakes import PATIENT, write_rig
 from .fit import calibrate
 from .fit import sheet as fit_sheet
 from .inputs import Case, read_case
@@ -69,17 +72,28 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     folder.mkdir(parents=True)
     story, seal = Story(), draw(seed)
     out.print(f"An effect is withheld; sealed as sha256 {seal.digest}")
+    with _model_warming_up():
+        runs = _on_the_rig(story, folder, seed, speed, seal)
+    return 1 if runs is None else _conclude(story, folder, runs, seal)
+
+
+def _on_the_rig(story: Story, folder: Path, seed: int, speed: float, seal: Seal) -> list[Outcome] | None:
+    """What the fakes are needed for; None when an instrument is missing."""
     fakes = story.step(f"Fake instruments at {speed:g} times real speed", lambda: _fakes(folder, seed, speed, seal))
     with fakes:
         rig_path = folder / "rig.yaml"
         if story.step("lab check", lambda: check(rig_path, 2.0, False)) == 1:
-            return 1
+            return None
         with Rig(load_rig(rig_path)) as rig:
             connect(rig, quiet=True)
             jobs = [("stiffness", STIFFNESS), ("bending", BENDING)]
-            runs = [
+            return [
                 story.step(f"lab run {name}", partial(_run, rig, rig_path, folder, name, how)) for name, how in jobs
             ]
+
+
+def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> int:
+    """What the files alone are needed for."""
     files = [r.file for r in runs]
     equal = story.step("lab replay: the same numbers from the files alone", lambda: _replay(files))
     case = read_case(files)
@@ -98,9 +112,28 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     return 0 if equal and all(r.error is None and r.safe for r in runs) else 1
 
 
+@contextmanager
+def _model_warming_up() -> Iterator[None]:
+    """Have the model compiled in a process beside, as long as the rig leaves a processor idle.
+
+    What is not ready at the end is compiled when it is needed: nobody waits for a process that others starve.
+    """
+    beside = subprocess.Popen(
+        [sys.executable, "-m", "model.warm_up"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+    finally:
+        beside.kill()
+        beside.wait()
+
+
 def _fakes(folder: Path, seed: int, speed: float, seal: Seal) -> FakeRig:
     rig = FakeRig(speed=speed, effects={seal.effect: seal.size}, seed=seed)
-    write_rig(rig, folder / "rig.yaml")
+    write_rig(rig, folder / "rig.yaml", PATIENT)
     return rig
 
 

@@ -6,7 +6,11 @@ import argparse
 import shutil
 import signal
 import threading
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from drivers.alicat_wire import UNITS
 from sim_fakes.rig import FakeRig, Regulators
@@ -16,6 +20,22 @@ from .config import ConfigError
 from .console import out
 from .example import paper_robot
 from .units import to_si
+
+PATIENT: dict[str, Any] = {
+    "instruments": {
+        "arm": {"max_age": 2.0, "timeout": 3.0},
+        "force": {"max_age": 2.0, "timeout": 1.0},
+        "mocap": {"max_age": 2.0},
+        "pressure": {"timeout": 1.0},
+        "spine": {"timeout": 0.5},
+        "valve": {"timeout": 1.0},
+        "gauge": {"timeout": 1.0},
+    },
+    "limits": {"max_age": 8.0, "max_hidden": 8.0},
+    "safe": {"heartbeat": 5.0},
+}
+"""Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
+be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""
 
 
 def serve(a: argparse.Namespace) -> int:
@@ -60,11 +80,16 @@ def regulators(a: argparse.Namespace) -> Regulators:
     return Regulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
-def write_rig(rig: FakeRig, path: Path) -> None:
-    """Write rig.yaml and, beside it, the paper's robot.yaml."""
+def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None) -> None:
+    """Write rig.yaml, with `changes` to its tables, and beside it the paper's robot.yaml."""
     path.parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(paper_robot(), path.parent / "robot.yaml")
-    path.write_text(rig.rig_yaml("robot.yaml"))
+    path.write_text(yaml.safe_dump(_merged(rig.rig_file("robot.yaml"), changes or {}), sort_keys=False))
+
+
+def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    both = {k: _merged(tables[k], v) for k, v in changes.items() if k in tables and isinstance(v, Mapping)}
+    return {**tables, **changes, **both}
 
 
 def effects(settings: list[str]) -> dict[str, float]:

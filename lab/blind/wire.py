@@ -13,7 +13,7 @@ from recordings.trials import Table
 from sim_fakes.rig import FakeRig
 
 from ..console import Screen
-from ..fakes import write_rig
+from ..fakes import PATIENT, write_rig
 from ..rig import Rig
 from ..rig_file import load_rig
 from ..run import connect, execute, job
@@ -73,7 +73,7 @@ def _record(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: fl
     fakes = FakeRig(speed=speed, seed=truth.seed % 10**6, truth=robot.truth)
     fakes.robot = robot
     with fakes:
-        write_rig(fakes, folder / "rig.yaml")
+        write_rig(fakes, folder / "rig.yaml", PATIENT)
         (folder / "robot.yaml").write_text(robot_yaml)
         asked = job(sweep.protocol, folder / "rig.yaml", sweep.settings())
         with Rig(load_rig(folder / "rig.yaml")) as rig:

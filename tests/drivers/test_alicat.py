@@ -67,7 +67,7 @@ def make(request: pytest.FixtureRequest, clock: SimClock) -> Iterator[Callable[.
         port = HARDWARE or request.getfixturevalue("fake").port
         wiring = tuple((i + 1,) for i in range(len(UNITS)))
         values: dict[str, Any] = {
-            "port": port, "baud": BAUD, "units": UNITS, "chambers": wiring, "full_scale": FULL_SCALE, "timeout": 0.15,
+            "port": port, "baud": BAUD, "units": UNITS, "chambers": wiring, "full_scale": FULL_SCALE, "timeout": 0.5,
         }  # fmt: skip
         made.append(Alicat("pressure", Config(**(values | changes)), clock))
         return made[-1]
@@ -475,7 +475,7 @@ def test_a_force_sensor_on_the_port_is_told_at_opening(plant: Plant, clock: SimC
     start = time.monotonic()
     with pytest.raises(WrongDevice if streaming else Unreachable, match="check p.*baud rate"):
         regulators.open()
-    assert time.monotonic() - start < 5.0
+    assert time.monotonic() - start < 20.0
     sensor.stop()
 
 

@@ -80,15 +80,23 @@ def test_a_sample_tells_where_the_arm_is(rig: Rig, stream: Stream) -> None:
     assert (sample.safety_bits, sample.program_running) == (1, False)
 
 
+def stale(stream: Stream) -> str:
+    """Why the newest sample is refused for its age, nothing when it is not."""
+    try:
+        stream.driver.latest()
+    except StaleReading as e:
+        return str(e)
+    return ""
+
+
 @needs_the_fake
 def test_a_frozen_controller_makes_the_reading_stale_and_its_gap_is_counted(rig: Rig, stream: Stream) -> None:
     before = stream.driver.lost
-    rig.fake.backdoor("freeze", seconds=0.6)
-    time.sleep(0.45)
-    with pytest.raises(StaleReading, match="limit 0.2 s"):
-        stream.driver.latest()
+    rig.fake.backdoor("freeze", seconds=1.5)
+    wait_until(lambda: "limit 0.2 s" in stale(stream))
     wait_until(lambda: stream.driver.lost > before)
-    assert stream.driver.lost - before >= 0.5 / 0.008
+    assert stream.driver.lost - before >= 1.4 / 0.008
+    wait_until(lambda: not stale(stream))
     assert stream.driver.latest().device_time > 0
     accounted(stream)
 
@@ -120,7 +128,7 @@ def test_a_sped_up_e_series_shows_its_own_cycle() -> None:
         start = time.monotonic()
         stream.driver.close()
         stream.driver.close()
-        assert time.monotonic() - start < 6.0
+        assert time.monotonic() - start < 30.0
         with pytest.raises(NotReady):
             stream.driver.latest()
 

@@ -52,7 +52,7 @@ def a_rig(speed: float = 1.0, version: str = "3.15.8.106339") -> Iterator[Rig]:
         process.stop()
 
 
-def wait_until(true: Callable[[], bool], timeout: float = 5.0) -> None:
+def wait_until(true: Callable[[], bool], timeout: float = 60.0) -> None:
     """Poll; fails the test after `timeout` (s of host time)."""
     deadline = time.monotonic() + timeout
     while not true():

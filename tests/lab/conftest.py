@@ -5,22 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-import yaml
 from virtual_lab import VirtualLab
 
-from lab.fakes import write_rig
+from lab.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
-
-PATIENT = {"safe": {"heartbeat": 5.0}, "limits": {"max_age": 8.0, "max_hidden": 8.0}}
-"""The tests share their processors with the fakes; tests/safety tries the limits themselves."""
 
 
 @pytest.fixture(scope="session")
 def virtual_lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualLab]:
     rig = tmp_path_factory.mktemp("rig") / "rig.yaml"
     with FakeRig(speed=20.0, seed=1) as fakes:
-        write_rig(fakes, rig)
-        rig.write_text(yaml.safe_dump(yaml.safe_load(rig.read_text()) | PATIENT))
+        write_rig(fakes, rig, PATIENT)  # tests/safety tries the limits themselves
         yield VirtualLab(fakes, rig)
 
 

@@ -113,9 +113,9 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
         "--set",
         "spine_lengths=[0.0]",
         "--set",
-        "rate=10 kPa/s",
+        "rate=2 kPa/s",
         "--set",
-        "settle.average=2",
+        "settle.average=10",  # half a second of the host's
     ]
     assert lab("run", "bending", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
     rows = read_case([recorded(tmp_path)]).table
@@ -123,14 +123,14 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
     assert [round(r.pressures[0] / 1e3) for r in moving if r.branch == "load"][:4] == pytest.approx(
         [50, 100, 150, 200], abs=3
     )
-    assert {r.rate for r in moving} == {10e3, -10e3}
+    assert {r.rate for r in moving} == {2e3, -2e3}
 
 
 def start(virtual_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
     """A run in a process of its own, as soon as it has inflated the robot."""
     command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(virtual_lab.rig), "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     while max(virtual_lab.fakes.plant.chamber_pressure) < 40e3:
         assert process.poll() is None and time.monotonic() < deadline, process.communicate()[0]
         time.sleep(0.05)
@@ -152,9 +152,9 @@ def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, 
     for _ in range(presses):
         process.send_signal(signal.SIGINT)
         time.sleep(0.3)
-    output, _ = process.communicate(timeout=40)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == 1, output
-    assert vented(virtual_lab, 1.0)
+    assert vented(virtual_lab, 20.0)
     assert "stopped" in output
     assert len(read_case([recorded(tmp_path)]).table) >= 1
 
@@ -163,5 +163,5 @@ def test_a_killed_run_leaves_the_rig_vented_and_the_file_readable(virtual_lab: V
     process = start(virtual_lab, tmp_path)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    assert vented(virtual_lab, 5.0)
+    assert vented(virtual_lab, 20.0)
     assert lab("info", recorded(tmp_path)) == 3

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from house import House
 
-from lab.fakes import write_rig
+from lab.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
 
 
@@ -21,8 +21,8 @@ def one_house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
 @pytest.fixture
 def house(one_house: House) -> Iterator[House]:
     fakes = one_house.fakes
-    write_rig(fakes, one_house.rig)
-    one_house.change(limits={"max_age": 5.0})  # the tests share their processors with the fakes
+    # Late for want of processors is not dead; how soon that is noticed is what tests change in their own rig.yaml.
+    write_rig(fakes, one_house.rig, {**PATIENT, "limits": {"max_age": 5.0}, "safe": {"heartbeat": 3.0}})
     one_house.rig.with_suffix(".latch").unlink(missing_ok=True)
     fakes.troubles.clear()
     yield one_house

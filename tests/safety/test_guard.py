@@ -61,7 +61,7 @@ def inflate(rig: Rig, house: House) -> None:
     for _ in range(20):
         rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
         time.sleep(0.02)
-    assert until(lambda: house.highest() > 40e3, 5.0)
+    assert until(lambda: house.highest() > 40e3)
 
 
 def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path: Path) -> None:
@@ -69,8 +69,8 @@ def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path:
     program = house.start(tmp_path)
     os.kill(program.pid, signal.SIGKILL)
     program.wait()
-    assert house.vented(3.0)
-    assert until(lambda: not house.latch.exists(), 5.0)
+    assert house.vented()
+    assert until(lambda: not house.latch.exists())
     assert "the program ended" in journal(house)
     (file,) = tmp_path.glob("*.mcap")
     with pytest.raises(Exception, match="recover"):
@@ -83,11 +83,11 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
     program = house.start(tmp_path)
     os.kill(program.pid, signal.SIGSTOP)
     try:
-        assert house.vented(6.0)
+        assert house.vented()
         time.sleep(0.3)
     finally:
         os.kill(program.pid, signal.SIGCONT)
-    output, _ = program.communicate(timeout=40)
+    output, _ = program.communicate(timeout=120)
     assert program.returncode == 1
     assert "no sign of life" in output and "no sign of life" in journal(house)
     assert "is lost" not in output  # the guard was sound: the program itself had been away
@@ -113,9 +113,9 @@ def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     os.kill(guard_of(program), signal.SIGKILL)
-    output, _ = program.communicate(timeout=40)
+    output, _ = program.communicate(timeout=120)
     assert program.returncode == 1 and "guard" in output and "is lost" in output
-    assert house.vented(1.0)
+    assert house.vented()
     assert not house.latch.exists()
 
 
@@ -123,9 +123,9 @@ def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     os.kill(guard_of(program), signal.SIGSTOP)
-    output, _ = program.communicate(timeout=40)
+    output, _ = program.communicate(timeout=120)
     assert program.returncode == 1 and "no sign of life" in output
-    assert house.vented(1.0)
+    assert house.vented()
 
 
 def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(small: House, rig: Rig) -> None:
@@ -156,7 +156,7 @@ def test_when_both_are_killed_the_rig_is_locked_until_a_person_clears_it(
         pass
     assert main(["safe", "--rig", str(small.rig)]) == 1
     assert "stays locked" in capsys.readouterr().out
-    assert small.vented(1.0)
+    assert small.vented()
     assert main(["safe", "--clear", "--rig", str(small.rig)]) == 0
     assert not small.latch.exists()
 
@@ -199,8 +199,7 @@ def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
     with Rig(load_rig(small.rig)) as rig:
         rig.open_all(lambda name, outcome: None)
         inflate(rig, small)
-        time.sleep(2.0)
-        assert small.vented(3.0)
+        assert small.vented()
         with pytest.raises(RigLanded, match="has not moved on"):
             rig.actuators.call("pressure", "set", (0.0, 0.0, 0.0))
         rig.actuators.resume()
@@ -208,12 +207,12 @@ def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
 
 
 def test_waiting_for_a_person_is_no_hang(small: House) -> None:
-    small.change(safe={"hang": 1.0})
+    small.change(safe={"hang": 2.0})
     with Rig(load_rig(small.rig)) as rig:
         rig.open_all(lambda name, outcome: None)
         inflate(rig, small)
         with rig.actuators.pulse.held():
-            time.sleep(2.0)
+            time.sleep(3.0)
         rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
 
 
@@ -222,7 +221,7 @@ def test_a_clipped_setpoint_is_returned_and_logged_in_the_recording(small: House
         rig.record_to(recorder)
         got = rig.actuators.call("pressure", "set", (300e3, 0.0, 0.0))
         assert got[0] < 299e3
-        assert until(lambda: recorder.counts()["/log"].generated > 1, 2.0)  # the first line is the recorder's own
+        assert until(lambda: recorder.counts()["/log"].generated > 1)  # the first line is the recorder's own
         rig.record_to(None)
     (line,) = [line.text for line in Recording.open(tmp_path / "a.mcap").log if "clipped" in line.text]
     assert "asked 300.0" in line
@@ -264,7 +263,7 @@ def test_a_burst_chamber_is_told_with_its_channel(small: House, rig: Rig) -> Non
     for _ in range(20):
         rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
         time.sleep(0.02)
-    assert until(lambda: rig.vital.pause is not None, 5.0)
+    assert until(lambda: rig.vital.pause is not None)
     assert rig.vital.pause is not None and "channel 1" in rig.vital.pause.text and "burst" in rig.vital.pause.text
 
 
@@ -282,7 +281,7 @@ def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
         bias = device.bias.copy()
         device.bias = bias + np.array([80.0, 0, 0, 0, 0, 0])
         try:
-            assert until(lambda: rig.vital.landed is not None, 5.0)
+            assert until(lambda: rig.vital.landed is not None)
         finally:
             device.bias = bias
         assert max(abs(v) for v in fakes.ur.backdoor()["tcp_speed"][:3]) < 2e-3
@@ -312,7 +311,7 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
         assert rig.open_all(lambda name, outcome: None) == []
         rig.actuators.call("valve", "set", True)
         ur.backdoor("protective_stop")
-        assert until(lambda: not rig.streams["arm_state"].latest().program_running, 2.0)
+        assert until(lambda: not rig.streams["arm_state"].latest().program_running)
         with pytest.raises(DeviceFault, match="protective stop"):
             rig.actuators.resume()
         assert rig.safe().confirmed and not house.latch.exists()
@@ -324,9 +323,9 @@ def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_pat
     for i in range(20):
         program.send_signal(signal.SIGTERM if i % 2 else signal.SIGINT)
         time.sleep(0.05)
-    output, _ = program.communicate(timeout=40)
+    output, _ = program.communicate(timeout=120)
     assert program.returncode == 1, output
-    assert house.vented(0.5) and not house.latch.exists()
+    assert house.vented() and not house.latch.exists()
     assert "stopped" in output and "Traceback" not in output
     (file,) = tmp_path.glob("*.mcap")
     assert read_case([file]).robot is not None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import threading
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -54,20 +53,18 @@ def drivers(one_house: House) -> Iterator[dict[str, Any]]:
 def test_the_others_stop(
     house: House, drivers: dict[str, Any], failing: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(landing, "LEAST_TIME", 0.5)
+    monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
     drivers["pressure"].set((30e3, 30e3, 30e3))
     drivers["valve"].set(True)
     for name in failing:
         house.fakes.switch.begin(name, "silence")
     if "arm" in failing:
-        assert until(lambda: stale(drivers["arm"]), 2.0)
-    began = time.monotonic()
+        assert until(lambda: stale(drivers["arm"]))
     report = landing_of(drivers, Safe(within=1.0), 20.0).land(ACTUATORS, keep_vacuum=False)
-    assert time.monotonic() - began < 6.0
     house.fakes.switch.end()
     assert {s.instrument: s.confirmed for s in report.steps} == {n: n not in failing for n in ACTUATORS}, report
     assert report.confirmed is (not failing)
-    assert until(lambda: not stale(drivers["arm"]), 3.0)
+    assert until(lambda: not stale(drivers["arm"]))
 
 
 def stale(arm: Any) -> bool:

@@ -102,4 +102,4 @@ def test_what_is_not_put_right_ends_the_run_with_its_cause(
     during(lambda: float(plant.regulator.max()) > 50e3, lambda: house.fakes.accidents.begin("marker_lost"))
     assert lab(house, tmp_path, "bending", *BENDING) == 1
     assert "mocap" in capsys.readouterr().err
-    assert house.vented(1.0) and not house.latch.exists()
+    assert house.vented() and not house.latch.exists()

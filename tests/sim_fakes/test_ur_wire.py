@@ -95,7 +95,7 @@ def test_a_register_belongs_to_one_client_until_it_leaves(process: UrProcess, cl
     other = Client(process.host)
     assert other.ask("I", b"input_int_register_20,") == b"\x00IN_USE"
     client.close()
-    deadline = time.monotonic() + 3.0
+    deadline = time.monotonic() + 60.0
     while other.ask("I", b"input_int_register_20,") != b"\x01INT32":
         assert time.monotonic() < deadline
     other.close()
@@ -151,7 +151,7 @@ def test_a_bad_request_at_the_back_door_is_explained(process: UrProcess) -> None
 def test_the_plant_is_told_the_pose_each_cycle_in_rig_time() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
         plant.bind((free_host(), 0))
-        plant.settimeout(3.0)
+        plant.settimeout(60.0)
         start = time.monotonic()
         process = UrProcess(speed=10.0, pose_to=plant.getsockname(), clock_start=start)
         try:
@@ -171,7 +171,7 @@ def test_it_ends_with_the_process_that_started_it() -> None:
     host = free_host()
     parent = f"import os; from sim_fakes.ur.process import UrProcess; UrProcess({host!r}); os._exit(0)"
     subprocess.run([sys.executable, "-c", parent], check=True, timeout=30)
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while True:
         try:
             socket.create_connection((host, 30004), timeout=1.0).close()
