@@ -15,7 +15,6 @@ import pytest
 from virtual_lab import VirtualLab
 
 from lab.cli import main
-from lab.inputs import read_case
 from recordings.reader import Recording
 
 LIAR = "127.66.66.66"
@@ -30,7 +29,7 @@ def forging(virtual_lab: VirtualLab) -> Iterator[None]:
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as liar:
             liar.bind((LIAR, 0))
-            while not over.wait(0.1):
+            while not over.wait(0.5):
                 for c in psutil.Process().net_connections("udp4"):
                     if c.laddr.ip not in (virtual_lab.fakes.host, LIAR):
                         liar.sendto(FRAME_OF_AN_OLD_SESSION, (c.laddr.ip, c.laddr.port))
@@ -55,18 +54,19 @@ def test_check_tells_once_that_something_else_speaks(
     assert said.err.count("warning:") == 1
 
 
-def test_a_run_takes_none_of_it_and_its_recording_says_so_once(
+def test_the_recording_of_a_run_says_so_once_and_the_server_goes_on(
     virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    patient = "settle.still_distance=5 mm"  # noise looks like motion when the processors are busy
-    short = ["--set", "spine_lengths=[0.05]", "--set", "pressures=[60 kPa]", "--set", patient]
-    with forging(virtual_lab):
-        assert main(["run", "bending", "--rig", str(virtual_lab.rig), *short, "--out", str(tmp_path)]) in (0, 3)
+    short = ["--set", "spine_lengths=[0.05]", "--set", "pressures=[60 kPa]"]
+    with forging(virtual_lab):  # whether busy processors let the run settle is not the question here
+        main(["run", "bending", "--rig", str(virtual_lab.rig), *short, "--out", str(tmp_path)])
     assert capsys.readouterr().err.count("warning:") == 1
     (file,) = tmp_path.glob("*.mcap")
-    assert len(read_case([file]).table) == 3
-    (warning,) = [line for line in Recording.open(file).log if LIAR in line.text]
+    recording = Recording.open(file)
+    (warning,) = [line for line in recording.log if LIAR in line.text]
     assert warning.level == "warning"
+    tips = recording.stream("/tip")
+    assert len(tips) > 100 and (tips["frame"] != 10**6).all()
 
 
 def test_everything_that_fakes_listen_on_is_of_this_computer_alone(virtual_lab: VirtualLab) -> None:
