@@ -23,6 +23,7 @@ from types import TracebackType
 from .bounded import read_bounded
 from .errors import BadJournal, WriteFailed
 from .json_text import read_json
+from .own_files import opened
 
 VERSION = 1
 LARGEST = 20_000_000
@@ -68,9 +69,8 @@ class Journal:
     def reopen(cls, path: Path) -> Journal:
         """Go on writing; a line that the crash left torn is cut off. Raises `BadJournal`, `WriteFailed`."""
         campaign = read(path).campaign
-        whole = path.read_bytes().rfind(b"\n") + 1
         fd = _opened(path, 0)
-        os.ftruncate(fd, whole)
+        os.ftruncate(fd, read_bounded(path, LARGEST, BadJournal).rfind(b"\n") + 1)
         os.lseek(fd, 0, os.SEEK_END)
         return cls(path, fd, campaign)
 
@@ -108,7 +108,7 @@ class Journal:
 
 def _opened(path: Path, flags: int) -> int:
     try:
-        return os.open(path, os.O_WRONLY | os.O_CLOEXEC | flags, 0o644)
+        return opened(path, os.O_WRONLY | flags)
     except OSError as error:
         raise WriteFailed(f"{path}: cannot be written: {error.strerror}") from error
 

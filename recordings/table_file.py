@@ -7,12 +7,12 @@ import difflib
 import io
 import math
 import os
-import tempfile
 from collections import Counter
 from pathlib import Path
 
 from .bounded import read_bounded
 from .errors import BadTable
+from .own_files import replaced
 from .states import BRANCHES, PROTOCOLS, SPECIMENS
 from .trials import INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
 
@@ -42,16 +42,7 @@ def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
     for row in table.rows:
         cells = row.cells()
         writer.writerow([_text(cells[name]) if name in cells else "" for name in columns])
-    path = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    try:
-        with open(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text.getvalue())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    replaced(Path(path), text.getvalue())
 
 
 def _text(value: Cell) -> str:
