@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from recordings.json_text import read_json
+
 from .errors import BadCase
 
 SCHEMA = "diagnosis/1"
@@ -164,12 +166,14 @@ class Diagnosis:
     def from_json(cls, text: str) -> Diagnosis:
         """Read diagnosis.json; raises `BadCase` when it is none."""
         try:
-            data = json.loads(text)
+            data = read_json(text)
             if data["schema"] != SCHEMA:
-                raise BadCase(f"schema {data['schema']!r}, this version reads {SCHEMA!r}")
+                raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
             return _read(data)
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
-            raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {error}") from error
+        except BadCase:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {str(error)[:200]}") from error
 
 
 def _plain(value: Any) -> Any:

@@ -16,10 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from recordings.json_text import read_json
+from recordings.own_files import opened, replaced
+
 from .plain import one_line
 
 TAKE_WITHIN = 8.0
 """Host seconds to wait for an earlier guard that is still landing; it disconnects the arm, which takes 2 s."""
+LATCH_LIMIT = 100_000
+"""Characters of a latch that are read."""
 JOURNAL_LIMIT = 1_000_000
 """Bytes after which the journal starts anew."""
 
@@ -51,13 +56,14 @@ class Latch:
     def read(self) -> Entry | None:
         """The entry that locks the rig; None when it is free. A file that cannot be understood locks too."""
         try:
-            text = self.path.read_text(encoding="utf-8")
+            with open(opened(self.path, os.O_RDONLY), encoding="utf-8") as file:
+                text = file.read(LATCH_LIMIT)
         except FileNotFoundError:
             return None
         except (OSError, UnicodeDecodeError) as e:
-            return Entry("an unknown time", f"{self.path} cannot be read ({e})")
+            return Entry("an unknown time", f"{self.path} cannot be read ({getattr(e, 'strerror', None) or e})")
         try:
-            data: Any = json.loads(text)
+            data: Any = read_json(text)
             return Entry(str(data["since"]), str(data["why"]))
         except (ValueError, KeyError, TypeError):
             return Entry("an unknown time", f"{self.path} is damaged")
@@ -74,12 +80,7 @@ class Latch:
     def write(self, why: str) -> None:
         """Lock the rig, on disk before this returns."""
         text = json.dumps({"since": time.strftime("%Y-%m-%d %H:%M:%S"), "why": why, "pid": os.getpid()})
-        temporary = self.path.with_suffix(".latch.new")
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, self.path)
+        replaced(self.path, text)
 
     def clear(self) -> None:
         """Unlock; only after the safe state was confirmed."""
@@ -89,14 +90,13 @@ class Latch:
         """One line in the journal; a disk that is full must not keep the guard from landing."""
         with contextlib.suppress(OSError):
             fresh = self.journal.exists() and self.journal.stat().st_size > JOURNAL_LIMIT
-            with open(self.journal, "r+" if fresh else "a", encoding="utf-8") as file:
-                if fresh:
-                    file.truncate(0)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | (os.O_TRUNC if fresh else 0)
+            with open(opened(self.journal, flags), "a", encoding="utf-8", errors="replace") as file:
                 file.write(f"{time.strftime('%Y-%m-%d %H:%M:%S')} [{os.getpid()}] {one_line(text)}\n")
 
     def own(self, within: float = TAKE_WITHIN) -> None:
         """Own the rig until this process ends; raises RigLocked when another guard keeps it."""
-        handle = os.open(self.journal, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        handle = opened(self.journal, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         deadline = time.monotonic() + within
         while True:
             try:
@@ -113,7 +113,7 @@ class Latch:
     def owned(self) -> bool:
         """Whether a guard owns the rig now."""
         try:
-            handle = os.open(self.journal, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+            handle = opened(self.journal, os.O_RDONLY)
         except OSError:
             return False
         try:

@@ -18,6 +18,7 @@ from typing import Any
 
 from protocols.bench import Operator, Setup
 from protocols.errors import ProtocolError, Stopped
+from recordings.json_text import read_json
 
 from .console import out
 
@@ -86,7 +87,7 @@ class Program:
                 self._check_peer(connection)
                 connection.sendall(json.dumps(question).encode() + b"\n")
                 line = connection.makefile().readline(LONGEST_ANSWER)
-            answer = json.loads(line)
+            answer = read_json(line)
         except (OSError, ValueError) as e:
             raise ProtocolError(
                 f"{self._where}: no usable answer ({e}); start it, or set operator: console in rig.yaml"

@@ -17,6 +17,9 @@ from recordings.trials import Table
 from .config import ConfigError
 from .inputs import attached
 
+LONGEST_NAME = 200
+"""Bytes of a file's name; file systems take 255, and what is recovered gets a longer one."""
+
 
 @dataclass(frozen=True)
 class Broken:
@@ -65,8 +68,8 @@ def _journal_of(run: Path) -> Path:
 
 def _beside(file: Path, name: str) -> Path:
     """A file that another one names; ConfigError when it lies elsewhere."""
-    if Path(name).name != name:
-        raise ConfigError(f"{file}: names {name!r}, which is no file beside it")
+    if not name or Path(name).name != name or "\0" in name or len(name.encode()) > LONGEST_NAME:
+        raise ConfigError(f"{file}: names {name[:80]!r}, which is no file beside it")
     return file.parent / name
 
 

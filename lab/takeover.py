@@ -17,11 +17,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from recordings.json_text import read_json
+from recordings.own_files import opened, replaced
+
 from .landing import SafeReport, SafeStep
 
 TAKEN_WITHIN = 1.5
 """Host seconds in which a guard that lives takes a question up."""
 LOOK = 0.02
+LONGEST = 100_000
+"""Bytes of a question or an answer that are read."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class Requests:
         """What the rig's present owner read back after landing; None when there is nobody who takes the question up."""
         request = Request(uuid.uuid4().hex, f"lab safe, by {_user()}, process {os.getpid()}")
         self._answer.unlink(missing_ok=True)
-        _replace(self._question, asdict(request))
+        replaced(self._question, json.dumps(asdict(request)), 0o600)
         began = time.monotonic()
         try:
             while time.monotonic() - began < within:
@@ -79,25 +84,18 @@ class Requests:
     def answer(self, request: Request, report: SafeReport) -> None:
         """What was reached; a disk that is full must not keep the guard from anything."""
         with contextlib.suppress(OSError):
-            _replace(self._answer, {"number": request.number, "steps": [asdict(step) for step in report.steps]})
+            steps = [asdict(step) for step in report.steps]
+            replaced(self._answer, json.dumps({"number": request.number, "steps": steps}), 0o600)
 
 
 def _read(path: Path) -> dict[str, Any] | None:
     """The table that a file holds; None when there is none."""
     try:
-        data = json.loads(path.read_bytes()[:100_000])
-    except (OSError, ValueError, RecursionError):
+        with open(opened(path, os.O_RDONLY), "rb") as file:
+            data = read_json(file.read(LONGEST))
+    except (OSError, ValueError):
         return None
     return data if isinstance(data, dict) else None
-
-
-def _replace(path: Path, data: dict[str, Any]) -> None:
-    temporary = path.with_suffix(f"{path.suffix}.new")
-    temporary.unlink(missing_ok=True)
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    with open(handle, "w", encoding="utf-8") as file:
-        json.dump(data, file)
-    os.replace(temporary, path)
 
 
 def _user() -> str:

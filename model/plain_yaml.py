@@ -17,7 +17,7 @@ MOST_CHARACTERS = 500_000
 """Of a file that a person writes; the longest of this project has 5000."""
 DEEPEST = 20
 """Tables and lists within each other; the files of this project have five."""
-MOST_VALUES = 20_000
+MOST_VALUES = 10_000
 """Keys and values of a file."""
 LONGEST_NUMBER = 40
 """Characters of a number."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from .errors import Damaged
 from .reader import Recording
 from .replay import table_of
 from .trials import Table, TrialRow
@@ -22,7 +23,12 @@ def campaign_of(recording: Recording) -> str | None:
 
 def first_trial(recording: Recording) -> int:
     """The number of the first trial that was done in a recording."""
-    return int(recording.metadata.get("campaign", {}).get("first_trial", "1"))
+    text = recording.metadata.get("campaign", {}).get("first_trial", "1")
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise Damaged(
+            f"{recording.path}: its metadata 'campaign' tell the first trial {text[:40]!r}, which is no number"
+        )
+    return int(text)
 
 
 def tables(recordings: Sequence[Recording]) -> list[Table]:

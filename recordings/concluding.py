@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,11 @@ AVERAGED = {
 """What must be a number in every sample that is averaged; of the tip only tracked samples count."""
 
 
-def conclude(streams: Streams, state: State) -> TrialRow | None:
+Count = Callable[[int], object]
+"""Told how many samples are about to be averaged."""
+
+
+def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> TrialRow | None:
     """Read a state: its row, or None while samples are missing that may still come.
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
@@ -48,7 +53,7 @@ def conclude(streams: Streams, state: State) -> TrialRow | None:
         return None
     try:
         span = _span(streams, state, watermark)
-        return None if span is None else _row(streams, state, span)
+        return None if span is None else _row(streams, state, span, count)
     except NotSettled as error:
         raise NotSettled(f"{where}: {error}") from error
 
@@ -59,15 +64,20 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
         return fixed_window(rule, start, watermark)
     until = min(watermark, start + rule.timeout)
     pressure = streams.window("/pressure", start, until)
+    chambers = pressure["measured"].shape[1]
     if isinstance(rule, Crossing):
+        if max(rule.chambers) >= chambers:
+            raise NotSettled(f"chamber {max(rule.chambers) + 1} is asked for, /pressure has {chambers}")
         return crossing_window(pressure, rule, start, state.ramp_end, watermark)
+    if len(state.targets) != chambers:
+        raise NotSettled(f"{len(state.targets)} pressures are asked for, /pressure has {chambers}")
     further = [topic for topic in state.topics if topic not in ("/pressure", "/tip")]
     others = {topic: streams.window(topic, start, until)["t"] for topic in further}
     tip = streams.window("/tip", start, until)
     return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
 
 
-def _row(streams: Streams, state: State, span: Span) -> TrialRow:
+def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
     """Average every stream that the state relies on over the span."""
     rule = state.rule
     estimate: Estimator = Line(span.at) if isinstance(rule, Crossing) else Mean()
@@ -84,6 +94,7 @@ def _row(streams: Streams, state: State, span: Span) -> TrialRow:
                 "check the instrument's rate, or average longer"
             )
         _demand_numbers(topic, found)
+    count(sum(len(found) for found in samples.values()))
     measured: dict[str, Estimate] = {}
     pressures = state.targets
     if (pressure := samples.get("/pressure")) is not None:

@@ -8,7 +8,7 @@ file says about lengths is believed before it is held against the bytes that are
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 
@@ -17,13 +17,12 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 
+from .budget import MAX_CHANNELS, Budget, Cost, largest_chunk
 from .errors import Damaged, NotARecording, Oversized
 
 MAGIC = b"\x89MCAP0\r\n"
-MAX_CHUNK = 64 * 2**20
-"""Bytes a chunk may grow to when decompressed; ours have about 20 000."""
-MAX_TOTAL = 4 * 2**30
-"""Bytes of all chunks together, decompressed: more than twelve hours of the rig."""
+SMALLEST = 1024
+"""Bytes that a chunk counts at least: what is done for each."""
 _HEAD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _U64 = struct.Struct("<Q")
@@ -82,25 +81,29 @@ class Contents:
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
 
-    def add(self, opcode: int, body: bytes) -> None:
+    def add(self, opcode: int, body: bytes, budget: Budget) -> None:
         """Take note of a schema or channel, wherever in the file it stands."""
+        if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+            return
+        budget.take(Cost.DEFINITIONS, len(body))
         stream = ReadDataStream(BytesIO(body))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
             self.schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
+        else:
             channel = Channel.read(stream)
             self.channels[channel.id] = channel
+        check_number(self.schemas, self.channels, budget.name)
 
 
 def walk(data: memoryview, name: str) -> Contents:
     """Walk over the records of a file; `name` is used in messages. Raises `NotARecording` when it is no MCAP file."""
     if bytes(data[: len(MAGIC)]) != MAGIC:
         raise NotARecording(f"{name} is not an MCAP file: it begins with {bytes(data[:8])!r}")
-    contents = Contents(len(data), len(MAGIC))
+    contents, budget = Contents(len(data), len(MAGIC)), Budget(name, len(data))
     while (head := head_at(data, contents.end)) is not None:
         try:
-            _take(contents, data, head)
+            _take(contents, data, head, budget)
         except _UNPARSABLE as error:
             raise Damaged(
                 f"{name}: the record at byte {head.start} makes no sense ({error}); run `lab verify`"
@@ -111,48 +114,40 @@ def walk(data: memoryview, name: str) -> Contents:
                 contents.finished = True
                 contents.end = head.end + len(MAGIC)
             break
-    check_total(contents.chunks, name)
     if not contents.finished and contents.chunks:
         # Some of its indexes may be cut off; without any, its records are walked over instead.
         contents.chunks[-1].indexes.clear()
     return contents
 
 
-def check_total(chunks: Iterable[ChunkPlace], name: str) -> None:
-    """Raises `Oversized` when chunks say that they hold more than is read at once; impossible ones do not count."""
-    total = sum(chunk.size for chunk in chunks if chunk.size <= MAX_CHUNK)
-    if total > MAX_TOTAL:
-        raise Oversized(
-            f"{name}: says that its chunks hold {total} bytes, {MAX_TOTAL} are read at most; "
-            "the file is damaged, or longer than this software reads at once"
-        )
+def take_chunk(chunk: ChunkPlace, budget: Budget) -> None:
+    """Count what a chunk says that it holds; one that nothing could hold is not unpacked, and does not count."""
+    if chunk.size <= largest_chunk(budget.size):
+        budget.take(Cost.UNPACKED, max(chunk.size, SMALLEST))
 
 
-def chunks_of(data: memoryview) -> Iterator[ChunkPlace]:
-    """The chunks of a file by their heads alone, up to the first record that is broken."""
-    at = len(MAGIC)
-    while (head := head_at(data, at)) is not None:
-        if head.opcode == Opcode.CHUNK:
-            try:
-                yield chunk_place(data, head)
-            except _UNPARSABLE:
-                return
-        at = head.end
+def check_number(schemas: Mapping[int, Schema], channels: Mapping[int, Channel], name: str) -> None:
+    """Raises `Oversized` for a file of more channels or schemas than any rig has."""
+    if len(schemas) > MAX_CHANNELS or len(channels) > MAX_CHANNELS:
+        raise Oversized(f"{name}: describes more than {MAX_CHANNELS} channels or schemas, no recording has so many")
 
 
-def _take(contents: Contents, data: memoryview, head: Head) -> None:
+def _take(contents: Contents, data: memoryview, head: Head, budget: Budget) -> None:
     if head.opcode == Opcode.CHUNK:
-        contents.chunks.append(chunk_place(data, head))
+        chunk = chunk_place(data, head)
+        take_chunk(chunk, budget)
+        contents.chunks.append(chunk)
     elif head.opcode == Opcode.MESSAGE_INDEX and contents.chunks:
         contents.chunks[-1].indexes.append(index_place(data, head))
     elif head.opcode == Opcode.ATTACHMENT:
         attachment = Attachment.read(stream(data, head))
         contents.attachments[attachment.name] = attachment.data
     elif head.opcode == Opcode.METADATA:
+        budget.take(Cost.DEFINITIONS, head.end - head.body)
         metadata = Metadata.read(stream(data, head))
         contents.metadata[metadata.name] = metadata.metadata
     elif head.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-        contents.add(head.opcode, bytes(data[head.body : head.end]))
+        contents.add(head.opcode, bytes(data[head.body : head.end]), budget)
 
 
 def stream(data: memoryview | bytes, head: Head) -> ReadDataStream:
@@ -184,10 +179,15 @@ def chunk_place(data: memoryview, head: Head) -> ChunkPlace:
     return ChunkPlace(head.start, first, last, size, crc, compression, at, at + length)
 
 
-def records_in(chunk: bytes) -> Iterator[Head]:
-    """Every record in a decompressed chunk; the first one that is not whole raises struct.error."""
+def records_in(chunk: bytes, budget: Budget | None = None) -> Iterator[Head]:
+    """Every record in a decompressed chunk; the first one that is not whole raises struct.error.
+
+    `budget`: of which they are taken; None when they were counted before.
+    """
     at = 0
     while at < len(chunk):
+        if budget is not None:
+            budget.take(Cost.RECORDS, 1)
         head = head_at(chunk, at)
         if head is None:
             raise struct.error(f"no whole record at byte {at} of {len(chunk)} in the chunk")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import threading
 from array import array
@@ -11,8 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .json_text import read_json
 from .timing import Timing, timing
 
+LARGEST = 2**53
+"""No recorder counts further."""
 _DOUBLE = struct.Struct("<d")
 
 
@@ -54,11 +56,11 @@ def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, in
     out: dict[str, dict[str, int]] = {}
     for topic, text in metadata.get("counts", {}).items():
         try:
-            told = json.loads(text)
+            told = read_json(text)
         except ValueError:
             continue
         if isinstance(told, dict):
-            out[topic] = {name: value for name, value in told.items() if isinstance(value, int)}
+            out[topic] = {name: value for name, value in told.items() if type(value) is int and 0 <= value <= LARGEST}
     return out
 
 

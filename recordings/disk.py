@@ -8,6 +8,7 @@ import threading
 from pathlib import Path
 
 from .errors import WriteFailed
+from .own_files import created
 
 
 class Disk:
@@ -19,7 +20,7 @@ class Disk:
 
     def __init__(self, path: Path) -> None:
         try:
-            self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._fd = created(path)
         except FileExistsError:
             raise WriteFailed(f"{path} exists; a recording is never written over, choose another name") from None
         except OSError as error:

@@ -20,6 +20,8 @@ from .table_file import write_csv
 from .trials import Table
 
 Format = Literal["csv", "parquet"]
+ROWS = 10_000
+"""Of a table that are written at a time."""
 Columns = dict[str, NDArray[Any]]
 
 
@@ -59,7 +61,9 @@ def _write_csv(columns: Columns, path: Path) -> None:
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        length = len(next(iter(columns.values())))
+        for at in range(0, length, ROWS):  # as Python's numbers they take four times the memory
+            writer.writerows(zip(*(values[at : at + ROWS].tolist() for values in columns.values()), strict=True))
 
 
 def _parquet_writer() -> Callable[[Columns, Path], None]:

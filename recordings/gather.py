@@ -21,7 +21,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from .container import MAX_CHUNK, ChunkPlace, Contents, records_in
+from .budget import MAX_CHUNK, Budget, largest_chunk
+from .container import ChunkPlace, Contents, records_in
 from .errors import Damaged, Oversized
 
 BATCH = 4 * 2**20
@@ -67,14 +68,35 @@ class Picked:
         return [self.data[a:b] for a, b in zip(self.starts.tolist(), self.ends.tolist(), strict=True)]
 
 
+def check_chunk(data: memoryview, chunk: ChunkPlace, name: str) -> None:
+    """Raises `Oversized` or `Damaged` when what a chunk says of its size cannot be true; unpacks nothing."""
+    where = f"{name}: chunk at byte {chunk.start}"
+    packed, most = data[chunk.data_start : chunk.data_end], largest_chunk(len(data))
+    if chunk.size > most:
+        raise Oversized(f"{where} says it holds {chunk.size} bytes, {most} are read at most; run `lab verify`")
+    if chunk.compression not in ("", "lz4", "zstd"):
+        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
+    size = len(packed)
+    if chunk.compression == "zstd":
+        # The size inside the packed data is what the library would reserve memory for.
+        try:
+            size = zstandard.frame_content_size(packed)
+        except zstandard.ZstdError as error:
+            raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
+    if chunk.compression != "lz4" and size not in (chunk.size, -1):
+        raise Damaged(f"{where} fails its checksum: its packed data tell another size; run `lab verify`")
+
+
 def decompress(data: memoryview, chunk: ChunkPlace, name: str) -> bytes:
-    """The records of a chunk; raises `Damaged` when they are not what was written, `Oversized` when too many."""
+    """The records of a chunk; raises `Damaged` when they are not what was written, `Oversized` when too many.
+
+    Whoever calls has counted `chunk.size` against the file's budget.
+    """
     where = f"{name}: chunk at byte {chunk.start}"
     packed = data[chunk.data_start : chunk.data_end]
-    if chunk.size > MAX_CHUNK:
-        raise Oversized(f"{where} says it holds {chunk.size} bytes, {MAX_CHUNK} are read at most; run `lab verify`")
+    check_chunk(data, chunk, name)
     try:
-        raw = _unpacked(packed, chunk, where)
+        raw = _unpacked(packed, chunk)
     except (zstandard.ZstdError, RuntimeError) as error:
         raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
     if len(raw) != chunk.size or (chunk.crc and zlib.crc32(raw) != chunk.crc):
@@ -82,17 +104,12 @@ def decompress(data: memoryview, chunk: ChunkPlace, name: str) -> bytes:
     return raw
 
 
-def _unpacked(packed: memoryview, chunk: ChunkPlace, where: str) -> bytes:
+def _unpacked(packed: memoryview, chunk: ChunkPlace) -> bytes:
     """Never more than one byte beyond the size that the chunk tells."""
     if chunk.compression == "":
         return bytes(packed)
     if chunk.compression == "lz4":
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size + 1))
-    if chunk.compression != "zstd":
-        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
-    # The size inside the packed data is what the library would reserve memory for.
-    if zstandard.frame_content_size(packed) not in (chunk.size, -1):
-        raise Damaged(f"{where} fails its checksum: its packed data tell another size; run `lab verify`")
     return _unpacker().decompress(packed, max_output_size=chunk.size + 1)
 
 
@@ -109,12 +126,14 @@ _LOCAL = threading.local()
 
 def find_channels(data: memoryview, contents: Contents, name: str) -> None:
     """Add to `contents` the schemas and channels that stand inside chunks (in a file without a summary)."""
+    budget = Budget(name, len(data))
     for chunk in contents.chunks:
         if not chunk.indexes or any(channel not in contents.channels for channel, _, _ in chunk.indexes):
             raw = decompress(data, chunk, name)
             try:
-                for head in records_in(raw):
-                    contents.add(head.opcode, raw[head.body : head.end])
+                for head in records_in(raw, budget):
+                    if head.opcode != Opcode.MESSAGE:
+                        contents.add(head.opcode, raw[head.body : head.end], budget)
             except (struct.error, McapError, UnicodeDecodeError) as error:
                 raise _senseless(name, chunk, error) from error
 
@@ -128,37 +147,39 @@ def pick(data: memoryview, contents: Contents, name: str) -> Iterator[Picked]:
 
     Chunks are unpacked by threads, one batch ahead of what is picked.
     """
+    budget = Budget(name, len(data))
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
         ahead: list[tuple[list[ChunkPlace], list[Future[bytes]]]] = []
         for batch in _batches(contents.chunks):
             ahead.append((batch, [pool.submit(decompress, data, chunk, name) for chunk in batch]))
             if len(ahead) > 1:
                 chunks, raws = ahead.pop(0)
-                yield from _pick(data, chunks, [raw.result() for raw in raws], name)
+                yield from _pick(data, chunks, [raw.result() for raw in raws], budget)
         for chunks, raws in ahead:
-            yield from _pick(data, chunks, [raw.result() for raw in raws], name)
+            yield from _pick(data, chunks, [raw.result() for raw in raws], budget)
 
 
 def _batches(chunks: Sequence[ChunkPlace]) -> Iterator[list[ChunkPlace]]:
     batch: list[ChunkPlace] = []
     size = 0
     for chunk in chunks:
-        batch.append(chunk)
-        size += chunk.size
-        if size >= BATCH:
+        if batch and size + chunk.size > BATCH:
             yield batch
             batch, size = [], 0
+        batch.append(chunk)
+        size += chunk.size
     if batch:
         yield batch
 
 
-def _pick(data: memoryview, batch: list[ChunkPlace], raws: list[bytes], name: str) -> Iterator[Picked]:
+def _pick(data: memoryview, batch: list[ChunkPlace], raws: list[bytes], budget: Budget) -> Iterator[Picked]:
+    name = budget.name
     bases = np.zeros(len(batch) + 1, np.int64)
     pairs: dict[int, list[bytes | memoryview]] = {}
     places: dict[int, list[tuple[int, int]]] = {}
     for number, (chunk, raw) in enumerate(zip(batch, raws, strict=True)):
         bases[number + 1] = bases[number] + len(raw)
-        indexes = [(channel, data[a:b]) for channel, a, b in chunk.indexes] or _index(raw, chunk, name)
+        indexes = [(channel, data[a:b]) for channel, a, b in chunk.indexes] or _index(raw, chunk, budget)
         for channel, entries in indexes:
             pairs.setdefault(channel, []).append(entries)
             places.setdefault(channel, []).append((number, len(entries) // 16))
@@ -175,7 +196,7 @@ def _pick(data: memoryview, batch: list[ChunkPlace], raws: list[bytes], name: st
     for number in np.flatnonzero(accounted != np.diff(bases)).tolist():
         raw = raws[number]
         try:
-            others = sum(head.end - head.start for head in records_in(raw) if head.opcode != Opcode.MESSAGE)
+            others = sum(head.end - head.start for head in records_in(raw, budget) if head.opcode != Opcode.MESSAGE)
         except struct.error as error:
             raise _senseless(name, batch[number], error) from error
         if accounted[number] + others != len(raw):
@@ -206,19 +227,19 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
     return Picked(channel, heads["log"].astype(np.int64), offsets + HEAD, ends, whole)
 
 
-def _index(raw: bytes, chunk: ChunkPlace, name: str) -> list[tuple[int, bytes]]:
+def _index(raw: bytes, chunk: ChunkPlace, budget: Budget) -> list[tuple[int, bytes]]:
     """The index of a chunk that has none: walk over its records."""
     try:
-        return [(channel, pairs.tobytes()) for channel, pairs in index_of(raw).items()]
+        return [(channel, pairs.tobytes()) for channel, pairs in index_of(raw, budget).items()]
     except struct.error as error:
-        raise _senseless(name, chunk, error) from error
+        raise _senseless(budget.name, chunk, error) from error
 
 
-def index_of(raw: bytes) -> dict[int, NDArray[np.uint64]]:
+def index_of(raw: bytes, budget: Budget | None = None) -> dict[int, NDArray[np.uint64]]:
     """(log time ns, offset) of each channel's messages in a decompressed chunk, shape (n, 2), as a message index lists
-    them; struct.error when a record is not whole."""
+    them; struct.error when a record is not whole. `budget`: see `records_in`."""
     out: dict[int, list[tuple[int, int]]] = {}
-    for head in records_in(raw):
+    for head in records_in(raw, budget):
         if head.opcode == Opcode.MESSAGE:
             channel, _, log_time = MESSAGE.unpack_from(raw, head.body)
             out.setdefault(channel, []).append((log_time, head.start))

@@ -22,6 +22,8 @@ from types import TracebackType
 
 from .bounded import read_bounded
 from .errors import BadJournal, WriteFailed
+from .json_text import read_json
+from .own_files import opened
 
 VERSION = 1
 LARGEST = 20_000_000
@@ -67,9 +69,8 @@ class Journal:
     def reopen(cls, path: Path) -> Journal:
         """Go on writing; a line that the crash left torn is cut off. Raises `BadJournal`, `WriteFailed`."""
         campaign = read(path).campaign
-        whole = path.read_bytes().rfind(b"\n") + 1
         fd = _opened(path, 0)
-        os.ftruncate(fd, whole)
+        os.ftruncate(fd, read_bounded(path, LARGEST, BadJournal).rfind(b"\n") + 1)
         os.lseek(fd, 0, os.SEEK_END)
         return cls(path, fd, campaign)
 
@@ -107,7 +108,7 @@ class Journal:
 
 def _opened(path: Path, flags: int) -> int:
     try:
-        return os.open(path, os.O_WRONLY | os.O_CLOEXEC | flags, 0o644)
+        return opened(path, os.O_WRONLY | flags)
     except OSError as error:
         raise WriteFailed(f"{path}: cannot be written: {error.strerror}") from error
 
@@ -124,12 +125,14 @@ def read(path: Path) -> Progress:
                     raise BadJournal(f"{path}: is of version {line['journal']}, this software reads {VERSION}")
                 campaign, protocol = str(line["campaign"]), str(line["protocol"])
             elif "recording" in line:
-                recordings.append((str(line["recording"]), int(line["first_trial"])))
+                recordings.append((str(line["recording"]), _whole(line["first_trial"])))
                 done = {trial: states for trial, states in done.items() if trial < recordings[-1][1]}
             elif "done" in line:
-                done[int(line["trial"])] = int(line["done"])
+                done[_whole(line["trial"])] = _whole(line["done"])
     except (ValueError, KeyError, TypeError) as error:
-        raise BadJournal(f"{path}: a line makes no sense ({error!r}); without it the run cannot be resumed") from error
+        raise BadJournal(
+            f"{path}: a line makes no sense ({repr(error)[:200]}); without it the run cannot be resumed"
+        ) from error
     if not campaign or not recordings:
         raise BadJournal(f"{path}: does not name a campaign and a recording; it is no journal of a run")
     return Progress(campaign, protocol, tuple(recordings), done)
@@ -138,4 +141,10 @@ def read(path: Path) -> Progress:
 def _lines(path: Path) -> Iterator[dict[str, int | str]]:
     text = read_bounded(path, LARGEST, BadJournal)
     for line in text[: text.rfind(b"\n") + 1].splitlines():
-        yield json.loads(line)
+        yield read_json(line)
+
+
+def _whole(value: object) -> int:
+    if type(value) is not int or not 0 <= value < 2**31:
+        raise ValueError(f"{repr(value)[:80]} is no number of a trial")
+    return value

@@ -28,6 +28,9 @@ SCHEMA_VERSION = "1"
 
 PACKAGE = "lab"
 
+MAX_NUMBERS = 10_000
+"""Numbers in one array of a message."""
+
 _KINDS: dict[str, tuple[FieldDescriptorProto.Type.ValueType, str, str, int, int]] = {
     # kind: (protobuf type, struct code, numpy type, wire type, bytes)
     "double": (FieldDescriptorProto.TYPE_DOUBLE, "d", "<f8", 1, 8),
@@ -55,6 +58,11 @@ class Field:
     shape: tuple[int, ...] = ()
     unit: str = ""
     doc: str = ""
+
+    @property
+    def type(self) -> FieldDescriptorProto.Type.ValueType:
+        """Its protobuf type."""
+        return _KINDS[self.kind][0]
 
     @cached_property
     def count(self) -> int:

@@ -15,8 +15,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from google.protobuf.json_format import MessageToDict
+from google.protobuf.json_format import MessageToDict, SerializeToJsonError
 
+from . import protobuf_runtime
+from .errors import Damaged
 from .events import EVENTS
 from .messages import STREAMS
 from .reader import Recording
@@ -85,7 +87,7 @@ def play(recording: Recording, sink: Callable[[Played], None], speed: float = ma
 def _times(recording: Recording, topic: str) -> np.ndarray[Any, np.dtype[np.int64]]:
     if topic in STREAMS:
         return recording.log_times(topic)  # in the order of the stream's own stamps, from which they are made
-    return np.array([log_time for log_time, _ in recording.events(EVENTS[topic])], dtype=np.int64)
+    return np.array([log_time for log_time, _ in recording.payloads(EVENTS[topic])], dtype=np.int64)
 
 
 def _stream(recording: Recording, topic: str) -> Callable[[int], Fields]:
@@ -95,8 +97,18 @@ def _stream(recording: Recording, topic: str) -> Callable[[int], Fields]:
 
 
 def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
-    found = recording.events(EVENTS[topic])
-    return lambda row: MessageToDict(found[row][1], preserving_proto_field_name=True)
+    event = EVENTS[topic]
+    found = recording.payloads(event)
+
+    def fields(row: int) -> Fields:
+        # One at a time: as dictionaries all of them would be many times as large.
+        message = protobuf_runtime.parse(event.message_class, found[row][1], topic)
+        try:
+            return MessageToDict(message, preserving_proto_field_name=True)
+        except (ValueError, SerializeToJsonError) as error:
+            raise Damaged(f"{topic}: a message cannot be told as JSON ({error}); run `lab verify`") from error
+
+    return fields
 
 
 def _plain(value: Any) -> Any:

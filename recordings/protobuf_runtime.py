@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,9 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from .errors import Damaged, OtherVersion
-from .messages import MessageType
+from .budget import MAX_MESSAGE
+from .errors import Damaged, OtherVersion, Oversized
+from .messages import MAX_NUMBERS, Field, MessageType
 
 
 def message_class(schema: Schema) -> type[Any]:
@@ -43,44 +44,60 @@ def _class(schema: Schema) -> type[Any]:
 
 
 def parse(kind: type[Any], payload: bytes, topic: str) -> Any:
-    """One message; raises `Damaged` when the bytes are not one."""
+    """One message; raises `Damaged` when the bytes are not one, `Oversized` for one that is longer than any of ours."""
+    if len(payload) > MAX_MESSAGE:
+        raise Oversized(f"{topic}: a message of {len(payload)} bytes, {MAX_MESSAGE} are read at most")
     try:
         return kind.FromString(payload)
     except DecodeError as error:
         raise Damaged(f"{topic}: a message cannot be decoded: {error}; run `lab verify`") from error
 
 
-def decode(message: MessageType, schema: Schema, payloads: Sequence[bytes]) -> NDArray[np.void]:
-    """Messages to an array like `MessageType.decode`; sizes of arrays are those of the first message.
+def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], count: int) -> NDArray[np.void]:
+    """`count` messages to an array like `MessageType.decode`; sizes of arrays are those of the first message.
 
     Fields that the file's schema does not have yet are NaN (numbers) or 0 (everything else). Raises `OtherVersion` when
-    the schema has none of the fields beside `t`, or arrays change their size.
+    the schema has none of the fields beside `t`, has them of another type, or arrays change their size.
     """
     kind = message_class(schema)
-    names = {field.name for field in kind.DESCRIPTOR.fields}
-    there = [field for field in message.fields if field.name in names]
-    if "t" not in names or len(there) < 2:
+    there = {field.name: field for field in kind.DESCRIPTOR.fields}
+    known = [field for field in message.fields if field.name in there]
+    if "t" not in there or len(known) < 2:
         raise OtherVersion(
-            f"{message.topic}: the file's schema {schema.name} is another message: it has {sorted(names)}"
+            f"{message.topic}: the file's schema {schema.name} is another message: it has {sorted(there)[:50]}"
         )
-    parsed = [parse(kind, payload, message.topic) for payload in payloads]
-    shapes = {f.name: _shape(f.shape, len(getattr(parsed[0], f.name))) for f in there if f.shape}
-    message = message.sized(**shapes)
-    out = np.zeros(len(parsed), message.dtype)
+    for field in known:
+        if there[field.name].type != field.type or there[field.name].is_repeated != bool(field.shape):
+            raise OtherVersion(f"{message.topic}: field {field.name} is of another type in the file")
+    out = None
+    for row, payload in enumerate(payloads):
+        parsed = parse(kind, payload, message.topic)
+        if out is None:
+            out = _table(message, parsed, known, count)
+        for field in known:
+            value = getattr(parsed, field.name)
+            if field.shape:
+                place = out[field.name][row]
+                if len(value) != place.size:
+                    raise OtherVersion(f"{message.topic}: field {field.name} changes its size within the file")
+                value = np.array(value).reshape(place.shape)
+            out[field.name][row] = value
+    return np.zeros(0, message.dtype) if out is None else out
+
+
+def _table(message: MessageType, first: Any, known: Sequence[Field], count: int) -> NDArray[np.void]:
+    """Room for all messages, arrays as long as those of the first; NaN where the file has no such numbers."""
+    shapes = {f.name: _shape(f.shape, len(getattr(first, f.name)), message.topic) for f in known if f.shape}
+    out = np.zeros(count, message.sized(**shapes).dtype)
     for field in message.fields:
-        if field.name not in names:
-            out[field.name] = np.nan if field.kind == "double" else 0
-            continue
-        values = [getattr(p, field.name) for p in parsed]
-        if field.shape and any(len(value) != field.count for value in values):
-            raise OtherVersion(f"{message.topic}: field {field.name} changes its size within the file")
-        out[field.name] = (
-            np.array([list(v) for v in values]).reshape(len(values), *field.shape) if field.shape else values
-        )
+        if field not in known and field.kind == "double":
+            out[field.name] = np.nan
     return out
 
 
-def _shape(like: tuple[int, ...], count: int) -> tuple[int, ...]:
+def _shape(like: tuple[int, ...], count: int, topic: str) -> tuple[int, ...]:
     """The first dimension is free."""
     width = int(np.prod(like[1:], dtype=int))
+    if count > MAX_NUMBERS or count % width:
+        raise OtherVersion(f"{topic}: an array of {count} numbers, none of ours has so many")
     return (count // width, *like[1:])

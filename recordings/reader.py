@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import mmap
 import os
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,16 +17,21 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from . import events, protobuf_runtime
+from .budget import Budget, Cost
 from .container import Contents, walk
 from .errors import Damaged, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
+from .events import EVENTS, EventType
 from .gather import find_channels, pick
-from .messages import SCHEMA_VERSION, STREAMS, MessageType
+from .messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType
 from .samples import Samples
 from .states import State
 from .trials import TrialRow
 
-MAX_NUMBERS = 10_000
-"""Numbers in one array of a message."""
+OF_ROBOT = ("setpoint", "measured", "markers")
+"""Arrays whose size is that of the robot."""
+SAID = (events.STATE.topic, events.TRIAL.topic, events.LOG.topic)
+"""Topics whose messages are texts that are taken apart."""
+_LEVELS = {number: name.lower() for name, number in events.Log.Level.items()}
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,7 @@ class Recording:
         self._data = data
         self._loaded: set[int] = set()
         """Channels whose messages were read."""
+        self._budget = Budget(str(path), len(data))
         self._samples: dict[int, Samples] = {}
         self._payloads: dict[int, list[bytes]] = {}
         self._log_times: dict[int, list[NDArray[np.int64]]] = {}
@@ -176,10 +183,13 @@ class Recording:
         """Read the file once: wanted streams to arrays, the messages of other wanted channels as bytes."""
         if not wanted:
             return
+        listed = self._listed()
         for number in wanted:
             channel = self.contents.channels[number]
             if channel.topic in STREAMS and self._version(channel) == SCHEMA_VERSION:
-                self._samples[number] = Samples(self._message(channel), self._expected(channel))
+                message = self._message(channel)
+                self._samples[number] = Samples(message, min(listed[number], self._unpacked // message.size))
+        kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
         first = not self._loaded
         for picked in pick(self._data, self.contents, str(self.path)):
             if first:
@@ -188,15 +198,24 @@ class Recording:
                 continue
             if picked.channel in self._samples:
                 self._samples[picked.channel].add(picked.rows())
-            else:
+            elif picked.channel in kept:
+                if self.contents.channels[picked.channel].topic in SAID:
+                    self._budget.take(Cost.EVENTS, int((picked.ends - picked.starts).sum()))
                 self._payloads.setdefault(picked.channel, []).extend(picked.messages())
         self._loaded |= wanted
 
-    def _expected(self, channel: Channel) -> int:
-        """How many messages of a channel the indexes list."""
-        indexes = (index for chunk in self.contents.chunks for index in chunk.indexes)
-        listed = sum(end - start for number, start, end in indexes if number == channel.id) // 16
-        return min(listed, sum(chunk.size for chunk in self.contents.chunks) // self._message(channel).size)
+    def _listed(self) -> Counter[int]:
+        """How many messages of each channel the indexes list."""
+        out: Counter[int] = Counter()
+        for chunk in self.contents.chunks:
+            for number, start, end in chunk.indexes:
+                out[number] += (end - start) // 16
+        return out
+
+    @property
+    def _unpacked(self) -> int:
+        """Bytes of all chunks."""
+        return sum(chunk.size for chunk in self.contents.chunks)
 
     def _decode(self, topic: str) -> NDArray[np.void]:
         channel = self._channel(topic)
@@ -206,11 +225,13 @@ class Recording:
         self._need(channel)
         samples = self._samples[channel.id].array
         if samples is None:
+            schema = self.contents.schemas.get(channel.schema_id)
+            if schema is None:
+                raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is not there")
             batches = pick(self._data, self.contents, str(self.path))
-            payloads = [payload for p in batches if p.channel == channel.id for payload in p.messages()]
-            samples = protobuf_runtime.decode(
-                self._message(channel), self.contents.schemas[channel.schema_id], payloads
-            )
+            payloads = (payload for p in batches if p.channel == channel.id for payload in p.messages())
+            count = sum(len(part) for part in self._log_times.get(channel.id, []))
+            samples = protobuf_runtime.decode(self._message(channel), schema, payloads, count)
         if (np.diff(samples["t"]) < 0).any():
             samples = samples[np.argsort(samples["t"], kind="stable")]
         samples.setflags(write=False)
@@ -230,7 +251,17 @@ class Recording:
             raise Oversized(
                 f"{self.path}: {channel.topic} tells arrays of shape {shapes}, read are {MAX_NUMBERS} numbers at most"
             )
-        return STREAMS[channel.topic].sized(**shapes)
+        message = STREAMS[channel.topic]
+        usual = {field.name: field.shape for field in message.fields}
+        for name, shape in shapes.items():
+            like = usual.get(name, ())
+            # Chambers and markers are the robot's; everything else has the size that it has.
+            free = name in OF_ROBOT and len(shape) == len(like) and shape[1:] == like[1:]
+            if not free and shape != like:
+                raise OtherVersion(
+                    f"{self.path}: {channel.topic} tells {name} of shape {shape}, this software reads {like}"
+                )
+        return message.sized(**shapes)
 
     def _version(self, channel: Channel) -> str:
         return channel.metadata.get("schema_version", SCHEMA_VERSION)
@@ -244,24 +275,28 @@ class Recording:
             )
 
     # -- events
-    def events(self, event: events.EventType) -> list[tuple[int, Any]]:
+    def events(self, event: EventType) -> list[tuple[int, Any]]:
         """(log time ns, protobuf message) of an event's topic in order; none when the file has no such topic."""
+        return [
+            (log_time, protobuf_runtime.parse(event.message_class, payload, event.topic))
+            for log_time, payload in self.payloads(event)
+        ]
+
+    def payloads(self, event: EventType) -> list[tuple[int, bytes]]:
+        """(log time ns, bytes of the message) of an event's topic in order; none when the file has no such topic."""
         if event.topic not in self.topics:
             return []
         channel = self._channel(event.topic)
         self._check_version(channel)
         self._need(channel)
-        log_times = [int(t) for part in self._log_times.get(channel.id, []) for t in part]
-        return [
-            (log_time, protobuf_runtime.parse(event.message_class, payload, event.topic))
-            for log_time, payload in zip(log_times, self._payloads.get(channel.id, []), strict=True)
-        ]
+        log_times = [t for part in self._log_times.get(channel.id, []) for t in part.tolist()]
+        return list(zip(log_times, self._payloads.get(channel.id, []), strict=True))
 
     @property
     def states(self) -> list[StateEvent]:
         """What was asked for, in order."""
         return [
-            StateEvent(m.t, m.number, replace(State.from_json(m.json), clipped=m.clipped))
+            StateEvent(m.t, m.number, replace(State.from_json(_text(m)), clipped=m.clipped))
             for _, m in self.events(events.STATE)
         ]
 
@@ -269,7 +304,7 @@ class Recording:
     def trials(self) -> list[TrialEvent]:
         """What was concluded live, in order."""
         return [
-            TrialEvent(m.t, m.number, replace(TrialRow.from_json(m.json), clipped=m.clipped))
+            TrialEvent(m.t, m.number, replace(TrialRow.from_json(_text(m)), clipped=m.clipped))
             for _, m in self.events(events.TRIAL)
         ]
 
@@ -277,9 +312,17 @@ class Recording:
     def log(self) -> list[LogLine]:
         """The lines of /log, in order."""
         return [
-            LogLine(log_time, events.Log.Level.Name(m.level).lower(), m.message)
+            LogLine(log_time, _LEVELS.get(m.level, f"level {m.level}"), m.message)
             for log_time, m in self.events(events.LOG)
         ]
+
+
+def _text(message: Any) -> str:
+    """The field `json` of a message; `Damaged` when it is no text."""
+    try:
+        return str(message.json)
+    except UnicodeDecodeError as error:
+        raise Damaged(f"a state or row is no text ({error}); run `lab verify`") from error
 
 
 def _seconds(contents: Contents) -> float:

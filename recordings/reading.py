@@ -163,17 +163,17 @@ def _extent(tip: Samples, begins: Numbers, ends: Numbers, smooth: int) -> Number
     first, last = _bounds(tip["t"], begins, ends)
     last = last - smooth + 1
     # Tables of the extremes over 1, 2, 4, .. samples answer any window by two look-ups.
-    highs, lows = [average], [average]
-    while 2 ** len(highs) <= len(average):
-        half = 2 ** (len(highs) - 1)
-        highs.append(np.maximum(highs[-1][:-half], highs[-1][half:]))
-        lows.append(np.minimum(lows[-1][:-half], lows[-1][half:]))
+    # One at a time: all of them would take the memory of the samples many times over.
+    highs = lows = average
     out = np.empty(len(ends))
     level = np.floor(np.log2(last - first)).astype(int)
-    for k in np.unique(level):
+    for k in range(int(level.max(initial=0)) + 1):
+        if k:
+            half = 2 ** (k - 1)
+            highs, lows = np.maximum(highs[:-half], highs[half:]), np.minimum(lows[:-half], lows[half:])
         here = level == k
         a, b = first[here], last[here] - 2**k
-        high, low = np.maximum(highs[k][a], highs[k][b]), np.minimum(lows[k][a], lows[k][b])
+        high, low = np.maximum(highs[a], highs[b]), np.minimum(lows[a], lows[b])
         out[here] = (high - low).max(axis=1)
     return out
 

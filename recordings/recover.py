@@ -19,6 +19,7 @@ from mcap.writer import CompressionType, Writer
 from .container import MAGIC
 from .counts import StreamCounts, counted
 from .errors import NotARecording, RecordingError, WriteFailed
+from .own_files import replacing
 from .reader import mapped
 from .scan import Message, Scan, messages, scan
 from .timing import timing
@@ -84,22 +85,17 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     if target.exists():
         raise WriteFailed(f"{target} exists; a recording is never written over, choose another name with --out")
     found = scan(data, str(source))
-    partial = target.with_name(f".{target.name}.partial")
     try:
-        with open(partial, "wb") as file:
+        with replacing(target) as (file, partial):
             result = _write(data, found, source, target, file)
             file.flush()
-            os.fsync(file.fileno())
-        problems = verify(partial).problems
-        if problems:
-            raise RecordingError(
-                f"{target}: the recovered file is not right: {problems[0].text}; the source is untouched"
-            )
-        os.replace(partial, target)
+            problems = verify(partial).problems
+            if problems:
+                raise RecordingError(
+                    f"{target}: the recovered file is not right: {problems[0].text}; the source is untouched"
+                )
     except OSError as error:
         raise WriteFailed(f"{target} cannot be written: {error.strerror}") from error
-    finally:
-        partial.unlink(missing_ok=True)
     return result
 
 

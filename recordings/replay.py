@@ -5,6 +5,10 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .budget import Budget, Cost
 from .concluding import conclude
 from .errors import NotSettled, RecordingError
 from .reader import Recording
@@ -42,13 +46,41 @@ def table_of(recording: Recording) -> Table:
     return Table(tuple(event.row for event in recording.trials))
 
 
+AVERAGING = 10
+"""Times of what looking at a sample costs, averaging it costs."""
+
+
+@dataclass(frozen=True)
+class _Counted:
+    """The streams of a recording; what states look at is taken from a budget.
+
+    A file of many states that each look at all of it would keep a computer busy for hours.
+    """
+
+    recording: Recording
+    budget: Budget
+
+    def newest(self, topic: str) -> float:
+        return self.recording.newest(topic)
+
+    def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
+        samples = self.recording.window(topic, t0, t1)
+        self.budget.take(Cost.LOOKED_AT, len(samples))
+        return samples
+
+    def average(self, count: int) -> None:
+        """So many samples are about to be averaged."""
+        self.budget.take(Cost.LOOKED_AT, AVERAGING * count)
+
+
 def replay_states(recording: Recording) -> list[Replayed]:
     """Read every recorded state again from the file's samples."""
     out = []
     recording.load()
+    looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
     for event in recording.states:
         try:
-            row = conclude(recording, event.state)
+            row = conclude(looked, event.state, looked.average)
         except NotSettled as error:
             out.append(Replayed(event.number, None, str(error)))
             continue

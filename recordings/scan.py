@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import lz4.frame
@@ -17,27 +18,29 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
+from .budget import MAX_CHUNK, Budget, Cost, largest_chunk
 from .container import (
     MAGIC,
-    MAX_CHUNK,
     ChunkPlace,
     Head,
-    check_total,
+    check_number,
     chunk_place,
-    chunks_of,
     head_at,
     index_place,
     records_in,
     stream,
+    take_chunk,
 )
-from .errors import RecordingError
-from .gather import MESSAGE, decompress
+from .errors import Oversized, RecordingError
+from .gather import MESSAGE, check_chunk, decompress
 
 _UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
 _PACKED = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4", re.DOTALL)
 _BEFORE_NAME = 9 + 28
 """Bytes of a chunk in front of the length of its compression's name."""
 _TIMES = struct.Struct("<QQ")
+_PIECE = 2**16
+"""Bytes of a torn chunk that are unpacked at a time."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,9 @@ class Hole:
 
 @dataclass
 class Scan:
-    """All that a scan found, in the file's order."""
+    """All that a scan found, in the file's order; `budget` is what it may cost."""
 
+    budget: Budget
     library: str = ""
     finished: bool = False
     chunks: list[Chunk] = field(default_factory=list)
@@ -85,9 +89,11 @@ class Scan:
 
 
 def scan(data: memoryview, name: str) -> Scan:
-    """Read a file as far as possible; raises nothing but `Oversized`, whatever stands in it."""
-    check_total(chunks_of(data), name)
-    out = Scan()
+    """Read a file as far as possible; raises nothing, whatever stands in it.
+
+    What goes beyond the file's budget counts as what cannot be read.
+    """
+    out = Scan(Budget(name, len(data)))
     at = len(MAGIC)
     while at < len(data):
         head = head_at(data, at)
@@ -136,6 +142,7 @@ def _take(out: Scan, data: memoryview, head: Head, name: str) -> None:
         attachment = Attachment.read(stream(data, head))
         out.attachments[attachment.name] = attachment
     elif head.opcode == Opcode.METADATA:
+        out.budget.take(Cost.DEFINITIONS, head.end - head.body)
         metadata = Metadata.read(stream(data, head))
         out.metadata[metadata.name] = metadata.metadata
     elif head.opcode == Opcode.HEADER:
@@ -147,14 +154,18 @@ def _take(out: Scan, data: memoryview, head: Head, name: str) -> None:
 
 
 def _keep(out: Scan, data: memoryview, place: ChunkPlace, name: str) -> None:
+    check_chunk(data, place, name)
+    take_chunk(place, out.budget)
     raw = decompress(data, place, name)
-    for record in records_in(raw):
+    for record in records_in(raw, out.budget):
         if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             _define(out, record.opcode, raw[record.body : record.end])
     out.chunks.append(Chunk(place))
 
 
 def _define(out: Scan, opcode: int, body: bytes) -> None:
+    out.budget.take(Cost.DEFINITIONS, len(body))
+    check_number(out.schemas, out.channels, name=out.budget.name)
     source = stream(body, Head(opcode, 0, 0, len(body)))
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(source)
@@ -179,7 +190,7 @@ def _go_on(out: Scan, data: memoryview, at: int, name: str) -> int:
             if start > at:
                 out.holes.append(Hole(at, start, behind, _until(data, at)))
             return end
-    torn = _torn(data, at)
+    torn = _torn(data, at, out.budget)
     if torn:
         out.chunks.append(Chunk(None, torn))
     out.holes.append(Hole(at, len(data), behind + bool(torn), _until(data, at)))
@@ -204,7 +215,7 @@ def _until(data: memoryview, at: int) -> int | None:
     return int(last) if first <= last < 2**63 else None
 
 
-def _torn(data: memoryview, at: int) -> bytes:
+def _torn(data: memoryview, at: int, budget: Budget) -> bytes:
     """The messages that can be unpacked of a chunk that goes beyond the file's end.
 
     A chunk that is all there and fails its checksum gives nothing: no number of it could be trusted.
@@ -220,35 +231,46 @@ def _torn(data: memoryview, at: int) -> bytes:
     (outer,) = struct.unpack_from("<Q", data, at + 1)
     if place + 8 + length != at + 9 + outer or place + 8 + length <= len(data):
         return b""
-    compression, packed = bytes(data[begin + 4 : place]), data[place + 8 :]
+    (told,) = struct.unpack_from("<Q", data, at + 9 + _TIMES.size)
+    most = min(told, largest_chunk(len(data)), budget.left(Cost.UNPACKED))
     try:
-        if compression == b"":
-            return _whole_messages(bytes(packed))
-        if compression == b"zstd":
-            unpacking = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK).decompressobj()
-            return _whole_messages(unpacking.decompress(packed))
-        if compression == b"lz4":
-            return _whole_messages(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=MAX_CHUNK))
-    except (zstandard.ZstdError, RuntimeError):
-        pass
-    return b""
+        raw = _first_bytes(bytes(data[begin + 4 : place]), data[place + 8 :], most)
+        budget.take(Cost.UNPACKED, len(raw))
+        return _whole_messages(raw, budget)
+    except (zstandard.ZstdError, RuntimeError, Oversized):
+        return b""
 
 
-def _whole_messages(raw: bytes) -> bytes:
+def _first_bytes(compression: bytes, packed: memoryview, most: int) -> bytes:
+    """What can be unpacked, `most` bytes of it."""
+    if compression == b"":
+        return bytes(packed[:most])
+    if compression == b"lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most))
+    if compression != b"zstd":
+        return b""
+    parts: list[bytes] = []
+    with zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK).stream_reader(packed) as unpacking:
+        while most > 0 and (part := unpacking.read(min(most, _PIECE))):
+            parts.append(part)
+            most -= len(part)
+    return b"".join(parts)
+
+
+def _whole_messages(raw: bytes, budget: Budget) -> bytes:
     """The records at the beginning that are whole."""
     at = 0
     while (head := head_at(raw, at)) is not None and head.opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+        budget.take(Cost.RECORDS, 1)
         at = head.end
     return raw[:at]
 
 
-def messages(data: memoryview, chunk: Chunk, name: str) -> list[Message]:
-    """All messages of a chunk that `scan` found."""
+def messages(data: memoryview, chunk: Chunk, name: str) -> Iterator[Message]:
+    """All messages of a chunk that `scan` found, which has counted them."""
     raw = chunk.torn if chunk.place is None else decompress(data, chunk.place, name)
-    out = []
     for record in records_in(raw):
         if record.opcode == Opcode.MESSAGE and record.end - record.body >= 22:
             channel, sequence, log_time = MESSAGE.unpack_from(raw, record.body)
             (publish,) = struct.unpack_from("<Q", raw, record.body + MESSAGE.size)
-            out.append(Message(channel, sequence, log_time, publish, raw[record.body + 22 : record.end]))
-    return out
+            yield Message(channel, sequence, log_time, publish, raw[record.body + 22 : record.end])

@@ -17,20 +17,21 @@ from typing import Any
 
 from .errors import RecordingError
 from .info import info
+from .json_text import read_json
 from .reader import Recording
 
 INDEX = ".recordings.sqlite"
 VERSION = 1
+LONGEST = 1_000_000
+"""Bytes of a text in the index."""
 TOLERANCE = 0.5e-3
 """m: a spine length that is asked for matches one that was set within this."""
 
-_TABLE = """
-CREATE TABLE runs (
+_TABLE = """CREATE TABLE runs (
     path TEXT PRIMARY KEY, size INTEGER NOT NULL, changed INTEGER NOT NULL,
     start TEXT NOT NULL, duration REAL NOT NULL, protocol TEXT NOT NULL, spines TEXT NOT NULL, outcome TEXT NOT NULL,
     detail TEXT NOT NULL, states INTEGER NOT NULL, rows INTEGER NOT NULL, lost INTEGER NOT NULL, campaign TEXT NOT NULL
-)
-"""
+)"""
 _COLUMNS = "path, size, changed, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign"
 
 
@@ -71,43 +72,61 @@ def runs(
     `since`: ISO date or time (UTC); `protocol`: its name; `spine`: a length (m) that was set in the run.
     """
     folder = Path(folder)
-    with contextlib.closing(_opened(folder)) as index:
-        _refresh(index, folder)
-        found = index.execute(
-            f"SELECT {_COLUMNS} FROM runs WHERE start >= ? AND (? = '' OR protocol = ?) ORDER BY start, path",
-            (since, protocol, protocol),
-        ).fetchall()
-    out = [_run(row) for row in found]
-    return [run for run in out if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)]
+    for where in (folder / INDEX, folder / INDEX, None):
+        try:
+            with contextlib.closing(_opened(where)) as index:
+                _refresh(index, folder)
+                query = (
+                    f"SELECT {_COLUMNS} FROM runs WHERE start >= ? AND (? = '' OR protocol = ?) ORDER BY start, path"
+                )
+                out = [_run(row) for row in index.execute(query, (since, protocol, protocol))]
+        except (sqlite3.DatabaseError, sqlite3.DataError, ValueError, TypeError, OverflowError):
+            # An index that is damaged is of no use: it is made anew, in memory where the folder cannot be written.
+            if where is not None:
+                with contextlib.suppress(OSError):
+                    where.unlink(missing_ok=True)
+            continue
+        return [run for run in out if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)]
+    raise RecordingError(
+        f"{folder / INDEX}: no index can be made, not even in memory; is SQLite installed as it should be?"
+    )
 
 
 def _run(row: tuple[Any, ...]) -> Run:
-    path, size, _, start, duration, protocol, spines, *rest = row
-    return Run(path, size, start, duration, protocol, tuple(json.loads(spines)), *rest)
+    """A line of the index; ValueError or TypeError when it is none."""
+    path, size, _, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign = row
+    texts, counts = (path, start, protocol, outcome, detail, campaign), (size, states, rows, lost)
+    lengths = read_json(spines)
+    if not (all(isinstance(t, str) for t in texts) and all(isinstance(n, int) for n in counts)):
+        raise TypeError(f"{path!r}: not a line of this index")
+    return Run(
+        path, size, start, float(duration), protocol, tuple(float(x) for x in lengths), outcome, detail, states, rows,
+        lost, campaign,
+    )  # fmt: skip
 
 
-def _opened(folder: Path) -> sqlite3.Connection:
-    """The folder's index, made anew when it is of no use; in memory where the folder cannot be written."""
-    path = folder / INDEX
-    for attempt in (path, path, ":memory:"):
-        index = None
-        try:
-            index = sqlite3.connect(attempt, timeout=10.0)
-            (version,) = index.execute("PRAGMA user_version").fetchone()
-            if version == VERSION:
-                index.execute(f"SELECT {_COLUMNS} FROM runs LIMIT 1").fetchall()
-                return index
+def _opened(path: Path | None) -> sqlite3.Connection:
+    """The index at a path, or None: in memory; made anew when it is of another version. Raises sqlite3.DatabaseError."""
+    if path is not None and path.is_symlink():
+        raise RecordingError(f"{path}: is a symbolic link, which is not followed here; remove it")
+    index = sqlite3.connect(":memory:" if path is None else path, timeout=10.0)
+    try:
+        index.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)
+        # The index can be thrown away at any time: no files beside it.
+        index.execute("PRAGMA journal_mode = MEMORY")
+        index.execute("PRAGMA trusted_schema = OFF")
+        (version,) = index.execute("PRAGMA user_version").fetchone()
+        made = index.execute("SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL").fetchall()
+        if version != VERSION or made != [("table", "runs", _TABLE)]:
+            if made or version:
+                raise sqlite3.DatabaseError("an index of another kind")
             with index:
-                index.execute("DROP TABLE IF EXISTS runs")
                 index.execute(_TABLE)
                 index.execute(f"PRAGMA user_version = {VERSION}")
-            return index
-        except sqlite3.DatabaseError:
-            if index is not None:
-                index.close()
-            with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
-    raise RecordingError(f"{path}: no index can be made, not even in memory; is SQLite installed as it should be?")
+    except BaseException:
+        index.close()
+        raise
+    return index
 
 
 def _refresh(index: sqlite3.Connection, folder: Path) -> None:
@@ -138,11 +157,21 @@ def _entry(file: Path) -> tuple[Any, ...]:
         states = [event.state for event in Recording.open(file, truncated=True).states]
     except RecordingError as error:
         changed = datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="seconds")
-        return (changed, 0.0, "", "[]", "unreadable", str(error), 0, 0, 0, "")
+        return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "")
     lost = sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values())
     outcome = (summary.outcome if summary.finished else None) or "abrupt"
     protocols = ", ".join(sorted({state.protocol for state in states}))
     spines = json.dumps(sorted({state.spine_length for state in states}))
     campaign = summary.metadata.get("campaign", {}).get("id", "")
     when = (summary.start, summary.duration)
-    return (*when, protocols, spines, outcome, summary.detail, summary.states, summary.rows, lost, campaign)
+    return (
+        *when,
+        protocols,
+        spines,
+        outcome,
+        summary.detail[:2000],
+        summary.states,
+        summary.rows,
+        lost,
+        campaign[:200],
+    )

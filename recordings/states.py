@@ -14,15 +14,21 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, fields
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from .errors import BadMessage
+from .json_text import read_json
 from .messages import STREAMS
 
 PROTOCOLS = ("bending", "elongation", "stiffness")
 BRANCHES = ("load", "unload")
 SPECIMENS = ("spine", "body")
+LARGEST = 1e15
+"""No number of a state is larger, in whatever unit; squares of such numbers are numbers still."""
+LARGEST_INTEGER = 2**53
+LONGEST_AVERAGE = 10_000
+"""Samples of a moving average."""
 AMBIENT = 101_325.0
 """Standard atmosphere, Pa."""
 
@@ -164,12 +170,12 @@ class State:
     def from_json(cls, text: str) -> State:
         """The state written by `to_json`; raises `BadMessage` when the text is another thing."""
         try:
-            values: dict[str, Any] = {key: _tuples(value) for key, value in json.loads(text).items()}
+            values: dict[str, Any] = {key: _tuples(value) for key, value in read_json(text).items()}
             rule = dict(values["rule"])
-            values["rule"] = _RULES[rule.pop("name")](**rule)
+            values["rule"] = checked(_RULES[rule.pop("name")](**rule))
             if values["probe"] is not None:
-                values["probe"] = Probe(**values["probe"])
-            return cls(**values)
+                values["probe"] = checked(Probe(**values["probe"]))
+            return checked(cls(**values))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise BadMessage(f"not a state of this software: {error!r} in {text[:200]!r}") from error
 
@@ -177,6 +183,40 @@ class State:
 def _one_of(what: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
         raise BadMessage(f"{what} {value!r} is unknown; one of {', '.join(allowed)}")
+
+
+_T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe)
+
+
+def checked(value: _T) -> _T:
+    """The value, when every field holds what it is annotated with, numbers finite; raises `BadMessage`."""
+    hints = get_type_hints(type(value))
+    for field in fields(value):
+        found = getattr(value, field.name)
+        if not _is(found, hints[field.name]):
+            raise BadMessage(f"{field.name} = {repr(found)[:80]}: must be {hints[field.name]}")
+    if isinstance(value, Settled) and not 1 <= value.smooth <= LONGEST_AVERAGE:
+        raise BadMessage(f"smooth = {value.smooth}: must be 1 to {LONGEST_AVERAGE} samples")
+    if isinstance(value, Crossing) and not (value.chambers and min(value.chambers) >= 0):
+        raise BadMessage(f"chambers = {value.chambers}: must name at least one, the first is 0")
+    return value
+
+
+def _is(value: object, hint: Any) -> bool:
+    """Whether a value read from JSON is what the annotation says; a whole number is a float too."""
+    if hint is float:
+        return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST_INTEGER
+    parts = get_args(hint)
+    if get_origin(hint) is tuple:
+        if not isinstance(value, tuple):
+            return False
+        each = [parts[0]] * len(value) if parts[-1] is Ellipsis else list(parts)
+        return len(value) == len(each) and all(_is(v, h) for v, h in zip(value, each, strict=True))
+    if parts:
+        return any(_is(value, h) for h in parts)
+    return isinstance(value, hint)
 
 
 def _tuples(value: object) -> object:

@@ -7,18 +7,22 @@ import difflib
 import io
 import math
 import os
-import tempfile
+from collections import Counter
 from pathlib import Path
 
 from .bounded import read_bounded
 from .errors import BadTable
+from .own_files import replaced
 from .states import BRANCHES, PROTOCOLS, SPECIMENS
-from .trials import INTEGERS, TEXTS, Cell, Table, TrialRow, column_order
+from .trials import INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
 
 LARGEST = 20_000_000
 """Bytes of a table; a row has some 300, and a campaign some thousands of rows."""
+MOST_COLUMNS = 2000
+"""Of a table: a robot of a hundred chambers and markers has a thousand."""
+MOST_ROWS = 50_000
 LOWEST_PRESSURE, HIGHEST_PRESSURE = -100e3, 2e6
 """Pa gauge: no chamber can be below vacuum, none of silicone lives above."""
 LONGEST = 5.0
@@ -38,16 +42,7 @@ def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
     for row in table.rows:
         cells = row.cells()
         writer.writerow([_text(cells[name]) if name in cells else "" for name in columns])
-    path = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    try:
-        with open(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text.getvalue())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    replaced(Path(path), text.getvalue())
 
 
 def _text(value: Cell) -> str:
@@ -63,26 +58,31 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     path = Path(path)
     data = read_bounded(path, LARGEST, BadTable)
     try:
-        lines = list(csv.reader(io.StringIO(data.decode("utf-8-sig"), newline="")))
+        lines = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
+        header = [name.strip() for name in next(lines, ())]
+        ignored = _check_header(path, header)
+        known = frozenset(header) - frozenset(ignored)
+        rows = []
+        for number, line in enumerate(lines, 2):
+            if any(cell.strip() for cell in line):
+                rows.append(_row(f"{path} line {number}", header, known, line))
+            if len(rows) > MOST_ROWS:
+                raise BadTable(f"{path}: has more than {MOST_ROWS} rows, no campaign has so many")
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadTable(f"{path}: is not a text table: {error}") from error
-    if not lines:
-        raise BadTable(f"{path}: is empty; the first line must name the columns ({', '.join(REQUIRED)}, ..)")
-    header = [name.strip() for name in lines[0]]
-    ignored = _check_header(path, header)
-    rows = []
-    for number, line in enumerate(lines[1:], 2):
-        if any(cell.strip() for cell in line):
-            rows.append(_row(f"{path} line {number}", header, line))
     if not rows:
         raise BadTable(f"{path}: has a header but no rows")
     return Table(tuple(rows), ignored, tuple(_doubts(rows)))
 
 
 def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
-    twice = sorted({name for name in header if header.count(name) > 1})
+    if not header:
+        raise BadTable(f"{path}: is empty; the first line must name the columns ({', '.join(REQUIRED)}, ..)")
+    if len(header) > MOST_COLUMNS:
+        raise BadTable(f"{path}: has {len(header)} columns, more than the {MOST_COLUMNS} of any table of trials")
+    twice = sorted(name for name, count in Counter(header).items() if count > 1)
     if twice:
-        raise BadTable(f"{path}: column {', '.join(twice)} appears twice")
+        raise BadTable(f"{path}: column {', '.join(twice)[:200]} appears twice")
     ignored = tuple(name for name in header if column_order(name) is None)
     for name in REQUIRED:
         if name not in header:
@@ -92,12 +92,12 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     return ignored
 
 
-def _row(where: str, header: list[str], line: list[str]) -> TrialRow:
+def _row(where: str, header: list[str], known: frozenset[str], line: list[str]) -> TrialRow:
     if len(line) != len(header):
         raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns")
     cells: dict[str, Cell] = {}
     for name, text in zip(header, (cell.strip() for cell in line), strict=True):
-        if not text or column_order(name) is None:
+        if not text or name not in known:
             continue
         cells[name] = _value(where, name, text)
     try:
@@ -116,15 +116,17 @@ def _value(where: str, name: str, text: str) -> Cell:
     """One cell, checked."""
     if name in TEXTS:
         if text not in _CHOICES[name]:
-            raise BadTable(f"{where}, {name}: {text!r} is not one of {', '.join(_CHOICES[name])}")
+            raise BadTable(f"{where}, {name}: {text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
         return text
     try:
         number = float(text)
     except ValueError:
-        raise BadTable(f"{where}, {name}: {text!r} is not a number") from None
+        raise BadTable(f"{where}, {name}: {text[:80]!r} is not a number") from None
     if not math.isfinite(number):
-        raise BadTable(f"{where}, {name}: is {text}; leave the cell empty where nothing was measured")
+        raise BadTable(f"{where}, {name}: is {text[:80]}; leave the cell empty where nothing was measured")
     if name in INTEGERS:
+        if abs(number) > LARGEST_INTEGER:
+            raise BadTable(f"{where}, {name}: {number:g} is beyond {LARGEST_INTEGER}")
         if number != int(number):
             raise BadTable(f"{where}, {name}: {text} is not a whole number")
         return int(number)

@@ -18,12 +18,14 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import BadTable
+from .json_text import read_json
 
 Cell = float | int | str
 Vector3 = tuple[float, float, float]
@@ -36,19 +38,24 @@ TIP = ("x", "y", "z")
 ORIENTATION = ("qw", "qx", "qy", "qz")
 TAIL = ("specimen", "force", "deflection", "clipped")
 
-_PRESSURE = re.compile(r"p([1-9][0-9]*)")
-_MARKER = re.compile(r"m([1-9][0-9]*)([xyz])")
+_PRESSURE = re.compile(r"p([1-9][0-9]?)")
+_MARKER = re.compile(r"m([1-9][0-9]?)([xyz])")
+"""Of chambers and markers no robot has a hundred."""
+PRESSURES, MARKERS = 1, 4
+"""Where these groups of columns stand."""
+LARGEST_INTEGER = 2**53
 
 
+@lru_cache(maxsize=4096)
 def column_order(name: str) -> tuple[int, int, int] | None:
     """Where a column stands in the table; None for a name that is no column of it."""
     for place, group in ((0, HEAD), (2, TIP), (3, ORIENTATION), (5, TAIL)):
         if name in group:
             return (place, group.index(name), 0)
     if match := _PRESSURE.fullmatch(name):
-        return (1, int(match[1]), 0)
+        return (PRESSURES, int(match[1]), 0)
     if match := _MARKER.fullmatch(name):
-        return (4, int(match[1]), "xyz".index(match[2]))
+        return (MARKERS, int(match[1]), "xyz".index(match[2]))
     if name.startswith("sd_") and (of := column_order(name[3:])) is not None and not name.startswith("sd_sd_"):
         return (6 + of[0], of[1], of[2])
     return None
@@ -103,10 +110,14 @@ class TrialRow:
         if unknown:
             raise BadTable(f"unknown column {', '.join(unknown)}")
         given: dict[str, Any] = dict(cells)
+        for name, value in given.items():
+            if not _fits(name, value):
+                raise BadTable(f"{name}: {repr(value)[:80]} cannot stand in this column")
         plain = {name: given[name] for name in (*HEAD, *TAIL) if name in given}
         plain["clipped"] = bool(given.get("clipped", 0))
-        chambers = sum(1 for name in given if _PRESSURE.fullmatch(name))
-        markers = max((int(match[1]) for name in given if (match := _MARKER.fullmatch(name))), default=0)
+        places = [order for name in given if (order := column_order(name)) is not None]
+        chambers = sum(1 for place, _, _ in places if place == PRESSURES)
+        markers = max((number for place, number, _ in places if place == MARKERS), default=0)
         missing = [n for n in ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length") if n not in given]
         missing += [f"p{i}" for i in range(1, max(chambers, 1) + 1) if f"p{i}" not in given]
         if missing:
@@ -130,9 +141,17 @@ class TrialRow:
     def from_json(cls, text: str) -> TrialRow:
         """The row written by `to_json`."""
         try:
-            return cls.from_cells(json.loads(text))
+            return cls.from_cells(read_json(text))
         except (ValueError, AttributeError, TypeError) as error:
             raise BadTable(f"not a row of the table of trials: {error}: {text[:200]!r}") from error
+
+
+def _fits(name: str, value: object) -> bool:
+    if name in TEXTS:
+        return isinstance(value, str)
+    if name in INTEGERS:
+        return type(value) is int and abs(value) <= LARGEST_INTEGER
+    return type(value) is float or (type(value) is int and abs(value) <= LARGEST_INTEGER)
 
 
 def _place(name: str) -> tuple[int, int, int]:

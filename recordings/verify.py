@@ -20,17 +20,18 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Schema
 from numpy.typing import NDArray
 
+from .budget import Budget, Cost
 from .container import (
     MAGIC,
     ChunkPlace,
     Head,
-    check_total,
+    check_number,
     chunk_place,
-    chunks_of,
     head_at,
     index_place,
     records_in,
     stream,
+    take_chunk,
 )
 from .counts import counted
 from .errors import NotARecording, RecordingError
@@ -82,6 +83,7 @@ class _Check:
 
     name: str
     data: memoryview
+    budget: Budget
     found: Found = field(default_factory=Found)
     problems: list[Problem] = field(default_factory=list)
     checksums: int = 0
@@ -131,6 +133,7 @@ class _Check:
             self.problem(head.start, f"a record of unknown kind {head.opcode}")
 
     def _define(self, opcode: int, body: bytes) -> None:
+        self.budget.take(Cost.DEFINITIONS, len(body))
         source = stream(body, Head(opcode, 0, 0, len(body)))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(source)
@@ -140,6 +143,7 @@ class _Check:
         if channel.schema_id and channel.schema_id not in self.found.schemas:
             raise struct.error(f"channel {channel.topic} names the schema {channel.schema_id}, which is not there")
         self.found.channels[channel.id] = channel
+        check_number(self.found.schemas, self.found.channels, self.name)
 
     def _attachment(self, head: Head) -> None:
         Attachment.read(stream(self.data, head))
@@ -183,6 +187,7 @@ class _Check:
         self.chunk, self.expected = chunk, {}
         if chunk.crc == 0:
             self.problem(head.start, "the chunk carries no checksum")
+        take_chunk(chunk, self.budget)
         try:
             raw = decompress(self.data, chunk, self.name)
         except RecordingError as error:
@@ -190,11 +195,14 @@ class _Check:
             self.chunk = None
             return
         self.checksums += chunk.crc != 0
-        for record in records_in(raw):
+        strange: set[int] = set()
+        for record in records_in(raw, self.budget):
             if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._define(record.opcode, raw[record.body : record.end])
             elif record.opcode != Opcode.MESSAGE:
-                self.problem(head.start, f"the chunk holds a record of kind {record.opcode}")
+                strange.add(record.opcode)
+        for opcode in sorted(strange):
+            self.problem(head.start, f"the chunk holds a record of kind {opcode}")
         self.expected = index_of(raw)
         for channel, pairs in self.expected.items():
             self.found.messages[channel] = self.found.messages.get(channel, 0) + len(pairs)
@@ -232,8 +240,7 @@ def verify(path: str | os.PathLike[str]) -> Verification:
     data = mapped(path)
     if bytes(data[: len(MAGIC)]) != MAGIC:
         raise NotARecording(f"{path} is not an MCAP file: it begins with {bytes(data[:8])!r}")
-    check_total(chunks_of(data), str(path))
-    check = _Check(str(path), data)
+    check = _Check(str(path), data, Budget(str(path), len(data)))
     finished = check.walk()
     if not check.problems:
         for text in _contents(path):

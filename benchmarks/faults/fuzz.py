@@ -1,39 +1,60 @@
-"""`python -m benchmarks.faults.fuzz`: mutated configuration, tables, journals, recordings: each gives a result or a clear error.
+"""`python -m benchmarks.faults.fuzz`: every kind of file that is read, mutated: each gives a result or one of our errors.
 
-Anything else than the package's own error counts as a crash and is printed with the seed that makes it again.
+Anything else counts as uncaught and is printed with the seed that makes it again. Of each input the memory beyond what the
+process had before is measured, and its processor time (the host may be busy with other things).
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
+import io
+import json
 import random
-import resource
+import shutil
+import sqlite3
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from diagnosis.errors import DiagnosisError
+from diagnosis.result import Diagnosis
+from lab.blind.answers import read_answer
+from lab.blind.folder import SetFolder, open_seal
 from lab.config import ConfigError, Source, check, parse_yaml
 from lab.example import paper_robot
 from lab.inputs import read_case
+from lab.latch import Latch
+from lab.recorded import joined
 from lab.resume import find
 from lab.rig_file import RigFile
 from model.errors import ModelError
-from model.robot import Robot
+from model.robot import Robot, load_robot
 from protocols.bending import Bending
 from protocols.stiffness import Stiffness
+from recordings.campaign import tables
 from recordings.errors import RecordingError
+from recordings.export import export_streams
+from recordings.info import info
+from recordings.player import play
 from recordings.reader import Recording
-from recordings.replay import replay_states, table_of
+from recordings.recover import recover
+from recordings.replay import compare, replay_states, table_of
+from recordings.shelf import INDEX, runs
+from recordings.verify import verify
 
-EXPECTED = (ConfigError, RecordingError, ModelError)
-SLOW = 5.0
-"""s that one input may take."""
-MOST_MEMORY = 500.0
-"""MB that the process may have used at its most."""
+from . import hostile_mcap
+
+EXPECTED = (ConfigError, RecordingError, ModelError, DiagnosisError)
+SLOW = 2.0
+"""s of processor time that one input may take."""
+MOST_MEMORY = 64.0
+"""MB that one input may take beyond what the process has."""
+Go = Callable[[random.Random], None]
 TOKENS = (
     "null", "~", "[]", "{}", "-1", "1e400", "-.inf", ".nan", "0x10", "0o7", "1_000", "true", "no", "2001-01-01", '"', "'", "|",
     ">", "&a", "*a", "<<: *a", "!!python/object/apply:os.system [id]", "!!binary aGk=", "250 kPa", "250 kpa", "kPa", "9" * 400,
@@ -80,6 +101,24 @@ JOURNAL = """{"journal": 1, "campaign": "c", "protocol": "bending"}
 {"trial": 1, "step": 1}
 {"trial": 1, "done": 5}
 """
+LATCH = '{"since": "2025-03-01 12:00:00", "why": "the arm does not answer", "pid": 4711}'
+SEALED = """{"salt": "00", "seed": 1, "truths": [{"case": "0001", "kind": "single", "effects": {"gravity_tilt": 0.02},
+ "clutter": {}, "nuisance": {}, "area_factor": 1.6, "seed": 4, "route": "direct"}]}"""
+DIAGNOSIS = """{"schema": "diagnosis/1", "statement": "x", "data": {"rows": 9, "trials": 3, "channels": ["x"], "noise_mm": 0.1,
+ "noise_from": "repeats"}, "locate": {"gap_rmse_mm": 1.0, "noise_floor_mm": 0.1, "significant": true, "by": {"axis": [{"value": "x",
+ "rmse_mm": 1, "bias_mm": 0, "n": 9, "low95_mm": 0, "high95_mm": 2, "significant": true}]}, "stage": {"load": 1.0},
+ "numerical_error_mm": 0.0, "of": "tip"}, "attribute": {"verdict": "effect", "effects": ["gravity_tilt"], "probability": 0.9,
+ "credible_set": [["gravity_tilt"]], "ranking": [{"effects": ["gravity_tilt"], "probability": 0.9, "log_evidence": 1.0,
+ "heldout_rmse_mm": null, "parameters": {"angle": {"value": 0.02, "sd": 0.001, "unit": "rad"}}}], "cannot_tell_apart": []},
+ "shrink": {"how": "x", "before_mm": 1, "after_mm": 0.1, "floor_mm": 0.1, "share_closed": 1.0, "ci95": [0.9, 1.0],
+ "by_spine_length": [{"value": 0.1, "before_mm": 1, "after_mm": 0.1, "n": 9}]}, "next_experiment": [{"do": "roll", "separates": [],
+ "expected_bits": 0.1, "cost_min": 5, "protocol": {}}], "concerns": [], "detail": {}}"""
+TEXT = "2025-03-01T12:00:00"
+SPINES = ("[0.1]", "[", "{}", "[[]]", "[null]", "[" * 10_000, "1e999", "[" + "9" * 5000 + "]", '"\\ud800"')
+STRANGE = (
+    "PRAGMA user_version = 9", "CREATE VIEW other AS SELECT 1", "DROP TABLE runs",
+    "CREATE TRIGGER t AFTER DELETE ON runs BEGIN INSERT INTO runs SELECT * FROM runs; END",
+)  # fmt: skip
 
 
 def mutated_text(text: str, rng: random.Random) -> str:
@@ -135,10 +174,17 @@ def mutated_bytes(data: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
-def sources(recording: Path | None) -> list[tuple[str, Callable[[random.Random], None]]]:
-    """Name and what is done with one mutation."""
+def either(data: bytes, rng: random.Random) -> bytes:
+    """Text mutated as text, as bytes, or as both."""
+    if rng.random() < 0.7:
+        data = mutated_text(data.decode(), rng).encode("utf-8", "surrogatepass")
+    return mutated_bytes(data, rng) if rng.random() < 0.4 else data
 
-    def yaml(text: str, model: type) -> Callable[[random.Random], None]:
+
+def small_files(folder: Path) -> dict[str, Go]:
+    """Kind -> what is done with one mutation: everything that people or this software write beside recordings."""
+
+    def yaml(text: str, model: type) -> Go:
         def go(rng: random.Random) -> None:
             source = parse_yaml(mutated_text(text, rng), "fuzzed.yaml")
             data = source.data
@@ -148,67 +194,189 @@ def sources(recording: Path | None) -> list[tuple[str, Callable[[random.Random],
 
         return go
 
-    found = [
-        ("rig.yaml", yaml(RIG, RigFile)), ("robot.yaml", yaml(paper_robot().read_text(), Robot)),
-        ("bending.yaml", yaml(PROTOCOL, Bending)), ("stiffness.yaml", yaml("lengths: [5 cm]\nsteps: 3\n", Stiffness)),
-    ]  # fmt: skip
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
-    (folder / "case").mkdir()
-    (folder / "case" / "robot.yaml").write_bytes(paper_robot().read_bytes())
+    def file(name: str, sound: str, read: Callable[[Path], object]) -> Go:
+        def go(rng: random.Random) -> None:
+            place = folder / name
+            place.write_bytes(either(sound.encode(), rng))
+            read(place)
+
+        return go
+
+    case = folder / "case"
+    case.mkdir()
+    (case / "robot.yaml").write_bytes(paper_robot().read_bytes())
 
     def table(rng: random.Random) -> None:
-        text = mutated_text(TABLE, rng).encode("utf-8", "surrogatepass")
-        (folder / "case" / "trials.csv").write_bytes(mutated_bytes(text, rng) if rng.random() < 0.3 else text)
-        read_case([folder / "case"])
+        (case / "trials.csv").write_bytes(either(TABLE.encode(), rng))
+        read_case([case])
 
-    def journal(rng: random.Random) -> None:
-        (folder / "fuzzed.journal").write_bytes(mutated_bytes(mutated_text(JOURNAL, rng).encode(), rng))
-        find(folder / "fuzzed.journal")
+    def sealed(rng: random.Random) -> None:
+        place = SetFolder(folder)
+        text = either(SEALED.encode(), rng)
+        place.seal.parent.mkdir(exist_ok=True)
+        place.seal.write_bytes(text)
+        promised = json.dumps({"schema": "blind/1", "sha256_of_truth": hashlib.sha256(text).hexdigest()}).encode()
+        place.commitment.write_bytes(either(promised, rng) if rng.random() < 0.2 else promised)
+        open_seal(place)
 
-    found += [("trials.csv", table), ("journal", journal)]
+    def shelf(rng: random.Random) -> None:
+        place = folder / "shelf"
+        place.mkdir(exist_ok=True)
+        (place / INDEX).unlink(missing_ok=True)
+        runs(place)
+        with contextlib.closing(sqlite3.connect(place / INDEX)) as index, index:
+            values = (
+                rng.choice((TEXT, 1, b"x", 1e999)),
+                rng.choice((1, "x", 2**62)),
+                1,
+                TEXT,
+                1.0,
+                "bending",
+                rng.choice(SPINES),
+            )
+            index.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, 'completed', '', 1, 1, 0, '')", values)
+            if rng.random() < 0.2:
+                index.execute(rng.choice(STRANGE))
+        if rng.random() < 0.7:
+            data = (place / INDEX).read_bytes()
+            (place / INDEX).write_bytes(mutated_bytes(data, rng))
+        runs(place)
+
+    return {
+        "rig.yaml": yaml(RIG, RigFile),
+        "robot.yaml": yaml(paper_robot().read_text(), Robot),
+        "robot.yaml, of the model": file("robot.yaml", paper_robot().read_text(), load_robot),
+        "bending.yaml": yaml(PROTOCOL, Bending),
+        "stiffness.yaml": yaml("lengths: [5 cm]\nsteps: 3\n", Stiffness),
+        "trials.csv": table,
+        "journal": file("fuzzed.journal", JOURNAL, find),
+        "latch": file("rig.latch", LATCH, lambda place: Latch(place.with_suffix(".yaml")).read()),
+        "diagnosis.json": file("diagnosis.json", DIAGNOSIS, lambda place: Diagnosis.from_json(place.read_text("utf-8", "replace"))),
+        "rounds.json": file("rounds.json", f'[{{"asked": [], "seconds": 1.5, "diagnosis": {DIAGNOSIS}}}]', lambda p: read_answer(p, "1")),
+        "sealed truth": sealed,
+        "index of recordings": shelf,
+    }  # fmt: skip
+
+
+def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
+    """The same of recordings: bytes changed anywhere, and changes inside with right checksums."""
+    place, out = folder / "fuzzed.mcap", folder / "out"
+
+    def every_way(data: bytes) -> None:
+        place.write_bytes(data)
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir()
+        sink = io.StringIO()
+
+        def replayed(recording: Recording) -> None:
+            compare(recording, replay_states(recording))
+
+        ways: tuple[Callable[[], object], ...] = (
+            lambda: info(place), lambda: verify(place), lambda: recover(place, out / "recovered.mcap"), lambda: read_case([place]),
+            lambda: replayed(Recording.open(place, truncated=True)), lambda: table_of(Recording.open(place, truncated=True)),
+            lambda: export_streams(Recording.open(place, truncated=True), out), lambda: find(place),
+            lambda: play(Recording.open(place, truncated=True), lambda message: sink.write(message.to_json()[:1])),
+            lambda: joined(tables([Recording.open(place, truncated=True)])), lambda: Recording.open(place, truncated=True).log,
+        )  # fmt: skip
+        for way in ways:
+            with contextlib.suppress(*EXPECTED):
+                way()
+
+    return {
+        "recording": lambda rng: every_way(mutated_bytes(sound, rng)),
+        "recording, checksums right": lambda rng: every_way(hostile_mcap.mutated(sound, rng)),
+    }
+
+
+def sources(recording: Path | None) -> list[tuple[str, Go]]:
+    """Every kind of file, and what is done with one mutation of it."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    found = small_files(folder)
     if recording is not None:
-        whole = recording.read_bytes()
-        place = folder / "fuzzed.mcap"
+        found |= recordings(folder, recording.read_bytes())
+    return list(found.items())
 
-        def read(rng: random.Random) -> None:
-            place.write_bytes(mutated_bytes(whole, rng))
-            opened = Recording.open(place, truncated=rng.random() < 0.5)
-            table_of(opened)
-            replay_states(opened)
-            with contextlib.suppress(*EXPECTED):  # it must be finished for that, and name its robot
-                read_case([place])
 
-        found += [("recording", read)] * 2
-    return found
+@dataclass
+class Tally:
+    """What came of one kind."""
+
+    n: int = 0
+    refused: int = 0
+    uncaught: list[str] = field(default_factory=list)
+    memory: float = 0.0
+    """MB, the most."""
+    seconds: float = 0.0
+    """Of processor time, the most."""
+    worst: dict[str, int] = field(default_factory=dict)
+    """Seed of the most memory and of the most time."""
+
+
+def memory_of(what: str) -> float:
+    """MB of this process now (VmRSS), or at its most since `forget_peak` (VmHWM)."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(f"{what}:"):
+            return int(line.split()[1]) / 1024
+    raise OSError(f"/proc/self/status tells no {what}")
+
+
+def forget_peak() -> None:
+    """From here on the peak counts anew."""
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def tried(name: str, go: Go, seed: int, tally: Tally) -> None:
+    """One mutation."""
+    forget_peak()
+    before, began = memory_of("VmRSS"), time.process_time()
+    try:
+        go(random.Random(f"{name} {seed}"))
+    except EXPECTED:
+        tally.refused += 1
+    except Exception as e:  # noqa: BLE001 - that is what is looked for
+        trace = e.__traceback__
+        while trace is not None and trace.tb_next is not None:
+            trace = trace.tb_next
+        where = "" if trace is None else f" ({Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno})"
+        tally.uncaught.append(f"{name} seed {seed}: {type(e).__name__}{where}: {str(e)[:150]}")
+    seconds, memory = time.process_time() - began, memory_of("VmHWM") - before
+    tally.n += 1
+    for what, value in (("seconds", seconds), ("memory", memory)):
+        if value > getattr(tally, what):
+            setattr(tally, what, value)
+            tally.worst[what] = seed
 
 
 def main() -> int:
     """See the module's text."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.faults.fuzz", description=__doc__)
-    parser.add_argument("--count", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=int, default=10_000, help="mutations of each kind")
+    parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--recording", type=Path, help="a sound recording to mutate as well")
+    parser.add_argument("--kind", help="only kinds whose name holds this")
     a = parser.parse_args()
-    kinds, outcomes, slowest = sources(a.recording), Counter[str](), 0.0
-    crashes = []
-    for seed in range(a.seed, a.seed + a.count):
-        name, go = kinds[seed % len(kinds)]
-        began = time.monotonic()
-        try:
-            go(random.Random(seed))
-            outcomes[f"{name}: read"] += 1
-        except EXPECTED:
-            outcomes[f"{name}: refused"] += 1
-        except Exception as e:  # noqa: BLE001 - that is what is looked for
-            outcomes[f"{name}: CRASHED"] += 1
-            crashes.append(f"seed {seed} {name}: {type(e).__name__}: {str(e)[:200]}")
-        slowest = max(slowest, time.monotonic() - began)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    for key, n in sorted(outcomes.items()):
-        print(f"{key:24s} {n:6d}")
-    print("\n".join(crashes[:20]))
-    print(f"{a.count} inputs, {len(crashes)} crashes, slowest {slowest:.2f} s, most memory {memory:.0f} MB")
-    return 0 if not crashes and slowest < SLOW and memory < MOST_MEMORY else 1
+    tallies = {}
+    print(f"{a.count} mutations of each kind, seeds from {a.seed}; bounds {MOST_MEMORY:g} MB, {SLOW:g} s\n")
+    print(
+        f"{'kind':28s} {'n':>6s} {'refused':>8s} {'uncaught':>9s} {'memory':>9s} {'time':>8s}  seeds of the worst",
+        flush=True,
+    )
+    for name, go in sources(a.recording):
+        if a.kind and a.kind not in name:
+            continue
+        tally = tallies[name] = Tally()
+        go(random.Random(0)) if name == "latch" else None  # whatever is loaded late is no cost of an input
+        for seed in range(a.seed, a.seed + a.count):
+            tried(name, go, seed, tally)
+        print(
+            f"{name:28s} {tally.n:6d} {tally.refused:8d} {len(tally.uncaught):9d} {tally.memory:6.1f} MB {tally.seconds:6.2f} s  {tally.worst}"
+        )
+        for line in tally.uncaught[:5]:
+            print(f"    {line}")
+        sys.stdout.flush()
+    good = all(not t.uncaught and t.seconds <= SLOW and t.memory <= MOST_MEMORY for t in tallies.values())
+    print("all within the bounds" if good else "NOT within the bounds")
+    return 0 if good else 1
 
 
 if __name__ == "__main__":

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from ..config import ConfigError
+from .folder import read_table
+
+LARGEST = 1e300
+"""No figure of an answer is larger."""
+HINT = "remove it and run `lab blind run` again"
 
 Effects = frozenset[str]
 
@@ -49,10 +55,16 @@ class Answer:
 
 
 def read_answer(path: Path, case: str, after: int | None = None) -> Answer:
-    """The last answer of a case, or the one after `after` experiments (or fewer, when it asked for no more)."""
-    rounds = json.loads(path.read_text(encoding="utf-8"))
-    chosen = rounds[-1] if after is None else rounds[min(after, len(rounds) - 1)]
-    return answer_from(case, chosen["diagnosis"], float(chosen["seconds"]), tuple(chosen["asked"]))
+    """The last answer of a case, or the one after `after` experiments (or fewer, when it asked for no more).
+
+    Raises ConfigError for a file that holds no rounds.
+    """
+    rounds = read_table(path, HINT)
+    try:
+        chosen = rounds[-1] if after is None else rounds[min(after, len(rounds) - 1)]
+        return answer_from(case, chosen["diagnosis"], float(chosen["seconds"]), tuple(map(str, chosen["asked"])))
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as e:
+        raise ConfigError(f"{path}: holds no rounds of a diagnosis ({repr(e)[:200]}); {HINT}") from e
 
 
 def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, asked: tuple[str, ...] = ()) -> Answer:
@@ -97,4 +109,4 @@ def _sizes(attribute: Mapping[str, Any], effects: Effects) -> dict[str, dict[str
 
 
 def _number(value: object, default: float = math.nan) -> float:
-    return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else default
+    return float(value) if isinstance(value, (int, float)) and abs(value) < LARGEST else default

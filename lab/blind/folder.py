@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import secrets
 import time
 from collections.abc import Sequence
@@ -12,8 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from recordings.bounded import read_bounded
+from recordings.json_text import read_json
+from recordings.own_files import replaced
+
 from ..config import ConfigError
 from .truth import Truth
+
+LARGEST = 20_000_000
+"""Bytes of a JSON file of a set."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +70,11 @@ def seal(folder: SetFolder, truths: Sequence[Truth], seed: int, about: dict[str,
     """
     text = json.dumps({"salt": secrets.token_hex(16), "seed": seed, "truths": [t.as_dict() for t in truths]}, indent=1)
     folder.seal.parent.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder.seal, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with open(handle, "w", encoding="utf-8") as file:
-        file.write(text)
+    replaced(folder.seal, text, 0o600)
     digest = hashlib.sha256(text.encode()).hexdigest()
     public = {"schema": "blind/1", "sha256_of_truth": digest, "cases": len(truths), **about,
               "made": time.strftime("%Y-%m-%d %H:%M:%S")}  # fmt: skip
-    folder.commitment.write_text(json.dumps(public, indent=1) + "\n", encoding="utf-8")
+    replaced(folder.commitment, json.dumps(public, indent=1) + "\n")
     return digest
 
 
@@ -78,25 +82,39 @@ def open_seal(folder: SetFolder) -> dict[str, dict[str, Any]]:
     """The truth by case; raises ConfigError when it is not the text whose digest was committed to."""
     promised = folder.public().get("sha256_of_truth")
     try:
-        text = folder.seal.read_text(encoding="utf-8")
-    except OSError as e:
-        raise ConfigError(f"{folder.seal}: cannot be read ({e.strerror}); a set is scored where its seal is") from e
-    found = hashlib.sha256(text.encode()).hexdigest()
+        data = read_bounded(folder.seal, LARGEST, ConfigError)
+    except ConfigError as e:
+        raise ConfigError(f"{e}; a set is scored where its seal is") from e
+    found = hashlib.sha256(data).hexdigest()
     if found != promised:
         raise ConfigError(
             f"{folder.seal}: sha256 {found} is not the {promised} of {folder.commitment.name}; "
             "the truth was changed after it was committed to, nothing is scored"
         )
-    return {t["case"]: t for t in json.loads(text)["truths"]}
+    try:
+        return {str(t["case"]): _truth(t) for t in read_json(data)["truths"]}
+    except (ValueError, KeyError, TypeError) as e:
+        raise ConfigError(f"{folder.seal}: holds no truths ({repr(e)[:200]}); nothing is scored") from e
+
+
+def _truth(t: dict[str, Any]) -> dict[str, Any]:
+    """One truth, with a kind and the sizes of its effects."""
+    sizes = {str(name): float(size) for name, size in dict(t["effects"]).items()}
+    return {**t, "kind": str(t["kind"]), "effects": sizes}
+
+
+def read_table(path: Path, hint: str) -> Any:
+    """What a JSON file of a set holds; ConfigError, with what to do, when it holds nothing of that kind."""
+    try:
+        return read_json(read_bounded(path, LARGEST, ConfigError))
+    except ConfigError as e:
+        raise ConfigError(f"{e}; {hint}") from e
+    except ValueError as e:
+        raise ConfigError(f"{path}: is not JSON ({str(e)[:200]}); {hint}") from e
 
 
 def _read(path: Path, hint: str) -> dict[str, Any]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as e:
-        raise ConfigError(f"{path}: cannot be read ({e.strerror}); {hint}") from e
-    except ValueError as e:
-        raise ConfigError(f"{path}: is not JSON ({e}); {hint}") from e
+    data = read_table(path, hint)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: holds no table; {hint}")
     return data

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from recordings.own_files import replaced
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 
@@ -81,8 +82,7 @@ def answer(folder: SetFolder, diagnose: Diagnose, chosen: int, name: str) -> str
     target = folder.answers(name)
     target.mkdir(parents=True, exist_ok=True)
     text = json.dumps([{"asked": r.asked, "seconds": r.seconds, "diagnosis": r.diagnosis} for r in rounds], indent=1)
-    (target / "rounds.json.part").write_text(text, encoding="utf-8")
-    (target / "rounds.json.part").replace(target / "rounds.json")
+    replaced(target / "rounds.json", text)
     return name
 
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.own_files import replaced
+
 from ..config import ConfigError
 from .answers import Answer, read_answer
 from .folder import SetFolder, open_seal
@@ -96,7 +98,7 @@ def write(result: Score, root: Path) -> Path:
     """score.json in the set's folder; it also marks the seal as opened."""
     path = SetFolder(root).score
     data = {**result.as_dict(), "opened": time.strftime("%Y-%m-%d %H:%M:%S")}
-    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    replaced(path, json.dumps(data, indent=1) + "\n")
     return path
 
 

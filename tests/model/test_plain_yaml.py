@@ -59,7 +59,7 @@ def test_a_date_is_a_text_and_a_merge_key_is_a_key_like_any_other() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["x" * (MOST_CHARACTERS + 1), "[" + "1," * MOST_VALUES + "]", "[" * 5000, "- " * 5000, "{a: " * 5000]
+    "text", ["x" * (MOST_CHARACTERS + 1), "[" + "1," * MOST_VALUES + "]", "[" * 500, "- " * 500, "{a: " * 500]
 )
 def test_what_is_longer_or_deeper_than_any_sensible_file_is_given_up_early(text: str) -> None:
     with pytest.raises(BadYaml, match="more than"):
@@ -67,7 +67,7 @@ def test_what_is_longer_or_deeper_than_any_sensible_file_is_given_up_early(text:
 
 
 @pytest.mark.parametrize(
-    "data", [b"\xff\xfe", b"name: !!int ''", b"[" * 5000, b"\0", b'name: "\\0"', b"x" * (MOST_CHARACTERS + 1)]
+    "data", [b"\xff\xfe", b"name: !!int ''", b"[" * 500, b"\0", b'name: "\\0"', b"x" * (MOST_CHARACTERS + 1)]
 )
 def test_a_robot_file_of_such_content_is_a_bad_robot(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "robot.yaml").write_bytes(data)

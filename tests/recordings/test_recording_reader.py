@@ -64,7 +64,7 @@ def test_the_fast_way_equals_the_library_and_the_protobuf_runtime(whole: Path) -
         schema = found[0][0]
         assert schema is not None
         slow = protobuf_runtime.decode(
-            recording._message(recording._channel(topic)), schema, [data for _, data in found]
+            recording._message(recording._channel(topic)), schema, [data for _, data in found], len(found)
         )
         assert fast.dtype == slow.dtype and fast.tobytes() == slow.tobytes()
 

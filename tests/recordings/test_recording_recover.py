@@ -93,7 +93,7 @@ def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
     all_messages = held(source)
     for cut in range(chunks[-2].start, chunks[-1].data_end + 200):
         found = scan(memoryview(data[:cut]), "")
-        kept = sum(len(messages(memoryview(data[:cut]), chunk, "")) for chunk in found.chunks)
+        kept = sum(len(list(messages(memoryview(data[:cut]), chunk, ""))) for chunk in found.chunks)
         assert kept >= max(n for end, n in ends if end <= cut), cut
         if cut % 61 == 0:
             result, target = recovered(data[:cut], tmp_path)
@@ -120,7 +120,7 @@ def test_any_changed_byte_costs_one_chunk_at_most(whole: Path, tmp_path: Path) -
     random = np.random.default_rng(8)
     data, all_messages = whole.read_bytes(), set(held(whole))
     chunks = walk(memoryview(data), "").chunks
-    largest = max(len(messages(memoryview(data), c, "")) for c in scan(memoryview(data), "").chunks)
+    largest = max(len(list(messages(memoryview(data), c, ""))) for c in scan(memoryview(data), "").chunks)
     for at in random.integers(chunks[1].start, len(data), 40).tolist():
         bad = bytearray(data)
         bad[at] ^= 1 << int(random.integers(8))

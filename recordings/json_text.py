@@ -1,0 +1,37 @@
+"""JSON from outside: values of bounded depth, or a ValueError. The only place of this room where JSON is read."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+DEEPEST = 50
+"""Lists and tables within each other; what this software writes has ten at most."""
+_BRACKETS = re.compile(r'"(?:[^"\\]|\\.)*"?|[\[{]|[\]}]', re.DOTALL)
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+
+
+def read_json(text: str | bytes) -> Any:
+    """The values of a text; ValueError when it is no JSON, too deep, or holds halves of characters."""
+    if isinstance(text, bytes):
+        text = text.decode("utf-8")
+    if text.count("[") + text.count("{") > DEEPEST:
+        _check_depth(text)
+    values = json.loads(text)
+    if _HALF.search(text):
+        # Two halves that belong together are one character by now; one alone can be neither printed nor written.
+        json.dumps(values, ensure_ascii=False).encode("utf-8")
+    return values
+
+
+def _check_depth(text: str) -> None:
+    depth = 0
+    for match in _BRACKETS.finditer(text):
+        sign = match[0]
+        if sign in "[{":
+            depth += 1
+            if depth > DEEPEST:
+                raise ValueError(f"more than {DEEPEST} lists and tables within each other")
+        elif sign in "]}":
+            depth -= 1
