@@ -26,7 +26,7 @@ def warm_up() -> None:
     rows, arcs = full.values.copy(), np.array([0.1])
     solved = solver.solve(rows, arcs, solver.integration_steps(rows))
     solver.differentiate(solved, np.zeros((1, *rows.shape)))
-    statics.stations(plain, found, [0.1], statics.FINE)
+    statics.stations(plain, found, np.array([[0.1]]), statics.FINE)
     for rods in (plain, full):
         statics.solve(rods, solver.ACCURACY, least_margin=BUCKLING)
 

@@ -21,5 +21,5 @@ def test_after_warming_up_no_kernel_of_the_diagnosis_is_compiled() -> None:
         solver.solve(rows, np.array([0.05, 0.1]), solved.steps, solved.solution, inside=False)
         solver.differentiate(solved, np.zeros((2, *rows.shape)))
         plain = statics.rods(statics.Form(elements=2), n, length=0.2, bend_stiffness=0.2, stretch_stiffness=90.0)
-        statics.stations(plain, statics.solve(plain, statics.FINE), [0.1, 0.2], statics.FINE)
+        statics.stations(plain, statics.solve(plain, statics.FINE), np.full((n, 2), 0.1), statics.FINE)
     assert compiled.buffer == []
