@@ -22,7 +22,7 @@ def one_house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
 def house(one_house: House) -> Iterator[House]:
     fakes = one_house.fakes
     # Late for want of processors is not dead; how soon that is noticed is what tests change in their own rig.yaml.
-    write_rig(fakes, one_house.rig, {**PATIENT, "limits": {"max_age": 5.0}, "safe": {"heartbeat": 3.0}})
+    write_rig(fakes, one_house.rig, {"instruments": PATIENT["instruments"], "limits": {"max_age": 5.0}})
     one_house.rig.with_suffix(".latch").unlink(missing_ok=True)
     fakes.troubles.clear()
     yield one_house
