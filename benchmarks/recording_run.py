@@ -12,7 +12,7 @@ from pathlib import Path
 
 import yaml
 
-from lab.fakes import write_rig
+from lab.fakes import PATIENT_SETTLE, write_rig
 from recordings.recover import recover
 from sim_fakes.plant import Plant
 from sim_fakes.rig import FakeRig
@@ -24,7 +24,7 @@ MORE = 30_000
 """Bytes by which the file may still grow once the robot is inflated."""
 LIMIT = 60.0
 """Host seconds after which the measurement is given up."""
-SETTINGS = ("spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "rate=10 kPa/s", "settle.still_distance=5 mm")
+SETTINGS = ("spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "rate=10 kPa/s", *PATIENT_SETTLE)
 
 
 def full_disk_in_a_run(folder: Path) -> Figure:

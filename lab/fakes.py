@@ -37,6 +37,10 @@ PATIENT: dict[str, Any] = {
 """Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
 be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""
 
+PATIENT_SETTLE = ("settle.still_distance=5 mm", "settle.max_hidden=5 s", "settle.max_gap=10 s")
+"""The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms
+of a busy computer."""
+
 
 def serve(a: argparse.Namespace) -> int:
     """Run until Ctrl-C."""

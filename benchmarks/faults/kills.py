@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.fakes import write_rig
+from lab.fakes import PATIENT_SETTLE, write_rig
 from recordings.recover import recover
 from sim_fakes.rig import FakeRig
 
@@ -32,7 +32,7 @@ BENDING = (
     "spine_lengths=[0.05]",
     "pressures=[100 kPa, 200 kPa]",
     "rate=20 kPa/s",
-    "settle.still_distance=5 mm",
+    *PATIENT_SETTLE,
 )
 STIFFNESS = ("stiffness", "lengths=[0.1]", "steps=3", "min_samples=30")
 LIMIT = 30.0

@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 
 from lab.example import paper_robot
+from lab.fakes import PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
 from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, Cell, Job, Result, Verdict
@@ -30,7 +31,7 @@ QUICK = {
         "pressures=[100 kPa, 200 kPa]",
         "unload=false",
         "zero_state=false",
-        "settle.still_distance=5 mm",
+        *PATIENT_SETTLE,
     ),
     "stiffness": ("lengths=[0.1]", "steps=3", "min_samples=30", "zero_samples=20"),
 }

@@ -15,13 +15,18 @@ import yaml
 from virtual_lab import VirtualLab
 
 from lab.cli import main
+from lab.fakes import PATIENT_SETTLE
 from recordings.reader import Recording
 
 HOSTILE = "[/red] [bold]x[/] \x1b[2J <script>alert(1)</script>"
 SHOWN = "[/red] [bold]x[/]"
 SERIAL = "\x1b[2J[/b]"
 """Eight characters that are no blanks, as the module's identity is."""
-SHORT = ["--set", "spine_lengths=[0.05, 0.08]", "--set", "pressures=[60 kPa]", "--set", "settle.still_distance=5 mm"]
+SHORT = [
+    word
+    for setting in ("spine_lengths=[0.05, 0.08]", "pressures=[60 kPa]", *PATIENT_SETTLE)
+    for word in ("--set", setting)
+]
 """Noise looks like motion when the processors are busy."""
 
 

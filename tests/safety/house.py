@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from lab.fakes import PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
 
@@ -53,8 +54,7 @@ class House:
     def start(self, folder: Path, *settings: str) -> subprocess.Popen[str]:
         """A bending run in a process of its own, as soon as it has inflated the robot."""
         command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(self.rig), "--out", str(folder)]
-        patient = "settle.still_distance=5 mm"  # noise looks like motion when the processors are busy
-        command += [word for setting in (patient, *settings) for word in ("--set", setting)]
+        command += [word for setting in (*PATIENT_SETTLE, *settings) for word in ("--set", setting)]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         if not until(lambda: self.highest() > 40e3 or process.poll() is not None, 120) or process.poll() is not None:
             process.kill()

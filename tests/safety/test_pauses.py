@@ -11,15 +11,13 @@ import pytest
 from house import House, until
 
 from lab.cli import main
+from lab.fakes import PATIENT_SETTLE
 from lab.inputs import read_case
 
 BENDING = [
-    "--set",
-    "spine_lengths=[0.05]",
-    "--set",
-    "pressures=[60 kPa, 120 kPa]",
-    "--set",
-    "settle.still_distance=5 mm",
+    word
+    for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]", *PATIENT_SETTLE)
+    for word in ("--set", setting)
 ]
 STIFFNESS = ["--set", "lengths=[0.1]", "--set", "steps=3", "--set", "min_samples=20"]
 
