@@ -36,6 +36,8 @@ WIDEST_ITV = 900e3
 """Pa; the widest range of an ITV. One that is taken for narrower gets more than it is told."""
 AGREE = 1e3
 """Pa by which a reading may differ from its set-point, and the other channels may move."""
+REST = 2.0
+"""Rig seconds in which the robot comes to rest."""
 RATE = 5e3
 """Pa/s."""
 FRAMES = 200
@@ -169,8 +171,10 @@ def _expected(bench: Bench, robot: Robot) -> Expected:
 
 
 def _channel(bench: Bench, rig: RigFile, ways: Expected, channel: int) -> str:
-    """One channel, from vented to 5 kPa and back."""
+    """One channel, from empty to 5 kPa and back."""
     vent(bench)
+    bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
+    bench.pause(REST)
     way = ways.ways[channel] if ways.ways else None
     rest = _tip(bench) if way is not None else None
     before = _pressures(bench)
@@ -206,6 +210,7 @@ def _inflate(bench: Bench, channel: int, told: float, before: Array) -> None:
         lambda: True if abs(_pressures(bench)[channel] - told) < AGREE else None,
         WITHIN,
     )
+    bench.pause(REST)
     off = _pressures(bench) - np.where(np.arange(channels) == channel, 0.0, before) - wanted
     for other, by in enumerate(off, 1):
         if abs(by) > AGREE:

@@ -22,6 +22,8 @@ from sim_fakes.rig import FakeRig, Regulators
 from sim_fakes.smc_itv import STEPS, SmcItvFake
 
 Start = Callable[..., tuple[FakeRig, Path]]
+SPEED = 5.0
+"""What is measured here is a fraction of a millimetre: a busy machine must keep up."""
 ROUNDING = 1.01
 """A set-point is rounded to the steps of its unit."""
 
@@ -31,12 +33,12 @@ def start(tmp_path: Path) -> Iterator[Start]:
     """Fakes with such regulators, and a rig.yaml that tells of them what is given."""
     with ExitStack() as running:
 
-        def start(regulators: Regulators, **told: Any) -> tuple[FakeRig, Path]:
-            fakes = running.enter_context(FakeRig(speed=20.0, seed=4, regulators=regulators))
+        def start(regulators: Regulators, **written: Any) -> tuple[FakeRig, Path]:
+            fakes = running.enter_context(FakeRig(speed=SPEED, seed=4, regulators=regulators))
             rig = tmp_path / "rig.yaml"
             write_rig(fakes, rig)
             data = yaml.safe_load(rig.read_text()) | PATIENT
-            data["instruments"]["pressure"] |= {"timeout": 2.0} | told
+            data["instruments"]["pressure"] |= {"timeout": 2.0} | written
             rig.write_text(yaml.safe_dump(data))
             return fakes, rig
 
@@ -48,6 +50,11 @@ def checked(rig: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[st
     code = main(["check", "--move", "--yes", "--json", "--seconds", "0", "--rig", str(rig)])
     seen = [Moved(**m) for m in json.loads(capsys.readouterr().out)["moved"]]
     return code, {m.what: m for m in seen}
+
+
+def told(seen: dict[str, Moved]) -> str:
+    """All of it, for a test that fails."""
+    return "\n".join(f"{name}: {m.ok} {m.text}" for name, m in seen.items())
 
 
 def highest(fakes: FakeRig) -> float:
@@ -69,7 +76,7 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
 ) -> None:
     fakes, rig = start(Regulators())
     code, seen = checked(rig, capsys)
-    assert code in (0, 3) and all(m.ok for m in seen.values()), seen
+    assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
     assert {"valve", "spine", "arm", "safe state"} < set(seen)
     assert sum("the tip went" in m.text for m in seen.values()) == 3
     assert highest(fakes) <= 5e3 * ROUNDING
@@ -94,7 +101,7 @@ def test_an_itv_of_the_range_in_rig_yaml_passes(
 ) -> None:
     fakes, rig = start(Regulators("smc_itv", full_scale=full_scale))
     code, seen = checked(rig, capsys)
-    assert code in (0, 3) and all(m.ok for m in seen.values()), seen
+    assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
 
 
 @pytest.mark.parametrize(("true", "told"), [(900e3, 500e3), (900e3, 100e3)])
@@ -103,14 +110,14 @@ def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
 ) -> None:
     fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=told, max_pressure=100e3)
     code, seen = checked(rig, capsys)
-    assert code == 1 and any("gives more than it says; correct full_scale" in m.text for m in seen.values()), seen
+    assert code == 1 and any("gives more than it says; correct full_scale" in m.text for m in seen.values()), told(seen)
     assert highest(fakes) <= 5e3 * 1.1 and not place(rig).exists()
 
 
 def test_an_itv_that_gives_less_than_it_says_is_caught(start: Start, capsys: pytest.CaptureFixture[str]) -> None:
     _, rig = start(Regulators("smc_itv", full_scale=500e3), full_scale=900e3)
     code, seen = checked(rig, capsys)
-    assert code == 1 and any("gives less than it says" in m.text for m in seen.values()), seen
+    assert code == 1 and any("gives less than it says" in m.text for m in seen.values()), told(seen)
 
 
 def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(
@@ -119,11 +126,11 @@ def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(
     old = Regulators(firmware="5v12.0-R22", unit="psi", full_scale=413.7e3)
     fakes, rig = start(old)
     code, seen = checked(rig, capsys)
-    assert code in (0, 3) and all(m.ok for m in seen.values()), seen
+    assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
     assert place(rig).exists()
     rig.write_text(rig.read_text().replace("unit: psi", "unit: kPa"))
     code, seen = checked(rig, capsys)
-    assert code == 1 and any("does not show kPa but psi" in m.text for m in seen.values()), seen
+    assert code == 1 and any("does not show kPa but psi" in m.text for m in seen.values()), told(seen)
     assert highest(fakes) <= 5e3 * ROUNDING and not place(rig).exists()
     assert seen["safe state"].ok
 
