@@ -14,6 +14,10 @@ LOWEST_AMBIENT = 80e3
 """Pa absolute; a spine below this is still evacuated."""
 CLIPPED = 1e3
 """Pa between asked and set that are more than an instrument's rounding."""
+LONGEST_STEP = 1.0
+"""Rig seconds by which a ramp goes on at most from one set-point to the next: what regulators credit after a pause."""
+CONFIRM_WITHIN = 30.0
+"""Rig seconds in which the regulators must have confirmed the end of a ramp."""
 RAMP_STEP = 0.1
 """Rig seconds between two set-points of a ramp."""
 
@@ -101,22 +105,31 @@ def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, r
 def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
     """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time at which the set-point got there.
 
-    `bench.clipped` tells until the next ramp whether the rig's limits clipped a set-point on the way.
+    A computer that stood still for a while goes on where it was: no set-point jumps. `bench.clipped` tells until the next ramp
+    whether the rig's limits clipped a set-point on the way. Raises NotReached when the regulators hold other set-points in the
+    end.
     """
     bench.clipped = False
     regulators = bench.need(bench.pressure, "pressure")
     start = regulators.read().setpoint
-    begin = bench.clock.now()
     duration = max((abs(b - a) for a, b in zip(start, target, strict=True)), default=0.0) / rate
-    deadline = begin + duration + 30.0
+    done, now = 0.0, bench.clock.now()
     while True:
-        share = min(1.0, (bench.clock.now() - begin) / duration) if duration > 0 else 1.0
+        before, now = now, bench.clock.now()
+        done += min(now - before, LONGEST_STEP)
+        share = min(1.0, done / duration) if duration > 0 else 1.0
         wanted = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
         confirmed = regulators.set(wanted)
         bench.clipped |= max(abs(c - w) for c, w in zip(confirmed, wanted, strict=True)) > CLIPPED
-        now = bench.clock.now()
-        if share == 1.0 and max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < 1e3:
-            return now
-        if now > deadline:
-            bench.wait("pressure: set-points confirmed", lambda: None, 0.0)
+        if share == 1.0:
+            break
         bench.pause(RAMP_STEP)
+
+    def held() -> float | None:
+        """The time at which the regulators have confirmed the target."""
+        off = max(abs(c - t) for c, t in zip(regulators.set(target), target, strict=True))
+        return bench.clock.now() if off < CLIPPED else None
+
+    if max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < CLIPPED:
+        return bench.clock.now()
+    return bench.wait("pressure: set-points confirmed", held, CONFIRM_WITHIN)
