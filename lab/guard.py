@@ -26,14 +26,16 @@ from drivers.errors import DeviceFault, InstrumentError
 from drivers.interfaces import Identity
 
 from .clock import RigClock
+from .force_limit import overload
 from .guard_messages import Event, RigLanded, Start
 from .hosted import Hosted
 from .instruments import COMMANDS, CONFIGS, ENERGISING, POLLED, make
 from .judge import Judge
 from .landing import Landing, SafeReport
 from .latch import Latch, RigLocked
-from .pulse import BEAT, FORCE, MOMENT, SIGNAL, Listener
+from .pulse import BEAT, FRESH, SIGNAL, Listener
 from .rig_file import RigFile
+from .under_force import UnderForce
 
 BEAT_BACK = 0.2
 """Host seconds between two signs of life to the program."""
@@ -72,6 +74,11 @@ class Guard:
             if config is not None:
                 self.own.drivers[name] = self._make(name, config)
                 self.own.locks[name] = threading.Lock()
+        self.under_force: UnderForce | None = None
+        if "arm" in self.own.drivers:
+            arm = self.own.drivers["arm"]
+            self.under_force = UnderForce(arm, self.rig.limits, self._go_on, self._say_waiting, self._not_stopped)
+            self.own.drivers["arm"] = self.under_force
         self.landing = Landing(self.rig.safe, self.own.drivers, self.rig.clock.speed, self.own.busy.__contains__)
         self.running = True
         self.energised = False
@@ -288,16 +295,33 @@ class Guard:
     def _heard(self, kind: bytes, value: float) -> None:
         if kind == SIGNAL:
             self.land(f"stopped by {signal.Signals(int(value)).name}")
-        elif kind == FORCE:
-            self._overloaded(f"force {value:.1f} N, limits.max_force is {self.rig.limits.max_force:g} N")
-        elif kind == MOMENT:
-            self._overloaded(f"moment {value:.2f} N m, limits.max_moment is {self.rig.limits.max_moment:g} N m")
+        elif kind == FRESH:
+            if self.under_force is not None:
+                self.under_force.sampled(value)
+        elif text := overload(kind, value, self.rig):
+            self._overloaded(text)
         elif kind == BEAT and self.energised and value > self.rig.safe.hang:
             self.land(f"the experiment has not moved on for {value:.1f} s (safe.hang)")
 
     def _overloaded(self, text: str) -> None:
         if self.energised:
             self.land(f"force: {text}", DeviceFault("force", f"{text}; the arm was stopped: free it by hand"))
+
+    # -- the arm under force
+    def _go_on(self, motion: Callable[[], Any]) -> Any:
+        """A motion that had to wait begins as a command of the program does: not when the rig was landed meanwhile."""
+        self.own.busy.add("arm")
+        try:
+            self._energise()
+            return motion()
+        finally:
+            self.own.busy.discard("arm")
+
+    def _say_waiting(self, text: str) -> None:
+        self.tell(Event("waiting", text))
+
+    def _not_stopped(self, error: InstrumentError) -> None:
+        self.land(f"no force samples, and the arm does not take its stop: {error}", error)
 
     def close(self) -> None:
         """Land what may still be energised, disconnect everything, the regulators first."""

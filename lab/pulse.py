@@ -17,6 +17,8 @@ from collections.abc import Iterator
 RECORD = struct.Struct("<cd")
 BEAT, SIGNAL, FORCE, MOMENT = b"B", b"S", b"F", b"M"
 """Kinds: age of the last step (s), signal number, force (N) or moment (N m) beyond the limit."""
+FORCE_RANGE, MOMENT_RANGE, FRESH = b"f", b"m", b"W"
+"""More kinds: raw force (N) or moment (N m) beyond the sensor's range; a sample of it has come (host time, s)."""
 PERIOD = 0.1
 
 
@@ -74,7 +76,7 @@ class Listener:
         os.set_blocking(pipe, False)
         self.pipe = pipe
         self.heard = time.monotonic()
-        """When the last record came."""
+        """When the last record came that is a sign of life of the program, not only of its force sensor."""
         self.gone = False
         """True once the other end is closed: the program has ended."""
         self._rest = b""
@@ -90,8 +92,9 @@ class Listener:
         if not data:
             self.gone = True
             return []
-        self.heard = time.monotonic()
         self._rest += data
         whole = len(self._rest) // RECORD.size * RECORD.size
-        records, self._rest = self._rest[:whole], self._rest[whole:]
-        return list(RECORD.iter_unpack(records))
+        records, self._rest = list(RECORD.iter_unpack(self._rest[:whole])), self._rest[whole:]
+        if any(kind != FRESH for kind, _ in records):
+            self.heard = time.monotonic()
+        return records

@@ -7,7 +7,6 @@ raised as Suspended.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +20,6 @@ from .actuators import Actuators
 from .clock import RigClock
 from .guard_messages import Event, RigLanded
 from .instruments import POLLED
-from .pulse import FORCE, MOMENT, Pulse
 from .rig_file import Limits
 
 GRACE = 0.5
@@ -32,9 +30,6 @@ OWN_SLEEP, CATCH_UP = 0.5, 0.2
 """Host seconds between two looks after which the looking itself was late; time to make up for it."""
 STUCK = 1.0
 """Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
-NO_ZERO = (0.0,) * 6
-AGREE = 2
-"""Samples in a row that must be beyond the limit: one may be a knock."""
 HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
 """Safety bits of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
 SLICE = 0.02
@@ -161,25 +156,6 @@ class Watch:
         elif now - since > STUCK:
             stuck = StaleReading(name, f"every value has been the same for {now - since:.1f} s; restart the sensor")
             raise Suspended(stuck) if name == "mocap" else stuck
-
-
-class ForceLimit:
-    """Stops the arm from the sensor's own thread when the load is beyond the rig's limit."""
-
-    def __init__(self, limits: Limits, pulse: Pulse) -> None:
-        self._limits, self._pulse = limits, pulse
-        self._over = 0
-
-    def judge(self, sample: WrenchSample) -> None:
-        """Take one sample; before the sensor has its zero, the tool's weight is not told from a load."""
-        if sample.zero == NO_ZERO:
-            return
-        force, moment = math.hypot(*sample.wrench[:3]), math.hypot(*sample.wrench[3:])
-        over = force > self._limits.max_force or moment > self._limits.max_moment
-        self._over = self._over + 1 if over else 0
-        if self._over == AGREE:
-            kind, value = (FORCE, force) if force > self._limits.max_force else (MOMENT, moment)
-            self._pulse.shout(kind, value)
 
 
 class WatchedClock:
