@@ -136,7 +136,9 @@ def sweep(rate: float, levels: tuple[float, ...], hold: float) -> Setpoints:
     return at
 
 
-def chamber(told: Setpoints, tau: float, period: float, noise: float, seed: int) -> Iterator[tuple[float, float, float]]:
+def chamber(
+    told: Setpoints, tau: float, period: float, noise: float, seed: int
+) -> Iterator[tuple[float, float, float]]:
     """(t, set-point, measured) of a sound chamber that follows with a lag of `tau`."""
     rng, p, step = random.Random(seed), 0.0, 0.05
     for i in itertools.count():
