@@ -9,6 +9,7 @@ Faults, each latched until the call that answers it:
 - stall (the motor pushes and does not move): the driver holds where it is; answered by `move_to`, `stop`, `home`.
 - bus watchdog (the host was silent): the servo stopped by itself; answered by `stop` or `home`. Every read feeds it.
 - hardware error or restart of the servo: torque is off, the zero is lost; answered by `home`, which restarts the servo.
+  A restart is told by what the servo forgot: bus watchdog, torque and profile velocity, all three and read twice.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from .errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoRep
 from .interfaces import Clock, Identity, SpineSample
 from .stall import StallWatch
 
+RESTARTED = "the servo has restarted (power lost?) and forgot its turns; check its supply, then home()"
 REBOOT_TIME = 2.0
 """Longest wait for a restarted servo, s of host time."""
 
@@ -188,10 +190,13 @@ class DynamixelSpine:
         with self._lock:
             self._homing = None
             self._fault = ""
+            restarted = self._zero is not None and self._has_restarted()  # setting the watchdog would hide it
             self._arm_watchdog()
             counts = self._servo.read(table.PRESENT_POSITION)
             self._set_goal(counts, self._config.max_speed)
             self._goal = self._length(counts)
+            if restarted:
+                self._lose_zero(RESTARTED)
 
     def read(self) -> SpineSample:
         """Poll. Until homed, `length` counts from where the servo was switched on and says nothing about the spine."""
@@ -325,7 +330,7 @@ class DynamixelSpine:
         alert = self._servo.alert
         watchdog = self._servo.read(table.WATCHDOG)
         if watchdog not in (self._watchdog_raw, table.WATCHDOG_TRIPPED):
-            watchdog = self._servo.read(table.WATCHDOG)  # one odd answer is no proof of a restart
+            watchdog = self._servo.read(table.WATCHDOG)  # one odd answer is no proof of anything
         if alert and (bits := self._servo.read(table.HARDWARE_ERROR)):
             why = table.hardware_errors(bits)
             self._lose_zero(f"hardware error: {why}; torque is off. Remove the cause (un-jam the spine), then home()")
@@ -334,10 +339,24 @@ class DynamixelSpine:
                 f"stopped by its bus watchdog: the host was silent for {self._config.watchdog} s. "
                 "Call stop() to acknowledge, then move again"
             )
+        elif watchdog != self._watchdog_raw and self._has_restarted():
+            self._lose_zero(RESTARTED)
         elif watchdog != self._watchdog_raw:
-            self._lose_zero("the servo has restarted (power lost?) and forgot its turns; check its supply, then home()")
+            self._fault = (
+                f"its bus watchdog was set to {watchdog * table.WATCHDOG_UNIT:g} s by another host, it should be "
+                f"{self._config.watchdog:g} s; disconnect that one, then call stop() to set it anew"
+            )
         velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
         return _State(self._clock.now(), counts, velocity_counts, current * self._ampere)
+
+    def _has_restarted(self) -> bool:
+        """Whether the servo has forgotten what it holds in memory only; looked at twice before it is believed."""
+        return all(
+            self._servo.read(table.WATCHDOG) == 0
+            and self._servo.read(table.TORQUE) == 0
+            and not any(self._servo.read_block(table.PROFILE_VELOCITY, 4))
+            for _ in range(2)
+        )
 
     def _lose_zero(self, fault: str) -> None:
         self._zero = self._end_stop = self._homing = None

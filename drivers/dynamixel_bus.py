@@ -2,11 +2,16 @@
 
 Every exchange is repeated a few times when the line was silent or noisy (register writes are absolute, so repeating one
 is harmless); what remains is one of the drivers' errors.
+
+An answer does not tell which question it belongs to, and one that was not in time may still come. A servo answers in
+order, so after a failure the line is caught up first: a read of a length that nothing else has is asked for, and what
+comes before its answer is thrown away.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import termios
 import threading
 import time
@@ -14,7 +19,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
 import serial
-from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
 
@@ -22,6 +27,12 @@ ATTEMPTS = 3
 CRC_REFUSED = 3
 """Error number of a servo that received a damaged instruction: worth repeating, unlike the other refusals."""
 ALERT = 0x80
+MARKS = (6, 7, 9, 10, 11, 12)
+"""Lengths (bytes) of a read from address 0 by which the line is caught up, used in turn; no other answer is so long."""
+CATCH_UP_WAITS = 3.0
+"""How many time-outs its answer may take: those that are owed come before it."""
+ID, LENGTH, ERROR, PARAMETERS = 4, 5, 8, 9
+"""Where they stand in a status packet."""
 REFUSALS = {
     1: "it could not process the instruction",
     2: "undefined instruction",
@@ -79,6 +90,9 @@ class Servo:
         self._timeout = timeout
         self._port: _Port | None = None
         self._packets = Protocol2PacketHandler()
+        self._marks = itertools.cycle(MARKS)
+        self._behind = True
+        """Whether answers to earlier questions may still come, those of an earlier program included."""
         self._lock = threading.RLock()
 
     @property
@@ -97,7 +111,7 @@ class Servo:
                 f"cannot open {self._path} at {self.baud} Bd ({e}); check the USB adapter, the port in rig.yaml, and "
                 "that no other program has it open",
             ) from e
-        self._port = port
+        self._port, self._behind = port, True
 
     def close(self) -> None:
         """Close the serial port; never raises, may be called twice."""
@@ -119,9 +133,12 @@ class Servo:
         """`size` bytes of neighbouring registers."""
 
         def call(port: _Port) -> Exchange[list[int]]:
-            data, result, error = self._packets.readTxRx(port, self.id, address, size)
+            result = self._packets.readTx(port, self.id, address, size)
+            if result != COMM_SUCCESS:
+                return [], result, 0
+            data, result, error = self._status(port)
             wrong = result == COMM_SUCCESS and not error & ~ALERT and len(data) != size
-            return data, COMM_RX_CORRUPT if wrong else result, error  # an answer to something else, that came late
+            return data, COMM_RX_CORRUPT if wrong else result, error
 
         return bytes(self._exchange(f"read of {size} bytes at {address}", call))
 
@@ -143,7 +160,10 @@ class Servo:
     def _exchange(self, what: str, call: Callable[[_Port], Exchange[T]], attempts: int = ATTEMPTS) -> T:
         """Do one request and its answer, again after silence or noise."""
         with self._guarded() as port:
+            value, result, error = None, COMM_RX_TIMEOUT, 0
             for _ in range(attempts):
+                if self._behind and not self._catch_up(port):
+                    break
                 port.is_using = False  # the SDK leaves it set after an exception
                 try:
                     value, result, error = call(port)
@@ -151,7 +171,8 @@ class Servo:
                     value, result, error = None, COMM_RX_CORRUPT, 0
                 if result == COMM_SUCCESS and error & ~ALERT != CRC_REFUSED:
                     break
-                time.sleep(self._timeout)  # an answer that is only late must not be taken for the next one's
+                self._behind = True
+                time.sleep(self._timeout)
                 port.clearPort()
         where = f"id {self.id} on {self._path} at {self.baud} Bd"
         if result == COMM_RX_CORRUPT:
@@ -167,6 +188,32 @@ class Servo:
         if refusal := error & ~ALERT:
             raise BadReply(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
         return value  # type: ignore[return-value]
+
+    def _catch_up(self, port: _Port) -> bool:
+        """Throw away what comes late; True once the answer to the question asked last has come."""
+        for _ in range(ATTEMPTS):
+            size = next(self._marks)
+            port.is_using = False
+            if self._packets.readTx(port, self.id, 0, size) != COMM_SUCCESS:
+                continue
+            port.setPacketTimeoutMillis(port.tx_time_per_byte * (size + 11) + 1000.0 * CATCH_UP_WAITS * self._timeout)
+            result = COMM_SUCCESS
+            while result != COMM_RX_TIMEOUT and not port.isPacketTimeout():
+                data, result, error = self._status(port)
+                if result == COMM_SUCCESS and len(data) == size and not error & ~ALERT:
+                    self._behind = False
+                    return True
+        return False
+
+    def _status(self, port: _Port) -> Exchange[list[int]]:
+        """The next status packet of this servo: its parameters, by the length that it gives."""
+        while True:
+            packet, result = self._packets.rxPacket(port, False)
+            if result != COMM_SUCCESS:
+                return [], result, 0
+            if packet[ID] == self.id:
+                count = packet[LENGTH] + 256 * packet[LENGTH + 1] - 4
+                return packet[PARAMETERS : PARAMETERS + count], result, packet[ERROR]
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[_Port]:

@@ -28,6 +28,7 @@ from .interfaces import Clock, Identity, SpineSample
 from .tmcl_bus import Axis
 
 MODULE = 1260
+RESTARTED = "the module has restarted (power lost?) and forgot its position; check its supply"
 TARGET_POSITION, ACTUAL_POSITION, ACTUAL_SPEED, MAX_SPEED = 0, 1, 3, 4
 SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
 ERROR_FLAGS, DRIVER_STATUS, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
@@ -177,7 +178,11 @@ class TmclSpine:
                 self._axis.stop_search()
             self._axis.stop()
             self._fault = ""
+            restarted = self._homed and self._has_restarted(self._axis.get(MAX_DEVIATION))
+            self._prepare()
             self._follow_encoder()
+            if restarted:
+                self._lose_zero(RESTARTED)
 
     def read(self) -> SpineSample:
         """Poll. Until homed, `length` counts from where the module was switched on and says nothing about the spine."""
@@ -230,6 +235,7 @@ class TmclSpine:
     def _prepare(self) -> None:
         """What a restarted module has forgotten."""
         self._axis.put(MAX_DEVIATION, self._microsteps(self._config.max_deviation))
+        self._axis.set_tick()
         if self._config.heartbeat:
             self._axis.put_global(HEARTBEAT, round(1000 * self._config.heartbeat))
         self._axis.get(ERROR_FLAGS)  # clears what was flagged before
@@ -266,8 +272,14 @@ class TmclSpine:
         status = self._axis.get(DRIVER_STATUS)
         damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
         deviation = self._microsteps(self._config.max_deviation)
-        if all(self._axis.get(MAX_DEVIATION) != deviation for _ in range(2)):  # one odd answer is no proof of a restart
-            self._lose_zero("the module has restarted (power lost?) and forgot its position; check its supply")
+        found = self._axis.get(MAX_DEVIATION)
+        if self._has_restarted(found):
+            self._lose_zero(RESTARTED)
+        elif found != deviation:
+            self._fault = (
+                f"its deviation stop was set to {found} microsteps by another host, it should be {deviation}; disconnect "
+                "that one, then call stop() to set it anew"
+            )
         elif damage:
             self._lose_zero(f"motor driver: {', '.join(damage)}; check motor and cable")
         elif flags & (STALLED | DEVIATED):
@@ -279,6 +291,10 @@ class TmclSpine:
                 f"or clear its way, then {'home()' if homing else 'move'} again"
             )
         return _State(t, encoder, speed)
+
+    def _has_restarted(self, max_deviation: int) -> bool:
+        """By its tick timer; and by a deviation stop that is off, asked again, since catching up sets the timer anew."""
+        return self._axis.restarted() or (max_deviation == 0 and self._axis.get(MAX_DEVIATION) == 0)
 
     def _lose_zero(self, fault: str) -> None:
         self._homed = False

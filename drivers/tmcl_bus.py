@@ -2,11 +2,17 @@
 
 A TMCL frame is nine bytes with no mark at its start, so after any error the line is left alone for one time-out and
 flushed: both ends then agree again on where a frame begins. All commands used here are absolute and may be repeated.
+
+An answer tells its command but not its parameter, and one that was not in time may still come. A module answers in order,
+so after a failure the line is caught up first: the module's tick timer is set to a new value and asked for, and what
+comes before an answer near that value is thrown away. The timer counts milliseconds and starts from 0 without power.
 """
 
 from __future__ import annotations
 
 import contextlib
+import random
+import struct
 import termios
 import threading
 import time
@@ -20,6 +26,15 @@ from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatus
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
 
 ATTEMPTS = 2
+FRAME = struct.Struct(">BBBBi")
+TICK_TIMER = 132
+"""Global parameter: ms since the module started, or since it was set."""
+FIRST_TICK, LAST_TICK = 1_000_000, 2**30
+"""The timer is set to something between: a module just started shows less for a quarter of an hour."""
+NEAR = 60_000
+"""ms by which the timer may have gone on when it is read."""
+CATCH_UP_WAITS = 2.0
+"""How many time-outs the answers may take that are owed."""
 BINARY_VERSION = 1
 """Type of the version command that answers with numbers instead of text."""
 
@@ -36,6 +51,10 @@ class Axis:
         self._serial: serial.Serial | None = None
         self._tmcl: SerialTmclInterface | None = None
         self._lock = threading.RLock()
+        self._behind = False
+        """Whether answers to earlier questions may still come."""
+        self._tick = 0
+        """What the tick timer was set to last."""
 
     @property
     def is_open(self) -> bool:
@@ -80,6 +99,17 @@ class Axis:
         """Set a parameter of the module (bank 0)."""
         self._send(TMCLCommand.SGP, parameter, value, bank=0)
 
+    def set_tick(self) -> None:
+        """Give the tick timer a new value; from now on `restarted` knows."""
+        self._tick = random.randrange(FIRST_TICK, LAST_TICK)
+        self._send(TMCLCommand.SGP, TICK_TIMER, self._tick, bank=0)
+
+    def restarted(self) -> bool:
+        """Whether the tick timer has gone back, which it does without power only; it is asked twice."""
+        return all(
+            self._send(TMCLCommand.GGP, TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
+        )
+
     def move_to(self, position: int) -> None:
         """Start moving to a position, microsteps."""
         self._send(TMCLCommand.MVP, 0, position)
@@ -104,9 +134,13 @@ class Axis:
         """One request and its answer, again after silence or noise."""
         what = f"{TMCLCommand.get_name(command)} {kind}, {value}"
         where = f"module {self._address} on {self._path} at {self._baud} Bd"
-        failure: InstrumentError
+        failure: InstrumentError = NoReply(
+            self.name, f"no answer of {where} before {what}; check its power, address and baud rate"
+        )
         with self._guarded() as (tmcl, line):
             for _ in range(ATTEMPTS):
+                if self._behind and not self._catch_up(tmcl, line):
+                    break
                 try:
                     reply = tmcl.send(command, kind, self._motor if bank is None else bank, value)
                     if reply.module_address == self._address and reply.command == command:
@@ -127,9 +161,35 @@ class Axis:
                     failure = NoReply(
                         self.name, f"no answer of {where} to {what}; check its power, address and baud rate"
                     )
+                self._behind = True
                 time.sleep(self._timeout)
                 line.reset_input_buffer()
             raise failure
+
+    def _catch_up(self, tmcl: SerialTmclInterface, line: serial.Serial) -> bool:
+        """Throw away what comes late; True once the answer to the question asked last has come."""
+        for _ in range(ATTEMPTS):
+            tick = random.randrange(FIRST_TICK, LAST_TICK)
+            line.reset_input_buffer()
+            tmcl.send(TMCLCommand.SGP, TICK_TIMER, 0, tick, no_reply=True)
+            if self._await(line, TMCLCommand.SGP, range(-(2**31), 2**31)):
+                self._tick = tick
+                tmcl.send(TMCLCommand.GGP, TICK_TIMER, 0, 0, no_reply=True)
+                if self._await(line, TMCLCommand.GGP, range(tick, tick + NEAR)):
+                    self._behind = False
+                    return True
+        return False
+
+    def _await(self, line: serial.Serial, command: int, values: range) -> bool:
+        """Read answers until one to this command has one of these values; False when they cease before."""
+        give_up = time.monotonic() + CATCH_UP_WAITS * self._timeout
+        while time.monotonic() < give_up:
+            frame = line.read(9)
+            if len(frame) == 9 and sum(frame[:8]) & 0xFF == frame[8]:
+                _, module, _, answered, value = FRAME.unpack(frame[:8])
+                if module == self._address and answered == command and value in values:
+                    return True
+        return False
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[tuple[SerialTmclInterface, serial.Serial]]:

@@ -27,6 +27,7 @@ from .judge import Judge
 from .landing import Instruments, Landing, SafeReport
 from .latch import Latch
 from .rig_file import RigFile
+from .under_force import UnderForce
 
 CLIPPED = 1e3
 """Pa by which a set-point must be clipped to be worth a line in the log."""
@@ -73,6 +74,11 @@ class Guard:
             if config is not None:
                 self.own.drivers[name] = self._make(name, config)
                 self.own.locks[name] = threading.Lock()
+        self.under_force: UnderForce | None = None
+        if "arm" in self.own.drivers:
+            arm = self.own.drivers["arm"]
+            self.under_force = UnderForce(arm, self.rig.limits, self._go_on, self._say_waiting, self._not_stopped)
+            self.own.drivers["arm"] = self.under_force
         instruments = Instruments(self.own.drivers, self.own.opened, self.open, self.own.busy.__contains__)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed)
         self.running = True
@@ -282,6 +288,23 @@ class Guard:
             self.land(str(finding.error), finding.error)
         return finding.error
 
+    # -- the arm under force
+    def _go_on(self, motion: Callable[[], Any]) -> Any:
+        """A motion that had to wait begins as a command of the program does: not when the rig was landed meanwhile."""
+        self.own.busy.add("arm")
+        try:
+            self._energise()
+            return motion()
+        finally:
+            self.own.busy.discard("arm")
+
+    def _say_waiting(self, text: str) -> None:
+        self.tell(Event("waiting", text))
+
+    def _not_stopped(self, error: InstrumentError) -> None:
+        self.land(f"no force samples, and the arm does not take its stop: {error}", error)
+
+    # -- the end
     def close(self) -> None:
         """Land what may still be energised, disconnect everything, let another guard have the rig."""
         self.landed = self.landed or "the guard is ending"

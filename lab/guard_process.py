@@ -21,10 +21,11 @@ from drivers.errors import DeviceFault, InstrumentError
 
 from .awake import Awake
 from .clock import RigClock
+from .force_limit import overload
 from .guard import Guard
 from .guard_messages import Event, RigLanded, Start
 from .latch import RigLocked
-from .pulse import BEAT, FORCE, MOMENT, SIGNAL, Listener
+from .pulse import BEAT, FRESH, SIGNAL, Listener
 from .rig_file import RigFile
 from .takeover import Request, Requests
 
@@ -70,7 +71,7 @@ class ProgramWatch(threading.Thread):
             wait([self._pulse.pipe], LOOK)
             records = self._pulse.take()
             now = self._awake.look()
-            if records:
+            if any(kind != FRESH for kind, _ in records):  # a sign of life of the program, not only of its force sensor
                 heard = now
             for kind, value in records:
                 self._heard(kind, value)
@@ -87,13 +88,13 @@ class ProgramWatch(threading.Thread):
 
     def _heard(self, kind: bytes, value: float) -> None:
         guard = self._guard
-        limits = guard.rig.limits
         if kind == SIGNAL:
             guard.land(f"stopped by {signal.Signals(int(value)).name}")
-        elif kind == FORCE:
-            self._overloaded(f"force {value:.1f} N, limits.max_force is {limits.max_force:g} N")
-        elif kind == MOMENT:
-            self._overloaded(f"moment {value:.2f} N m, limits.max_moment is {limits.max_moment:g} N m")
+        elif kind == FRESH:
+            if guard.under_force is not None:
+                guard.under_force.sampled(value)
+        elif text := overload(kind, value, guard.rig):
+            self._overloaded(text)
         elif kind == BEAT and guard.energised and value > guard.rig.safe.hang:
             guard.land(f"the experiment has not moved on for {value:.1f} s (safe.hang)")
 

@@ -18,6 +18,8 @@ from .awake import Awake
 RECORD = struct.Struct("<cd")
 BEAT, SIGNAL, FORCE, MOMENT = b"B", b"S", b"F", b"M"
 """Kinds: age of the last step (s), signal number, force (N) or moment (N m) beyond the limit."""
+FORCE_RANGE, MOMENT_RANGE, FRESH = b"f", b"m", b"W"
+"""More kinds: raw force (N) or moment (N m) beyond the sensor's range; a sample of it has come (host time, s)."""
 PERIOD = 0.1
 
 
@@ -94,5 +96,5 @@ class Listener:
             return []
         self._rest += data
         whole = len(self._rest) // RECORD.size * RECORD.size
-        records, self._rest = self._rest[:whole], self._rest[whole:]
-        return list(RECORD.iter_unpack(records))
+        records, self._rest = list(RECORD.iter_unpack(self._rest[:whole])), self._rest[whole:]
+        return records

@@ -19,6 +19,7 @@ from recordings.writer import Recorder
 
 from . import actuators as act
 from . import operator as op
+from .force_limit import ForceLimit
 from .guard_messages import Event
 from .hosted_stream import HostedArmState
 from .instruments import ACTUATORS
@@ -30,7 +31,7 @@ from .real_time import clock_of, demand_fakes
 from .rescue import rescue
 from .rig_file import RigFile
 from .streams import TOPICS, recorded
-from .watch import ForceLimit, Vital, Watch, WatchedClock
+from .watch import Vital, Watch, WatchedClock
 
 ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
 """The order of connecting: what only reads or holds nothing first, what moves last."""
@@ -59,8 +60,9 @@ class Rig:
         self.actuators = act.Actuators(file, self.clock, self._polled, self._told, despite_latch)
         self.streams: dict[str, Any] = {}
         self.watch = Watch(self.actuators, self.vital, self.streams, file.limits, lambda: self.stop_now())
-        self._force = ForceLimit(file.limits, self.actuators.pulse)
+        self._force: ForceLimit | None = None
         if instruments.force:
+            self._force = ForceLimit(file.limits, instruments.force, self.actuators.pulse)
             self.streams["force"] = ft300s.FT300S("force", instruments.force, self.clock, self._sink)
         if instruments.mocap:
             self.streams["mocap"] = natnet_mocap.NatNetMocap(
@@ -79,6 +81,8 @@ class Rig:
     def open(self, name: str) -> Identity:
         """Connect one instrument; raises InstrumentError, and ConfigError where only a fake may be."""
         demand_fakes(self.file, "arm" if name == "arm_state" else name)
+        if name == "force" and self._force is not None:
+            self._force.begin()
         identity: Identity = self.streams[name].open() if name in self.streams else self.actuators.open(name)
         self.identities[name] = identity
         return identity
@@ -106,7 +110,7 @@ class Rig:
             _warn(recorder, text)
 
     def _sink(self, sample: Any) -> None:
-        if isinstance(sample, WrenchSample):
+        if isinstance(sample, WrenchSample) and self._force is not None:
             self._force.judge(sample)
         topic = TOPICS[type(sample)]
         with self._lock:
@@ -129,7 +133,7 @@ class Rig:
             self.vital.landed = event
         elif event.kind == "pause":
             self.vital.pause = event
-        if event.kind in ("landed", "clipped"):
+        if event.kind in ("landed", "clipped", "waiting"):
             _warn(self._recorder, event.text)
 
     def _noticed(self, text: str) -> None:

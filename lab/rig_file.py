@@ -171,12 +171,16 @@ class Limits(Table):
     pressure_error_time: float = Field(5.0, gt=0, le=60, json_schema_extra={"unit": "s"})
     """For this long, rig time; then the supply, a chamber or a regulator has failed."""
     max_force: float = Field(60.0, gt=0, le=300, json_schema_extra={"unit": "N"})
-    """Magnitude of the force beyond the sensor's zero; the arm stops at once above it."""
+    """Magnitude of the force beyond the sensor's zero, and before there is one, of its change since the stream began; the
+    arm stops at once above it."""
     max_moment: float = Field(10.0, gt=0, le=30, json_schema_extra={"unit": "N m"})
     max_vacuum: float = Field(95e3, gt=0, le=101e3, json_schema_extra={"unit": "Pa"})
     """Below standard ambient pressure."""
     max_age: float = Field(2.0, gt=0.1, le=10, json_schema_extra={"unit": "s"})
-    """How old the newest reading of a polled instrument may be, host time."""
+    """How old the newest reading of a polled instrument may be, host time. Also how long, on the whole, the arm may wait
+    for force samples on its way."""
+    max_age_in_motion: float = Field(0.05, ge=0.02, le=1, json_schema_extra={"unit": "s"})
+    """How old the newest force sample may be while the arm moves, host time; the arm waits while it is older."""
     max_hidden: float = Field(2.0, gt=0.1, le=60, json_schema_extra={"unit": "s"})
     """How long motion capture may be without the tip before the experiment pauses, host time."""
     resume_within: float = Field(20.0, gt=0, le=600, json_schema_extra={"unit": "s"})

@@ -21,20 +21,16 @@ from .actuators import Actuators
 from .clock import RigClock
 from .guard_messages import Event, RigLanded
 from .instruments import POLLED
-from .pulse import FORCE, MOMENT, Pulse
 from .rig_file import Limits
 
 GRACE = 0.5
-"""Host seconds for which a stream may be late: a loaded computer must not end a run."""
+"""Host seconds for which a stream may be late, less those for which it was not: a loaded computer must not end a run."""
 SAFEGUARD = 1 << 4
 """Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
 OWN_SLEEP, CATCH_UP = 0.5, 0.2
 """Host seconds between two looks after which the looking itself was late; time to make up for it."""
 STUCK = 1.0
 """Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
-NO_ZERO = (0.0,) * 6
-AGREE = 2
-"""Samples in a row that must be beyond the limit: one may be a knock."""
 HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
 """Safety bits of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
 SLICE = 0.02
@@ -67,7 +63,9 @@ class Watch:
         self._actuators, self._vital, self._streams, self._limits = actuators, vital, streams, limits
         self._stop_now = stop_now
         self._needed: tuple[str, ...] = ()
-        self._since: dict[str, float] = {}
+        self._hidden_since = math.inf
+        self._late: dict[str, tuple[float, float]] = {}
+        """Host seconds for which a stream was late, less those for which it was not; when that was counted."""
         self._values: dict[str, tuple[tuple[float, ...] | None, float]] = {}
         """What a stream showed last, and since when (host time)."""
         self._began = self._looked = time.monotonic()
@@ -79,7 +77,7 @@ class Watch:
 
     def forget(self) -> None:
         """What was wrong before is over: start anew."""
-        self._since.clear()
+        self._excuse()
         self._values.clear()
         self._vital.pause = None
         self._began = time.monotonic()
@@ -93,7 +91,7 @@ class Watch:
             raise KeyboardInterrupt
         if time.monotonic() - self._looked > OWN_SLEEP:
             time.sleep(CATCH_UP)  # this program itself stood still: let its threads read what has come meanwhile
-            self._since.clear()
+            self._excuse()
             self._began = time.monotonic()
         self._looked = time.monotonic()
         self._actuators.look()
@@ -137,18 +135,32 @@ class Watch:
         try:
             sample = self._streams[name].latest()
         except (StaleReading, DeviceFault, BadReply) as e:
-            late = now - self._since.setdefault(name, now)
-            if name == "mocap" and (strict or late > self._limits.max_hidden):
-                raise Suspended(e) from e
-            if name != "mocap" and (strict or late > GRACE or isinstance(e, DeviceFault)):
+            if name == "mocap":
+                self._hidden_since = min(self._hidden_since, now)
+                if strict or now - self._hidden_since > self._limits.max_hidden:
+                    raise Suspended(e) from e
+            elif self._lateness(name, now, late=True) > GRACE or strict or isinstance(e, DeviceFault):
                 raise
         else:
-            self._since.pop(name, None)
+            if name == "mocap":
+                self._hidden_since = math.inf
+            self._lateness(name, now, late=False)
             self._moves_on(name, sample, now)
             if isinstance(sample, ArmSample) and sample.safety_bits & SAFEGUARD:
                 raise Suspended(
                     DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
                 )
+
+    def _lateness(self, name: str, now: float, late: bool) -> float:
+        """Host seconds of lateness until now; a stream that drips is late most of the time, though never for long."""
+        before, at = self._late.get(name, (0.0, now))
+        count = before + (now - at) if late else max(0.0, before - (now - at))
+        self._late[name] = count, now
+        return count
+
+    def _excuse(self) -> None:
+        self._late.clear()
+        self._hidden_since = math.inf
 
     def _moves_on(self, name: str, sample: Any, now: float) -> None:
         """Raises StaleReading when a noisy sensor repeats itself: samples come, but nothing is measured any more."""
@@ -161,25 +173,6 @@ class Watch:
         elif now - since > STUCK:
             stuck = StaleReading(name, f"every value has been the same for {now - since:.1f} s; restart the sensor")
             raise Suspended(stuck) if name == "mocap" else stuck
-
-
-class ForceLimit:
-    """Stops the arm from the sensor's own thread when the load is beyond the rig's limit."""
-
-    def __init__(self, limits: Limits, pulse: Pulse) -> None:
-        self._limits, self._pulse = limits, pulse
-        self._over = 0
-
-    def judge(self, sample: WrenchSample) -> None:
-        """Take one sample; before the sensor has its zero, the tool's weight is not told from a load."""
-        if sample.zero == NO_ZERO:
-            return
-        force, moment = math.hypot(*sample.wrench[:3]), math.hypot(*sample.wrench[3:])
-        over = force > self._limits.max_force or moment > self._limits.max_moment
-        self._over = self._over + 1 if over else 0
-        if self._over == AGREE:
-            kind, value = (FORCE, force) if force > self._limits.max_force else (MOMENT, moment)
-            self._pulse.shout(kind, value)
 
 
 class WatchedClock:

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from drivers.errors import StaleReading
 from recordings.states import Probe, Window
 from recordings.trials import TrialRow
 
@@ -184,10 +185,12 @@ class ProbeMotion:
         self.along = along
 
     def _arrived(self, inwards: bool) -> bool | None:
-        sample = self.force.latest()
-        force = (
-            math.hypot(*sample.wrench[:3]) if sample.zero == self.zero else 0.0
-        )  # else taken before the zero was set
+        force = 0.0
+        # without a fresh sample the arm waits by itself; when that lasts, `moving` or the watch ends the run
+        with contextlib.suppress(StaleReading):
+            sample = self.force.latest()
+            if sample.zero == self.zero:  # else taken before the zero was set
+                force = math.hypot(*sample.wrench[:3])
         if inwards and force > self.p.max_force:
             self.arm.stop()
             raise TooMuchForce(f"force: {force:.1f} N passed max_force {self.p.max_force:g} N; the arm was stopped")

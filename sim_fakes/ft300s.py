@@ -12,6 +12,7 @@ Faults of its own, in `faults.extra`:
     stuck       the wrench stays as it was when the fault began
     over_range  axis 0..5 that reads beyond its range
     drop        n: every n-th frame of the stream is left out
+    drip        s of host time: no frame of the stream comes sooner after the last one
 The back door `device` gives the sensor's state: device id, tool load, lever arm, noise, `streaming` (a host that died).
 """
 
@@ -118,6 +119,9 @@ class Ft300sFake(PtyFake):
         self._stop_bytes = 0
         self._due = time.monotonic()
         self._frames = 0
+        self._sent_at = 0.0
+        self.sent = 0
+        """Frames of the stream that left, for tests."""
         self._held: NDArray[np.int16] | None = None
 
     def restart(self) -> None:
@@ -164,6 +168,11 @@ class Ft300sFake(PtyFake):
         drop = self.faults.extra.get("drop")
         if self.faults.extra.get("no_stream") or (isinstance(drop, int) and self._frames % drop == 0):
             return
+        drip = self.faults.extra.get("drip")
+        if isinstance(drip, (int, float)) and time.monotonic() - self._sent_at < drip:
+            return
+        self._sent_at = time.monotonic()
+        self.sent += 1
         body = b"\x20\x4e" + struct.pack("<6h", *self._counts())
         self.send(body + crc16(body), line_time=False)
 

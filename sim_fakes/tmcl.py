@@ -28,7 +28,7 @@ TARGET, ACTUAL, TARGET_SPEED, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 2, 3, 4, 5
 REACHED, HOME_SWITCH, RIGHT_SWITCH, LEFT_SWITCH = 8, 9, 10, 11
 SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
 ERRORS, DRIVER, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
-SERIAL_ADDRESS, HEARTBEAT, HOST_ADDRESS = 66, 68, 76
+SERIAL_ADDRESS, HEARTBEAT, HOST_ADDRESS, TICK_TIMER = 66, 68, 76, 132
 DEVIATED = 2
 STANDSTILL = 1 << 7
 MICROSTEPS = 51200
@@ -62,6 +62,8 @@ class StepperDrum(Device):
         self.searching = False
         self.heartbeat = 0.0
         """s of host time; 0 = off."""
+        self.ticks = 0.0
+        """ms since the start, or since it was set."""
         self.last_command = time.monotonic()
         self._direction = direction
         self._per_metre = direction * MICROSTEPS / metres_per_turn
@@ -101,7 +103,7 @@ class StepperDrum(Device):
         self.halt()
         self.parameters = dict(START)
         self.errors = 0
-        self.heartbeat = 0.0
+        self.heartbeat = self.ticks = 0.0
         self.steps = self.target = 0.0
         self.set_encoder(0)
 
@@ -109,6 +111,7 @@ class StepperDrum(Device):
         """Advance by dt seconds of rig time; the heartbeat looks at host time."""
         if self.heartbeat and time.monotonic() - self.last_command > self.heartbeat:
             self.halt()
+        self.ticks += 1000 * dt
         remaining = dt
         while remaining > 0:
             self._step(min(STEP, remaining))
@@ -244,8 +247,12 @@ class TmclFake(PtyFake):
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
         fixed = {SERIAL_ADDRESS: self.address, HOST_ADDRESS: self.host}
-        if bank != 0 or kind not in (HEARTBEAT, *fixed):
+        if bank != 0 or kind not in (HEARTBEAT, TICK_TIMER, *fixed):
             return TYPE, value
+        if kind == TICK_TIMER:
+            if command == SGP:
+                self.drum.ticks = float(value)
+            return OK, int(self.drum.ticks) & 0x7FFFFFFF
         if command == GGP:
             return OK, fixed.get(kind, round(1000 * self.drum.heartbeat))
         if kind != HEARTBEAT or not 0 <= value <= 65535:

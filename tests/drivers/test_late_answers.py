@@ -1,0 +1,131 @@
+"""An answer that is late is late, not somebody else's: it belongs to no later question, and is no restart."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from drivers import dynamixel, tmcl
+from drivers.dynamixel_bus import Register, Servo
+from drivers.errors import DeviceFault, InstrumentError, NoReply
+from drivers.tmcl_bus import Axis
+from sim_fakes.clock import SimClock
+from sim_fakes.dynamixel import DynamixelFake
+from sim_fakes.plant import Plant
+from sim_fakes.tmcl import TmclFake
+
+KINDS: dict[str, tuple[Any, Any, Any]] = {
+    "dynamixel": (dynamixel.DynamixelSpine, dynamixel.Config, DynamixelFake),
+    "tmcl": (tmcl.TmclSpine, tmcl.Config, TmclFake),
+}
+
+
+@pytest.fixture(params=KINDS)
+def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Any, Any]]:
+    """A driver whose spine has its zero, and its fake."""
+    driver, config, kind = KINDS[request.param]
+    clock = SimClock(20.0)
+    fake = kind(Plant(), clock)
+    fake.start()
+    patient = {"watchdog": 2.54} if request.param == "dynamixel" else {"heartbeat": 30.0}
+    unit = driver("spine", config(port=fake.port, metres_per_turn=0.1, **patient), clock)
+    unit.open()
+    unit.home()
+    deadline = time.monotonic() + 30
+    while not unit.read().homed:
+        assert time.monotonic() < deadline
+    yield unit, fake
+    fake.faults.delay = 0.0
+    unit.close()
+    fake.stop()
+
+
+def recovered(unit: Any) -> Any:
+    """The first reading that comes, however long late answers keep coming."""
+    deadline = time.monotonic() + 30
+    while True:
+        try:
+            return unit.read()
+        except DeviceFault as e:
+            assert "restarted" not in str(e)
+            unit.stop()
+        except InstrumentError:
+            assert time.monotonic() < deadline
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_answers_that_come_late_are_no_restart(pair: tuple[Any, Any], seed: int) -> None:
+    unit, fake = pair
+    rng = random.Random(seed)
+    errors = []
+    for _ in range(12):
+        fake.faults.delay = rng.choice([0.0, 0.05, 0.12, 0.21, 0.33])
+        try:
+            unit.read()
+        except InstrumentError as e:
+            errors.append(str(e))
+    fake.faults.delay = 0.0
+    sample = recovered(unit)
+    assert not [e for e in errors if "restarted" in e]
+    assert sample.homed and sample.length == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_restart_is_told_also_after_late_answers_and_when_the_unit_was_stopped_first(pair: tuple[Any, Any]) -> None:
+    unit, fake = pair
+    fake.faults.delay = 0.33
+    with pytest.raises(InstrumentError):
+        unit.read()
+    fake.faults.delay = 0.0
+    assert recovered(unit).homed
+    fake.reset(silence=0.0)
+    unit.stop()
+    with pytest.raises(DeviceFault, match="restarted"):
+        unit.read()
+
+
+def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question() -> None:
+    fake = DynamixelFake(Plant(), SimClock(20.0))
+    fake.start()
+    servo = Servo("spine", fake.port, 57600, 1, 0.05)
+    servo.open()
+    truth = {Register(7, 1): 1, Register(9, 1): 250, Register(31, 1): 80, Register(146, 1): 31, Register(144, 2): 120,
+             Register(38, 2): 1193, Register(36, 2): 885}  # fmt: skip
+    try:
+        check(fake, lambda register: servo.read(register), truth)
+    finally:
+        servo.close()
+        fake.stop()
+
+
+def test_a_late_tmcl_answer_is_never_the_answer_to_a_later_question() -> None:
+    fake = TmclFake(Plant(), SimClock(20.0))
+    fake.start()
+    axis = Axis("spine", fake.port, 115200, 1, 2, 0, 0.05)
+    axis.open()
+    truth = {4: 51200, 5: 51200, 193: 1, 194: 1000, 195: 100, 212: 0}
+    try:
+        check(fake, axis.get, truth)
+    finally:
+        axis.close()
+        fake.stop()
+
+
+def check(fake: Any, ask: Any, truth: dict[Any, int]) -> None:
+    """Ask at random while answers come late by random times; what is answered must be true."""
+    rng, answered = random.Random(7), 0
+    for i in range(60):
+        fake.faults.delay = rng.choice([0.0, 0.0, 0.03, 0.07, 0.11, 0.2]) if i < 40 else 0.0
+        question = rng.choice(list(truth))
+        try:
+            assert ask(question) == truth[question]
+        except NoReply:
+            continue
+        except InstrumentError as e:
+            assert "damaged" in str(e), e
+            continue
+        answered += 1
+    assert answered > 5

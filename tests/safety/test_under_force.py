@@ -1,0 +1,134 @@
+"""The arm moves only while the force sensor sends, through the real drivers and wires."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from house import House, until
+from test_pauses import STIFFNESS, during, lab
+
+from drivers.errors import DeviceFault, StaleReading
+from lab.rig import Rig
+from lab.rig_file import load_rig
+from recordings.reader import Recording
+from recordings.writer import Recorder
+
+FAR, SLOW = 0.2, 2e-3
+"""m, and m/s of rig time: five host seconds at the speed of these fakes."""
+
+
+@pytest.fixture
+def rig(house: House) -> Iterator[Rig]:
+    house.change(without=("mocap",), safe={"heartbeat": 5.0})
+    with Rig(load_rig(house.rig)) as opened:
+        assert opened.open_all(lambda name, outcome: None) == []
+        yield opened
+
+
+def sensor(house: House) -> Any:
+    return house.fakes.lines["force"]
+
+
+def here(house: House) -> Any:
+    with house.fakes.plant.lock:
+        return house.fakes.plant.probe_position.copy()
+
+
+def speed(house: House) -> float:
+    assert house.fakes.ur is not None
+    return float(max(abs(v) for v in house.fakes.ur.backdoor()["tcp_speed"][:3]))
+
+
+def set_off(house: House, rig: Rig) -> tuple[float, ...]:
+    """Start a long slow motion; returns its goal once the arm is on its way."""
+    pose = list(rig.streams["arm_state"].latest().tcp_pose)
+    goal = (pose[0], pose[1] + (FAR if pose[1] < 0 else -FAR), *pose[2:])
+    start = here(house)
+    rig.actuators.call("arm", "move_to", goal, SLOW, 0.3)
+    assert until(lambda: rig.actuators.call("arm", "moving") and np.linalg.norm(here(house) - start) > 0.01, 20.0)
+    return goal
+
+
+def test_without_samples_the_arm_stops_though_the_program_does_nothing_and_goes_on_with_them(
+    house: House, rig: Rig, tmp_path: Path
+) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
+        rig.record_to(recorder)
+        goal = set_off(house, rig)
+        sensor(house).faults.extra["drip"] = 1e6
+        last = here(house)
+        assert until(lambda: speed(house) < 2e-3, 10.0)
+        stopped = here(house)
+        assert np.linalg.norm(stopped - last) < FAR / 4
+        assert rig.vital.landed is None
+        del sensor(house).faults.extra["drip"]
+        assert until(lambda: not rig.actuators.call("arm", "moving"), 60.0)
+        rig.record_to(None)
+    assert np.linalg.norm(rig.streams["arm_state"].latest().tcp_pose[:3] - np.array(goal[:3])) < 1e-3
+    lines = [line.text for line in Recording.open(tmp_path / "a.mcap").log if "max_age_in_motion" in line.text]
+    assert len(lines) == 1
+
+
+def test_a_motion_asked_for_without_samples_does_not_begin(house: House, rig: Rig) -> None:
+    sensor(house).faults.extra["drip"] = 1e6
+    assert until(lambda: time.monotonic() - sensor(house)._sent_at > 0.2, 5.0)
+    start = here(house)
+    pose = list(rig.streams["arm_state"].latest().tcp_pose)
+    rig.actuators.call("arm", "move_to", (pose[0], pose[1] * 0.8, *pose[2:]), 0.05, 0.3)
+    with pytest.raises(StaleReading, match="max_age_in_motion"):
+        until(lambda: not rig.actuators.call("arm", "moving"), 30.0)
+    assert np.linalg.norm(here(house) - start) < 1e-4
+
+
+def test_a_drip_never_sets_the_arm_going_again_and_ends_the_motion(house: House, rig: Rig) -> None:
+    set_off(house, rig)
+    sensor(house).faults.extra["drip"] = 0.4
+    sent = sensor(house).sent
+    assert until(lambda: sensor(house).sent > sent + 1 and speed(house) < 2e-3, 10.0)
+    stopped, sent = here(house), sensor(house).sent
+    with pytest.raises(StaleReading, match="max_age_in_motion"):
+        until(lambda: not rig.actuators.call("arm", "moving"), 60.0)
+    assert sensor(house).sent > sent + 3, "samples came meanwhile"
+    assert np.linalg.norm(here(house) - stopped) < 1e-4
+
+
+def test_a_stiffness_run_whose_sensor_drips_ends_with_its_stale_reading(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("mocap",))
+    plant, force = house.fakes.plant, sensor(house)
+    moved: list[float] = []
+
+    def drip() -> None:
+        force.faults.extra["drip"] = 0.4
+        assert until(lambda: speed(house) < 2e-3, 10.0)
+        at = here(house)
+        until(lambda: not plant.valve_on, 60.0)
+        moved.append(float(np.linalg.norm(here(house) - at)))
+
+    watching = during(lambda: abs(plant.probe_force).max() > 0.25, drip)
+    assert lab(house, tmp_path, "stiffness", *STIFFNESS) == 1
+    error = capsys.readouterr().err
+    assert "force" in error and ("max_age_in_motion" in error or "the newest frame is" in error), error
+    watching.join(20.0)
+    assert moved and moved[0] < 5e-3
+    assert not house.latch.exists()
+
+
+def test_250_newtons_before_the_zero_stop_the_arm(house: House, rig: Rig) -> None:
+    set_off(house, rig)
+    device = sensor(house).device
+    bias = device.bias.copy()
+    device.bias = bias + np.array([250.0, 0, 0, 0, 0, 0])
+    try:
+        assert until(lambda: rig.vital.landed is not None, 10.0)
+    finally:
+        device.bias = bias
+    assert speed(house) < 2e-3
+    with pytest.raises(DeviceFault, match="limits.max_force"):
+        rig.actuators.call("arm", "move_to", tuple(rig.streams["arm_state"].latest().tcp_pose), SLOW, 0.3)
