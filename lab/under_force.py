@@ -77,9 +77,10 @@ class UnderForce:
             motion = self._goal
             if motion is None or not self._waits:
                 on = bool(self._drive(self._arm.moving))
-                if not on:
-                    self._end()
-                return on
+                if on or self._waits:  # a stop that did not wait for its turn ended the motion: it has not arrived
+                    return True
+                self._end()
+                return False
             if self._stood > self._limits.max_age:
                 self._end()
                 raise StaleReading(
