@@ -67,7 +67,7 @@ class UnderForce:
             self._goal, self._waits, self._told = motion, not self._flows(), False
             self._under_way.set()
             if self._waits:
-                self._say()
+                self._say(self._longest())
             else:
                 self._drive(lambda: self._arm.move_to(*motion))
 
@@ -77,9 +77,10 @@ class UnderForce:
             motion = self._goal
             if motion is None or not self._waits:
                 on = bool(self._drive(self._arm.moving))
-                if not on:
-                    self._end()
-                return on
+                if on or self._waits:  # a stop that did not wait for its turn ended the motion: it has not arrived
+                    return True
+                self._end()
+                return False
             if self._stood > self._limits.max_age:
                 self._end()
                 raise StaleReading(
@@ -134,10 +135,11 @@ class UnderForce:
 
     def _flows(self) -> bool:
         """Whether samples come one shortly after the other."""
-        arrivals, longest = list(self._arrivals), self._limits.max_age_in_motion
-        if not arrivals:
-            return True
-        return self._age() <= longest and all(b - a <= longest for a, b in pairwise(arrivals))
+        return self._longest() <= self._limits.max_age_in_motion
+
+    def _longest(self) -> float:
+        """Time without a sample among the newest ones and since, host s."""
+        return max([self._age(), *(b - a for a, b in pairwise(list(self._arrivals)))])
 
     def _watch(self) -> None:
         """Stop a motion whose samples stay away; a thread of its own, since a stop takes its time."""
@@ -155,7 +157,8 @@ class UnderForce:
         """Stop the arm where it is; False when that failed. The last try's failure is the guard's to deal with."""
         mine = self._turn.acquire(timeout=STOP_WAITS)
         try:
-            if self._goal is None or self._age() <= self._limits.max_age_in_motion:
+            late = self._age()
+            if self._goal is None or late <= self._limits.max_age_in_motion:
                 return True
             self._waits = True
             try:
@@ -165,17 +168,17 @@ class UnderForce:
                 if last:
                     self._fail(e)
                 return False
-            self._say()
+            self._say(late)
             return True
         finally:
             if mine:
                 self._turn.release()
 
-    def _say(self) -> None:
+    def _say(self, late: float) -> None:
         """One line for a motion, however often it waits."""
         if not self._told:
             self._told = True
             self._tell(
-                f"force: newest sample {self._age() * 1e3:.0f} ms old, limits.max_age_in_motion is "
+                f"force: no sample for {late * 1e3:.0f} ms, limits.max_age_in_motion is "
                 f"{self._limits.max_age_in_motion * 1e3:.0f} ms: the arm waits until samples flow again"
             )
