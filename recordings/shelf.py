@@ -164,4 +164,14 @@ def _entry(file: Path) -> tuple[Any, ...]:
     spines = json.dumps(sorted({state.spine_length for state in states}))
     campaign = summary.metadata.get("campaign", {}).get("id", "")
     when = (summary.start, summary.duration)
-    return (*when, protocols, spines, outcome, summary.detail[:2000], summary.states, summary.rows, lost, campaign[:200])
+    return (
+        *when,
+        protocols,
+        spines,
+        outcome,
+        summary.detail[:2000],
+        summary.states,
+        summary.rows,
+        lost,
+        campaign[:200],
+    )
