@@ -128,7 +128,9 @@ def _json(inner: list[Record], rng: random.Random) -> None:
         values = json.loads(message.json)
     except (DecodeError, ValueError):  # an earlier change has spoilt it
         return
-    place = values.get("rule", values) if rng.random() < 0.5 else values
+    place = values.get("rule") if rng.random() < 0.5 else values
+    if not (isinstance(place, dict) and place):
+        return
     key = rng.choice(list(place))
     place[key] = rng.choice(
         (None, [], {}, "", "x", -1, 0, 1e999, 10**18, 10**400, [[[]]], [1e9] * 12, True, "\ud800", float("nan"))
