@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Hashable
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -188,7 +187,7 @@ _T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe)
 
 def checked(value: _T) -> _T:
     """The value, when every field holds what it is annotated with, numbers finite; raises `BadMessage`."""
-    for name, hint in _hints(type(value)).items():
+    for name, hint in _hints(value.__class__).items():
         found = getattr(value, name)
         if not _is(found, hint):
             raise BadMessage(f"{name} = {repr(found)[:80]}: must be {hint}")
@@ -200,7 +199,7 @@ def checked(value: _T) -> _T:
 
 
 @cache
-def _hints(kind: Hashable) -> dict[str, Any]:
+def _hints(kind: Any) -> dict[str, Any]:
     """What the fields of a class are annotated with; finding out takes longer than reading a state."""
     return get_type_hints(kind)
 
