@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass
-from functools import cache
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from .errors import BadMessage
@@ -187,7 +186,7 @@ _T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe)
 
 def checked(value: _T) -> _T:
     """The value, when every field holds what it is annotated with, numbers finite; raises `BadMessage`."""
-    for name, hint in _hints(value.__class__).items():
+    for name, hint in _HINTS[type(value)].items():
         found = getattr(value, name)
         if not _is(found, hint):
             raise BadMessage(f"{name} = {repr(found)[:80]}: must be {hint}")
@@ -198,10 +197,10 @@ def checked(value: _T) -> _T:
     return value
 
 
-@cache
-def _hints(kind: Any) -> dict[str, Any]:
-    """What the fields of a class are annotated with; finding out takes longer than reading a state."""
-    return get_type_hints(kind)
+_HINTS: dict[object, dict[str, Any]] = {
+    kind: get_type_hints(kind) for kind in (State, Settled, Window, Crossing, Probe)
+}
+"""What the fields are annotated with; finding out takes longer than reading a state."""
 
 
 def _is(value: object, hint: Any) -> bool:
