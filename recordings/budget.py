@@ -28,10 +28,10 @@ class Cost(Enum):
     """What is counted: (what it is called, free of charge, as much for each byte of the file)."""
 
     UNPACKED = ("bytes in its chunks", 8 * 2**20, 24.0)
-    RECORDS = ("records in its chunks, walked over one by one", 10_000, 1 / 8)
+    RECORDS = ("records in its chunks, walked over one by one", 10_000, 1 / 16)
     DEFINITIONS = ("bytes of schemas and channels", 2**20, 0.0)
     EVENTS = ("bytes of states, rows and log lines", 2**20, 4.0)
-    LOOKED_AT = ("samples, looked at state by state", 1_000_000, 16.0)
+    LOOKED_AT = ("samples, looked at state by state", 500_000, 4.0)
 
 
 MAX_TOTAL = 4 * 2**30

@@ -46,7 +46,7 @@ def table_of(recording: Recording) -> Table:
     return Table(tuple(event.row for event in recording.trials))
 
 
-AVERAGING = 10
+AVERAGING = 20
 """Times of what looking at a sample costs, averaging it costs."""
 
 

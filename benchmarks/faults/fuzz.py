@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from diagnosis.errors import DiagnosisError
@@ -54,7 +55,9 @@ SLOW = 2.0
 """s of processor time that one input may take."""
 MOST_MEMORY = 64.0
 """MB that one input may take beyond what the process has."""
-Go = Callable[[random.Random], None]
+Read = Callable[[], object]
+Go = Callable[[random.Random], Read]
+"""Makes one mutation; what it gives reads it."""
 TOKENS = (
     "null", "~", "[]", "{}", "-1", "1e400", "-.inf", ".nan", "0x10", "0o7", "1_000", "true", "no", "2001-01-01", '"', "'", "|",
     ">", "&a", "*a", "<<: *a", "!!python/object/apply:os.system [id]", "!!binary aGk=", "250 kPa", "250 kpa", "kPa", "9" * 400,
@@ -104,15 +107,19 @@ JOURNAL = """{"journal": 1, "campaign": "c", "protocol": "bending"}
 LATCH = '{"since": "2025-03-01 12:00:00", "why": "the arm does not answer", "pid": 4711}'
 SEALED = """{"salt": "00", "seed": 1, "truths": [{"case": "0001", "kind": "single", "effects": {"gravity_tilt": 0.02},
  "clutter": {}, "nuisance": {}, "area_factor": 1.6, "seed": 4, "route": "direct"}]}"""
-DIAGNOSIS = """{"schema": "diagnosis/1", "statement": "x", "data": {"rows": 9, "trials": 3, "channels": ["x"], "noise_mm": 0.1,
- "noise_from": "repeats"}, "locate": {"gap_rmse_mm": 1.0, "noise_floor_mm": 0.1, "significant": true, "by": {"axis": [{"value": "x",
- "rmse_mm": 1, "bias_mm": 0, "n": 9, "low95_mm": 0, "high95_mm": 2, "significant": true}]}, "stage": {"load": 1.0},
- "numerical_error_mm": 0.0, "of": "tip"}, "attribute": {"verdict": "effect", "effects": ["gravity_tilt"], "probability": 0.9,
- "credible_set": [["gravity_tilt"]], "ranking": [{"effects": ["gravity_tilt"], "probability": 0.9, "log_evidence": 1.0,
- "heldout_rmse_mm": null, "parameters": {"angle": {"value": 0.02, "sd": 0.001, "unit": "rad"}}}], "cannot_tell_apart": []},
+DIAGNOSIS = """{"schema": "diagnosis/1", "statement": "x",
+ "data": {"rows": 9, "trials": 3, "channels": ["x"], "noise_mm": 0.1, "noise_from": "repeats"},
+ "locate": {"gap_rmse_mm": 1.0, "noise_floor_mm": 0.1, "significant": true, "by": {"axis": [{"value": "x", "rmse_mm": 1,
+  "bias_mm": 0, "n": 9, "low95_mm": 0, "high95_mm": 2, "significant": true}]}, "stage": {"load": 1.0},
+  "numerical_error_mm": 0.0, "of": "tip"},
+ "attribute": {"verdict": "effect", "effects": ["gravity_tilt"], "probability": 0.9, "credible_set": [["gravity_tilt"]],
+  "ranking": [{"effects": ["gravity_tilt"], "probability": 0.9, "log_evidence": 1.0, "heldout_rmse_mm": null,
+  "parameters": {"angle": {"value": 0.02, "sd": 0.001, "unit": "rad"}}}], "cannot_tell_apart": []},
  "shrink": {"how": "x", "before_mm": 1, "after_mm": 0.1, "floor_mm": 0.1, "share_closed": 1.0, "ci95": [0.9, 1.0],
- "by_spine_length": [{"value": 0.1, "before_mm": 1, "after_mm": 0.1, "n": 9}]}, "next_experiment": [{"do": "roll", "separates": [],
- "expected_bits": 0.1, "cost_min": 5, "protocol": {}}], "concerns": [], "detail": {}}"""
+  "by_spine_length": [{"value": 0.1, "before_mm": 1, "after_mm": 0.1, "n": 9}]},
+ "next_experiment": [{"id": "roll", "do": "roll it", "separates": [], "expected_bits": 0.1, "cost_min": 5, "protocol": {}}],
+ "concerns": [], "detail": {}}"""
+ROUNDS = f'[{{"asked": [], "seconds": 1.5, "diagnosis": {DIAGNOSIS}}}]'
 TEXT = "2025-03-01T12:00:00"
 SPINES = ("[0.1]", "[", "{}", "[[]]", "[null]", "[" * 10_000, "1e999", "[" + "9" * 5000 + "]", '"\\ud800"')
 STRANGE = (
@@ -185,20 +192,20 @@ def small_files(folder: Path) -> dict[str, Go]:
     """Kind -> what is done with one mutation: everything that people or this software write beside recordings."""
 
     def yaml(text: str, model: type) -> Go:
-        def go(rng: random.Random) -> None:
-            source = parse_yaml(mutated_text(text, rng), "fuzzed.yaml")
+        def read(changed: str) -> None:
+            source = parse_yaml(changed, "fuzzed.yaml")
             data = source.data
             if model in (Bending, Stiffness) and isinstance(data, dict):
                 data = {k: v for k, v in data.items() if k != "protocol"}
             check(Source(source.name, data, source.lines), model)
 
-        return go
+        return lambda rng: partial(read, mutated_text(text, rng))
 
     def file(name: str, sound: str, read: Callable[[Path], object]) -> Go:
-        def go(rng: random.Random) -> None:
+        def go(rng: random.Random) -> Read:
             place = folder / name
             place.write_bytes(either(sound.encode(), rng))
-            read(place)
+            return partial(read, place)
 
         return go
 
@@ -206,20 +213,20 @@ def small_files(folder: Path) -> dict[str, Go]:
     case.mkdir()
     (case / "robot.yaml").write_bytes(paper_robot().read_bytes())
 
-    def table(rng: random.Random) -> None:
+    def table(rng: random.Random) -> Read:
         (case / "trials.csv").write_bytes(either(TABLE.encode(), rng))
-        read_case([case])
+        return partial(read_case, [case])
 
-    def sealed(rng: random.Random) -> None:
+    def sealed(rng: random.Random) -> Read:
         place = SetFolder(folder)
         text = either(SEALED.encode(), rng)
         place.seal.parent.mkdir(exist_ok=True)
         place.seal.write_bytes(text)
         promised = json.dumps({"schema": "blind/1", "sha256_of_truth": hashlib.sha256(text).hexdigest()}).encode()
         place.commitment.write_bytes(either(promised, rng) if rng.random() < 0.2 else promised)
-        open_seal(place)
+        return partial(open_seal, place)
 
-    def shelf(rng: random.Random) -> None:
+    def shelf(rng: random.Random) -> Read:
         place = folder / "shelf"
         place.mkdir(exist_ok=True)
         (place / INDEX).unlink(missing_ok=True)
@@ -240,7 +247,7 @@ def small_files(folder: Path) -> dict[str, Go]:
         if rng.random() < 0.7:
             data = (place / INDEX).read_bytes()
             (place / INDEX).write_bytes(mutated_bytes(data, rng))
-        runs(place)
+        return partial(runs, place)
 
     return {
         "rig.yaml": yaml(RIG, RigFile),
@@ -251,8 +258,8 @@ def small_files(folder: Path) -> dict[str, Go]:
         "trials.csv": table,
         "journal": file("fuzzed.journal", JOURNAL, find),
         "latch": file("rig.latch", LATCH, lambda place: Latch(place.with_suffix(".yaml")).read()),
-        "diagnosis.json": file("diagnosis.json", DIAGNOSIS, lambda place: Diagnosis.from_json(place.read_text("utf-8", "replace"))),
-        "rounds.json": file("rounds.json", f'[{{"asked": [], "seconds": 1.5, "diagnosis": {DIAGNOSIS}}}]', lambda p: read_answer(p, "1")),
+        "diagnosis.json": file("diagnosis.json", DIAGNOSIS, lambda p: Diagnosis.from_json(p.read_text("utf-8", "replace"))),
+        "rounds.json": file("rounds.json", ROUNDS, lambda p: read_answer(p, "1")),
         "sealed truth": sealed,
         "index of recordings": shelf,
     }  # fmt: skip
@@ -272,7 +279,7 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
             compare(recording, replay_states(recording))
 
         ways: tuple[Callable[[], object], ...] = (
-            lambda: info(place), lambda: verify(place), lambda: recover(place, out / "recovered.mcap"), lambda: read_case([place]),
+            lambda: info(place), lambda: verify(place), lambda: recover(place, out / "new.mcap"), lambda: read_case([place]),
             lambda: replayed(Recording.open(place, truncated=True)), lambda: table_of(Recording.open(place, truncated=True)),
             lambda: export_streams(Recording.open(place, truncated=True), out), lambda: find(place),
             lambda: play(Recording.open(place, truncated=True), lambda message: sink.write(message.to_json()[:1])),
@@ -283,8 +290,8 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
                 way()
 
     return {
-        "recording": lambda rng: every_way(mutated_bytes(sound, rng)),
-        "recording, checksums right": lambda rng: every_way(hostile_mcap.mutated(sound, rng)),
+        "recording": lambda rng: partial(every_way, mutated_bytes(sound, rng)),
+        "recording, checksums right": lambda rng: partial(every_way, hostile_mcap.mutated(sound, rng)),
     }
 
 
@@ -327,10 +334,11 @@ def forget_peak() -> None:
 
 def tried(name: str, go: Go, seed: int, tally: Tally) -> None:
     """One mutation."""
+    read = go(random.Random(f"{name} {seed}"))
     forget_peak()
     before, began = memory_of("VmRSS"), time.process_time()
     try:
-        go(random.Random(f"{name} {seed}"))
+        read()
     except EXPECTED:
         tally.refused += 1
     except Exception as e:  # noqa: BLE001 - that is what is looked for
@@ -365,12 +373,11 @@ def main() -> int:
         if a.kind and a.kind not in name:
             continue
         tally = tallies[name] = Tally()
-        go(random.Random(0)) if name == "latch" else None  # whatever is loaded late is no cost of an input
+        tried(name, go, -1, Tally())  # whatever is loaded late is no cost of an input
         for seed in range(a.seed, a.seed + a.count):
             tried(name, go, seed, tally)
-        print(
-            f"{name:28s} {tally.n:6d} {tally.refused:8d} {len(tally.uncaught):9d} {tally.memory:6.1f} MB {tally.seconds:6.2f} s  {tally.worst}"
-        )
+        counts = f"{name:28s} {tally.n:6d} {tally.refused:8d} {len(tally.uncaught):9d}"
+        print(f"{counts} {tally.memory:6.1f} MB {tally.seconds:6.2f} s  {tally.worst}")
         for line in tally.uncaught[:5]:
             print(f"    {line}")
         sys.stdout.flush()

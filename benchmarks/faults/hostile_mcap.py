@@ -13,9 +13,11 @@ from collections.abc import Callable
 
 import lz4.frame
 import zstandard
+from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 
 from recordings.container import MAGIC, chunk_place, head_at, records_in
+from recordings.events import STATE, TRIAL
 
 Record = tuple[int, bytes]
 Edit = Callable[[list[Record], random.Random], None]
@@ -115,17 +117,20 @@ def _said(inner: list[Record], rng: random.Random) -> None:
 
 def _json(inner: list[Record], rng: random.Random) -> None:
     """One state or row with a field of another kind; its length in protobuf is made right."""
-    from recordings.events import STATE, TRIAL
-
     found = [i for i, (op, body) in enumerate(inner) if op == Opcode.MESSAGE and b'{"' in body]
     if not found:
         return
     i = rng.choice(found)
     head, payload = inner[i][1][:22], inner[i][1][22:]
     kind = (STATE if b'"rule"' in payload else TRIAL).message_class
-    message = kind.FromString(payload)
-    values = json.loads(message.json)
-    place = values.get("rule", values) if rng.random() < 0.5 else values
+    try:
+        message = kind.FromString(payload)
+        values = json.loads(message.json)
+    except (DecodeError, ValueError):  # an earlier change has spoilt it
+        return
+    place = values.get("rule") if rng.random() < 0.5 else values
+    if not (isinstance(place, dict) and place):
+        return
     key = rng.choice(list(place))
     place[key] = rng.choice(
         (None, [], {}, "", "x", -1, 0, 1e999, 10**18, 10**400, [[[]]], [1e9] * 12, True, "\ud800", float("nan"))
@@ -197,14 +202,14 @@ def _shuffle(inner: list[Record], rng: random.Random) -> None:
 def _bomb(inner: list[Record], rng: random.Random) -> None:
     """Much that packs to nothing: the same message, empty ones, zeros, definitions of many entries."""
     i = _pick(inner, rng, Opcode.MESSAGE)
-    times = rng.choice((1000, 20_000, 200_000))
+    times = rng.choice((1000, 5000, 20_000, 100_000, 200_000))
     match rng.randrange(5):
         case 0 if i is not None:
-            inner += [inner[i]] * min(times, 40_000_000 // (len(inner[i][1]) + 9))
+            inner += [inner[i]] * min(times, rng.choice((7, 40)) * 10**6 // (len(inner[i][1]) + 9))
         case 1:
             inner += [(Opcode.MESSAGE, struct.pack("<HIQQ", rng.randint(1, 8), 1, 1, 1))] * times
         case 2:
-            inner.append((rng.choice((Opcode.MESSAGE, Opcode.SCHEMA, 0x80)), bytes(times * 200)))
+            inner.append((rng.choice((Opcode.MESSAGE, Opcode.SCHEMA, 0x80)), bytes(times * rng.choice((30, 200)))))
         case 3:
             entries = b"".join(struct.pack("<I", 4) + struct.pack("<I", k) + bytes(4) for k in range(times))
             topic = struct.pack("<HH", 900, 0) + struct.pack("<I", 1) + b"/" + bytes(4)

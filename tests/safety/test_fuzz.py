@@ -24,16 +24,16 @@ KINDS = sources(RECORDING)
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=lambda i: f"{i}-{KINDS[i][0]}")
 def test_a_mutated_file_gives_a_result_or_a_clear_error(kind: int) -> None:
     name, go = KINDS[kind]
-    for seed in range(60):
+    for seed in range(15):
         with contextlib.suppress(*EXPECTED):
-            go(random.Random(f"{name} {seed}"))
+            go(random.Random(f"{name} {seed}"))()
 
 
 @pytest.mark.parametrize("seed", [7018, 7943, 9971])
 def test_an_attachment_of_impossible_length_is_damage(seed: int) -> None:
     go = dict(KINDS)["recording"]
     with contextlib.suppress(*EXPECTED):
-        go(random.Random(seed))
+        go(random.Random(seed))()
 
 
 def test_a_device_or_a_huge_file_is_not_read_as_configuration_table_or_journal(tmp_path: Path) -> None:

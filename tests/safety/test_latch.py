@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -54,3 +55,38 @@ def test_the_journal_keeps_what_was_noted_and_does_not_grow_for_ever(tmp_path: P
     latch.journal.write_text("x" * (JOURNAL_LIMIT + 1))
     latch.note("second")
     assert "second" in latch.journal.read_text() and latch.journal.stat().st_size < 1000
+
+
+def test_a_link_in_the_place_of_the_latch_locks_and_is_never_written_through(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_text('{"since": "x", "why": "y"}')
+    latch = Latch(tmp_path / "rig.yaml")
+    latch.path.symlink_to(tmp_path / "precious")
+    with pytest.raises(RigLocked, match="symbolic link"):
+        latch.demand_free()
+    latch.write("the arm does not answer")
+    assert not latch.path.is_symlink() and "arm" in str(latch.read())
+    assert (tmp_path / "precious").read_text() == '{"since": "x", "why": "y"}'
+
+
+def test_a_link_in_the_place_of_the_guards_log_is_refused_and_does_not_keep_the_guard_from_landing(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "precious").write_text("as it was")
+    latch = Latch(tmp_path / "rig.yaml")
+    latch.journal.symlink_to(tmp_path / "precious")
+    with pytest.raises(OSError, match="symbolic link"):
+        latch.own(within=0.1)
+    latch.note("landed")
+    assert (tmp_path / "precious").read_text() == "as it was"
+
+
+def test_a_pipe_in_the_place_of_the_guards_log_does_not_hold_the_guard_up(tmp_path: Path) -> None:
+    latch = Latch(tmp_path / "rig.yaml")
+    os.mkfifo(latch.journal)
+    latch.note("landed")
+
+
+def test_a_latch_as_deep_as_memory_locks(tmp_path: Path) -> None:
+    (tmp_path / "rig.latch").write_text("[" * 99_000)
+    with pytest.raises(RigLocked, match="damaged"):
+        Latch(tmp_path / "rig.yaml").demand_free()

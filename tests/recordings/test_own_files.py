@@ -1,0 +1,78 @@
+"""Files that the software names itself never go through a symbolic link, and are there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from recordings.errors import RecordingError, WriteFailed
+from recordings.journal import Journal
+from recordings.own_files import created, opened, replaced, replacing
+from recordings.shelf import INDEX, runs
+from recordings.writer import Recorder
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    """A file elsewhere that must stay as it is."""
+    (tmp_path / "elsewhere").mkdir()
+    path = tmp_path / "elsewhere" / "precious"
+    path.write_text("as it was")
+    return path
+
+
+def test_a_symbolic_link_is_not_opened_whether_it_leads_anywhere_or_not(tmp_path: Path, target: Path) -> None:
+    (tmp_path / "link").symlink_to(target)
+    (tmp_path / "loose").symlink_to(tmp_path / "elsewhere" / "new")
+    for name in ("link", "loose"):
+        with pytest.raises(OSError, match="symbolic link"):
+            opened(tmp_path / name, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+        with pytest.raises(FileExistsError):
+            created(tmp_path / name)
+    assert target.read_text() == "as it was" and not (tmp_path / "elsewhere" / "new").exists()
+
+
+def test_a_pipe_or_a_folder_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for flags in (os.O_RDONLY, os.O_WRONLY, os.O_RDWR):
+        with pytest.raises(OSError):
+            os.close(opened(tmp_path / "pipe", flags))
+    with pytest.raises(OSError, match="not a regular file"):
+        opened(tmp_path, os.O_RDONLY)
+
+
+def test_replacing_a_link_replaces_the_link_and_leaves_no_other_file(tmp_path: Path, target: Path) -> None:
+    (tmp_path / "a.txt").symlink_to(target)
+    replaced(tmp_path / "a.txt", "new")
+    assert (tmp_path / "a.txt").read_text() == "new" and not (tmp_path / "a.txt").is_symlink()
+    assert target.read_text() == "as it was" and {p.name for p in tmp_path.iterdir()} == {"a.txt", "elsewhere"}
+
+
+def test_what_fails_on_the_way_leaves_the_old_file(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("old")
+    with pytest.raises(RuntimeError), replacing(tmp_path / "a.txt") as (file, _):
+        file.write(b"half")
+        raise RuntimeError
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a.txt", "old")]
+
+
+def test_recording_journal_and_index_refuse_a_link_in_their_place(tmp_path: Path, target: Path) -> None:
+    for name in ("a.mcap", "a.journal", INDEX):
+        (tmp_path / name).symlink_to(target)
+    with pytest.raises(WriteFailed, match="exists"):
+        Recorder(tmp_path / "a.mcap", start_wall_ns=10**18)
+    with pytest.raises(WriteFailed, match=r"a\.journal"):
+        Journal.begin(tmp_path / "a.mcap", "bending")
+    with pytest.raises(RecordingError, match="symbolic link"):
+        runs(tmp_path)
+    assert target.read_text() == "as it was"
+
+
+def test_a_journal_is_not_gone_on_with_through_a_link(tmp_path: Path, target: Path) -> None:
+    with Journal.begin(tmp_path / "elsewhere" / "a.mcap", "bending"):
+        pass
+    (tmp_path / "a.journal").symlink_to(tmp_path / "elsewhere" / "a.journal")
+    with pytest.raises(WriteFailed, match="symbolic link"):
+        Journal.reopen(tmp_path / "a.journal")
