@@ -25,12 +25,17 @@ def first_trial(recording: Recording) -> int:
     return int(recording.metadata.get("campaign", {}).get("first_trial", "1"))
 
 
-def tables(recordings: Sequence[Recording]) -> list[Table]:
-    """One table for each campaign, and for each recording that stands alone, in the order of their first recording."""
+def campaigns(recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """Recordings of one campaign together, one that stands alone by itself, in the order of their first recording."""
     groups: dict[str, list[Recording]] = {}
     for number, recording in enumerate(recordings):
         groups.setdefault(campaign_of(recording) or f"alone {number}", []).append(recording)
-    return [merged(group) for group in groups.values()]
+    return list(groups.values())
+
+
+def tables(recordings: Sequence[Recording]) -> list[Table]:
+    """One table for each campaign, and for each recording that stands alone, in the order of their first recording."""
+    return [merged(group) for group in campaigns(recordings)]
 
 
 def merged(recordings: Sequence[Recording]) -> Table:

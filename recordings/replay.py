@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
+from . import events
 from .concluding import conclude
 from .errors import NotSettled, RecordingError
 from .reader import Recording
@@ -38,13 +39,15 @@ class Comparison:
 
 
 def table_of(recording: Recording) -> Table:
-    """The rows as they were concluded live."""
+    """The rows as they were concluded live; raises `Foreign` for a file without states and rows."""
+    recording.need(events.STATE.topic, events.TRIAL.topic)
     return Table(tuple(event.row for event in recording.trials))
 
 
 def replay_states(recording: Recording) -> list[Replayed]:
     """Read every recorded state again from the file's samples."""
     out = []
+    recording.need(events.STATE.topic, events.TRIAL.topic)
     recording.load()
     for event in recording.states:
         try:

@@ -255,7 +255,7 @@ def _contents(path: Path) -> list[str]:
         return [str(error)]
     for topic in recording.topics:
         try:
-            if topic in STREAMS:
+            if topic in recording.streams:
                 recording.stream(topic)
             written = counts.get(topic, {}).get("written")
             held = len(recording.log_times(topic))
