@@ -144,7 +144,9 @@ def _masses(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
     told = robot.tip_mass
     carried = robot.youngs_modulus * body_area(robot) / 9.81
     if (told > 0 and abs(mass / told / 1000 - 1) < 0.05) or mass > carried:
-        beside = f"robot.yaml has {told:g} kg" if told > 0 else f"the body would be twice as long under {carried:.3g} kg"
+        beside = (
+            f"robot.yaml has {told:g} kg" if told > 0 else f"the body would be twice as long under {carried:.3g} kg"
+        )
         yield (
             f"{where(rows[heaviest])}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
         )
@@ -155,7 +157,9 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     """Where the tip is at rest, in robot lengths; `resting`: rows without pressure."""
     tip = np.median([r.tip for r in resting], axis=0)  # type: ignore[arg-type]
     away = float(np.linalg.norm(tip)) / robot.length
-    place = f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
+    place = (
+        f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
+    )
     meant = f"without pressure it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
     if away < NEAREST_AT_REST:
         yield f"{place}: looks like the way from the rest position; {meant}: add {robot.length:g} to z"
@@ -196,8 +200,8 @@ def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]
     still = [r for r in resting if r.orientation is not None] or turned
     if float(np.median([abs(r.orientation[3]) for r in still])) > LAST_COMPONENT:  # type: ignore[index]
         yield (
-            f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the order x, y, z, w; "
-            "at rest the tip is turned like the base, (1, 0, 0, 0): write w first (qw is the last of such four numbers)"
+            f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the order "
+            "x, y, z, w; at rest the tip is turned like the base, (1, 0, 0, 0): write w, the last of the four, first"
         )
 
 

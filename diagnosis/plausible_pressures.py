@@ -157,8 +157,8 @@ def pressure_oddities(robot: Robot, s: Pressures) -> Iterator[str]:
     if _like_ambient(least) and _at_its_length(robot, s):
         ambient = float(np.median(s.pressure.min(axis=0)))
         yield (
-            f"column{'s p1..' if len(least) > 1 else ' '}p{len(least)}: never below {ambient:.6g} with the tip at rest: looks like "
-            f"absolute pressure; pressures are in Pa gauge: subtract ambient pressure ({ambient * s.unit:.6g} Pa)"
+            f"column{'s p1..' if len(least) > 1 else ' '}p{len(least)}: never below {ambient:.6g} with the tip at rest: looks "
+            f"like absolute pressure; pressures are in Pa gauge: subtract ambient pressure ({ambient * s.unit:.6g} Pa)"
         )
 
 

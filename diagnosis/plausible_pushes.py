@@ -41,7 +41,11 @@ def push_oddities(robot: Robot, rows: Iterable[TrialRow]) -> Iterator[str]:
 def rows_of(rows: Iterable[TrialRow], specimen: str) -> list[TrialRow]:
     """Stiffness rows of a specimen with finite numbers."""
     own = [r for r in rows if r.protocol == "stiffness" and r.specimen == specimen]
-    return [r for r in own if r.force is not None and r.deflection is not None and np.isfinite((r.force, r.deflection)).all()]
+    return [
+        r
+        for r in own
+        if r.force is not None and r.deflection is not None and np.isfinite((r.force, r.deflection)).all()
+    ]
 
 
 def _long(robot: Robot, row: TrialRow) -> float:

@@ -15,6 +15,7 @@ from drivers.interfaces import Identity
 
 from .console import err, out
 from .latch import Latch
+from .losses import newly_lost
 from .rig import Rig
 from .rig_file import load_rig
 
@@ -65,7 +66,7 @@ def _row(
         row["samples"] = rig.counts.get(topic, 0) - before.get(topic, 0)
         row["rate_hz"] = round(row["samples"] / span, 1) if span > 0 else None
     if topic in lost_before:
-        row["lost"] = rig.lost()[topic] - lost_before[topic]
+        row["lost"] = newly_lost(lost_before[topic], rig.lost()[topic])
     config = getattr(rig.file.instruments, "arm" if name == "arm_state" else name)
     row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}
     return row

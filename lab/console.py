@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable
 from types import TracebackType
 
 from rich.console import Console
@@ -11,6 +12,12 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
+
+
+def note(texts: Iterable[str]) -> None:
+    """Doubts that do not stop anything, beside the result."""
+    for text in texts:
+        err.print(f"note: {text}", markup=False)
 
 
 class Screen:

@@ -46,12 +46,21 @@ def info(file: Path, as_json: bool) -> int:
         f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
     )
     out.print(f"attached: {', '.join(s.attachments)}")
+    for topic, stream in s.streams.items():
+        if stream.restarts:
+            out.print(
+                f"{topic} began anew {_times(stream.restarts)}: its numbers went back; what was lost then is not known"
+            )
     for topic, clock in s.clocks.items():
         out.print(
             f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay beyond the least "
             f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
         )
     return 0 if s.complete else 3
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_json: bool) -> int:

@@ -58,7 +58,8 @@ def merged(recordings: Sequence[Recording]) -> Table:
 
 def _begin(recording: Recording) -> int:
     """Wall time (ns) of a recording's first message: rig time 0 may lie long before it."""
-    return min((chunk.first_time for chunk in recording.contents.chunks), default=recording.start_wall_ns)
+    chunks = recording.contents.chunks
+    return min(chunk.first_time for chunk in chunks) if chunks else recording.start_wall_ns
 
 
 def _end(recording: Recording) -> float:

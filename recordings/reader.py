@@ -160,7 +160,9 @@ class Recording:
 
     def _ours(self, channel: Channel) -> bool:
         schema = self.contents.schemas.get(channel.schema_id)
-        return schema is not None and channel.message_encoding == "protobuf" and schema.name == _NAMES.get(channel.topic)
+        return (
+            schema is not None and channel.message_encoding == "protobuf" and schema.name == _NAMES.get(channel.topic)
+        )
 
     def _described(self) -> str:
         """The topics with their messages, for people."""
@@ -221,7 +223,9 @@ class Recording:
         found = [channel for _, channel in sorted(self.contents.channels.items()) if channel.topic == topic]
         ours = [channel for channel in found if self._ours(channel)]
         if len(ours) > 1:
-            raise NotARecording(f"{self.path}: {len(ours)} channels carry {topic}, as in files that were merged; split them")
+            raise NotARecording(
+                f"{self.path}: {len(ours)} channels carry {topic}, as in files that were merged; split them"
+            )
         if found:
             return (ours or found)[0]
         raise MissingStream(f"{self.path} has no stream {topic}; it has {', '.join(self.topics) or 'none'}")
@@ -267,8 +271,11 @@ class Recording:
             samples = protobuf_runtime.decode(
                 self._message(channel), self.contents.schemas[channel.schema_id], payloads
             )
+        return self._in_order(channel, samples)
+
+    def _in_order(self, channel: Channel, samples: NDArray[np.void]) -> NDArray[np.void]:
         if not (np.diff(samples["t"]) > 0).all():
-            samples = samples[self._order(channel, samples["t"], lambda i: samples[i].tobytes())]
+            samples = samples[self._order(channel, samples["t"], lambda i: bytes(samples[i].tobytes()))]
         samples.setflags(write=False)
         return samples
 

@@ -108,7 +108,9 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
 
 def _row(where: str, header: list[str], line: list[str]) -> TrialRow:
     if len(line) != len(header):
-        split = "; a decimal comma makes two cells of one number: write points (0.40)" if len(line) > len(header) else ""
+        split = (
+            "; a decimal comma makes two cells of one number: write points (0.40)" if len(line) > len(header) else ""
+        )
         raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
     cells: dict[str, Cell] = {}
     for name, text in zip(header, (cell.strip() for cell in line), strict=True):
@@ -136,7 +138,9 @@ def _value(where: str, name: str, text: str) -> Cell:
     try:
         number = float(text)
     except ValueError:
-        comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text) else ""
+        comma = (
+            f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text) else ""
+        )
         raise BadTable(f"{where}, {name}: {text!r} is not a number{comma}") from None
     if not math.isfinite(number):
         raise BadTable(f"{where}, {name}: is {text}; leave the cell empty where nothing was measured")
@@ -158,7 +162,10 @@ def _check_limits(where: str, name: str, value: float) -> None:
             "pressures are gauge, in Pa: check the unit"
         )
     if (place in (2, 4) or name in ("spine_length", "deflection")) and not abs(value) <= LONGEST:
-        raise BadTable(f"{where}: {value:g} m is more than {LONGEST:g} m away: looks like mm or cm; lengths are in m: divide by 1000 or 100")
+        raise BadTable(
+            f"{where}: {value:g} m is more than {LONGEST:g} m away: looks like mm or cm; lengths are in m: "
+            "divide by 1000 or 100"
+        )
     if name == "vacuum" and not -5e3 <= value <= 110e3:
         looks = "looks like gauge pressure: change the sign; " if -110e3 <= value < 0 else ""
         raise BadTable(f"{where}: {value:g} Pa: {looks}give Pa below ambient, from 0 (no vacuum) to about 101 325")

@@ -32,10 +32,9 @@ from .container import (
     records_in,
     stream,
 )
-from .counts import counted
+from .counts import below_zero, counted
 from .errors import NotARecording, RecordingError
 from .gather import decompress, index_of
-from .messages import STREAMS
 from .reader import Recording, mapped
 from .summary import Found, check_summary
 
@@ -246,8 +245,8 @@ def verify(path: str | os.PathLike[str]) -> Verification:
 
 def _contents(path: Path) -> list[str]:
     """What is wrong with the messages and counts of a file whose records are all right."""
-    problems = []
     recording = Recording.open(path)
+    problems = below_zero(recording.metadata)
     counts = counted(recording.metadata)
     try:
         recording.load()

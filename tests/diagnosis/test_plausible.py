@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,11 @@ from model.robot import Robot, load_robot
 from model.rod import solve
 from recordings.trials import TrialRow
 
-
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
 LEVELS = (0.0, 60e3, 120e3, 180e3, 240e3)
 BENDING = (9, 1, 2)
 EVERY = tuple(range(1, 10))
 Change = Callable[[TrialRow], TrialRow]
-
 
 
 def sweep(
@@ -87,7 +84,7 @@ def w_last(r: TrialRow) -> TrialRow:
         (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["columns x, y, z", "z upside down", "change the sign of z"]),
         (moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["columns x, y, z", "x were the robot's axis"]),
         (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["way from the rest", "add 0.4 to z"]),  # type: ignore[index]
-        (w_last, ["qw, qx, qy, qz", "order x, y, z, w", "w first"]),
+        (w_last, ["qw, qx, qy, qz", "order x, y, z, w", "write w"]),
         (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["length 41.9", "unit quaternion"]),
         (lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
         (lambda r: replace(r, spine_length=r.spine_length * 100), ["spine_length", "20 m", "cm or mm", "divide by 100"]),
