@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from model.robot import Robot
 from recordings.trials import Table, TrialRow
 
-from . import pushes
+from . import plausible, pushes
 from .errors import BadCase
 from .levels import SPINE_GAP, VACUUM_GAP, levels, pressure_gap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FARTHEST = 1.5
-"""Robot lengths: no tip of a rod that stretches by less than half is further from its base."""
 RATE_GAP = 1e3
 """Pa/s: ramps that differ by less were meant to be the same."""
 HOLD_GAP = 0.4
@@ -122,35 +120,10 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
         raise BadCase(
             f"all {len(of_robot) + len(of_stand)} states hold values that are not finite: nothing can be compared"
         )
-    _refuse_strange(robot, sound)
+    plausible.refuse(robot, sound + held)
     pushes.refuse_strange(robot, held)
     made = _arrays(sound, held, len(robot.chambers.azimuths_deg))
     return made, tuple(concerns + (_concerns(made) if sound else []) + pushes.concerns(held, made, bool(sound)))
-
-
-def _refuse_strange(robot: Robot, rows: list[TrialRow]) -> None:
-    if not rows:
-        return
-    tips = np.array([r.tip for r in rows])
-    distance = np.linalg.norm(tips, axis=1)
-    worst = int(np.argmax(distance))
-    if distance[worst] > FARTHEST * robot.length:
-        raise BadCase(
-            f"trial {rows[worst].trial} step {rows[worst].step}: the tip lies {distance[worst]:.3g} m from the base of a robot "
-            f"that is {robot.length:g} m long ({int((distance > FARTHEST * robot.length).sum())} of {len(rows)} states): check "
-            "the unit (m) and the frame (base of the robot)"
-        )
-    chambers = {len(r.pressures) for r in rows}
-    if chambers != {len(robot.chambers.azimuths_deg)}:
-        raise BadCase(
-            f"rows with {sorted(chambers)} pressures for a robot with {len(robot.chambers.azimuths_deg)} chambers: "
-            "tables of different robots cannot be diagnosed together"
-        )
-    longest = max(r.spine_length for r in rows)
-    if longest > robot.length * 1.001:
-        raise BadCase(
-            f"spine length {longest:g} m is beyond the robot's {robot.length:g} m: check the unit (m) or the robot"
-        )
 
 
 def _arrays(of_robot: list[TrialRow], of_stand: list[TrialRow], chambers: int) -> States:

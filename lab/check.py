@@ -24,6 +24,7 @@ from .config import ConfigError, load
 from .console import Screen, err, out, styled
 from .interrupts import Interrupts
 from .latch import Latch
+from .losses import newly_lost
 from .moves import STEP, moves
 from .rig import Rig
 from .rig_file import RigFile, load_rig
@@ -143,7 +144,7 @@ def _row(
         row["samples"] = rig.counts.get(topic, 0) - before.get(topic, 0)
         row["rate_hz"] = round(row["samples"] / span, 1) if span > 0 else None
     if topic in lost_before:
-        row["lost"] = rig.lost()[topic] - lost_before[topic]
+        row["lost"] = newly_lost(lost_before[topic], rig.lost()[topic])
     config = getattr(rig.file.instruments, "arm" if name == "arm_state" else name)
     row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}
     return row

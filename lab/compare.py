@@ -16,7 +16,7 @@ from model.compare import ErrorTable, error_table
 from model.condition import Condition
 from model.rod import solve
 
-from .console import out
+from .console import note, out
 from .figures import tip_curves
 from .inputs import Case, clipped_note, read_case
 
@@ -46,6 +46,7 @@ def comparison(case: Case) -> Comparison:
 def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
     """Print the error table; with a folder also draw the curves."""
     case = read_case(inputs, robot)
+    note(case.table.warnings)
     c = comparison(case)
     figure = None
     if folder is not None:
@@ -57,8 +58,7 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
         print(json.dumps(data, indent=1))
         return 0
     out.print(sheet(c.table))
-    if note := clipped_note(case.table):
-        out.print(note)
+    note(clipped_note(case.table))
     if c.unsolved:
         out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
     if figure:

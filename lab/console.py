@@ -13,6 +13,7 @@ import os
 import sys
 import time
 import traceback
+from collections.abc import Iterable
 from types import TracebackType
 from typing import IO, Any
 
@@ -78,6 +79,12 @@ def plain_failures() -> None:
 class _PlainFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         return plain(super().format(record))
+
+
+def note(texts: Iterable[str]) -> None:
+    """Doubts that do not stop anything, beside the result."""
+    for text in texts:
+        err.print(f"note: {text}")
 
 
 class Screen:

@@ -22,7 +22,7 @@ from recordings.errors import RecordingError
 
 from .cluster import cluster
 from .config import ConfigError
-from .console import Screen, out
+from .console import Screen, note, out
 from .diagnosis_report import write
 from .inputs import Case, clipped_note, read_case
 from .own_effects import catalogue
@@ -68,8 +68,8 @@ def diagnose(
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
     case = read_case(inputs, robot)
-    if note := clipped_note(case.table):
-        out.print(f"note: {note}")
+    note(case.table.warnings)
+    note(clipped_note(case.table))
     with cluster(scheduler) if scheduler is not None else nullcontext() as others:
         elsewhere = None if others is None else others.in_order
         answer, change = _answer(case, robot, besides, Effort(cores, elsewhere=elsewhere))

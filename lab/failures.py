@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from drivers.errors import InstrumentError, LimitExceeded
 from model.errors import BadEffect, BadRobot, ModelError
 from protocols.errors import MissingInstrument, ProtocolError
-from recordings.errors import RecordingError
+from recordings.errors import BadTable, Foreign, MissingStream, RecordingError
 
 from .actuators import ActuatorsLost
 from .config import ConfigError
@@ -18,6 +18,8 @@ from .latch import RigLocked
 def explained(error: Exception) -> tuple[str, int] | None:
     """Message and exit code of a failure that is not a mistake in this program; None for anything else."""
     if isinstance(error, (ConfigError, MissingInstrument, LimitExceeded, BadRobot, BadEffect)):
+        return str(error), 2
+    if isinstance(error, (BadTable, Foreign, MissingStream)):
         return str(error), 2
     if isinstance(error, ValidationError):
         return "\n".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in error.errors()), 2

@@ -26,7 +26,7 @@ from model.robot import Robot
 from recordings.trials import TrialRow
 
 from .config import ConfigError
-from .console import out
+from .console import note, out
 from .inputs import Case, read_case
 
 LENGTH_KNOWN_TO = 0.1e-3
@@ -120,6 +120,7 @@ def _pushes(rows: Sequence[TrialRow]) -> tuple[list[float], list[float]]:
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
     """Print the calibration; with a folder also write the calibrated robot.yaml."""
     case = read_case(inputs, robot)
+    note(case.table.warnings)
     try:
         result = calibrate(case)
     except ModelError as e:

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.errors import DiagnosisError
+from diagnosis.plausible import refuse
 from model.condition import Condition, conditions
 from model.robot import Robot
-from recordings.campaign import tables
+from recordings.campaign import campaigns, merged
 from recordings.reader import Recording
 from recordings.table_file import read_csv
 from recordings.trials import Table, TrialRow
@@ -50,27 +52,34 @@ def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> Condition:
 
 
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
-    """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError."""
+    """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
+
+    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.plausible`).
+    """
     robots: list[tuple[str, Robot]] = []
-    parts: list[Table] = []
+    parts: list[tuple[str, Table]] = []
     recordings = [Recording.open(path) for path in inputs if not path.is_dir()]
     for path in inputs:
         if path.is_dir():
-            robot, table = _folder(path)
-            robots.append((str(path), robot))
-            parts.append(table)
-    robots += [(str(recording.path), _robot_of(recording)) for recording in recordings]
-    rows: list[TrialRow] = []
-    for table in (*parts, *tables(recordings)):
-        first = max((r.trial for r in rows), default=0)
-        rows += [replace(r, trial=r.trial + first) for r in table]
-    if robot_path is not None:
-        return Case(load(robot_path, Robot), Table(tuple(rows)))
+            if robot_path is None:
+                robots.append((str(path), load(path / "robot.yaml", Robot)))
+            parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
+    parts += [(_names(group), merged(group)) for group in campaigns(recordings)]
+    if robot_path is None:
+        robots += [(str(recording.path), _robot_of(recording)) for recording in recordings]
+    else:
+        robots = [(str(robot_path), load(robot_path, Robot))]
     name, robot = robots[0]
     for other, its in robots[1:]:
         if _body(its) != _body(robot):
             raise ConfigError(f"{other}: was recorded with another robot.yaml than {name}; give one with --robot")
-    return Case(robot, Table(tuple(rows)))
+    rows: list[TrialRow] = []
+    for file, table in parts:
+        _demand_plausible(robot, table, file)
+        first = max((r.trial for r in rows), default=0)
+        rows += [replace(r, trial=r.trial + first) for r in table]
+    doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
+    return Case(robot, Table(tuple(rows), warnings=doubts))
 
 
 def _body(robot: Robot) -> Robot:
@@ -89,17 +98,24 @@ def same_body(a: bytes, b: bytes) -> bool:
     return _body(one) == _body(other)
 
 
-def clipped_note(table: Table) -> str:
-    """One line that names the states on whose way the rig's limits clipped set-points; empty when there are none."""
+def clipped_note(table: Table) -> list[str]:
+    """One line that names the states on whose way the rig's limits clipped set-points; none when there are none."""
     states = [f"trial {row.trial} step {row.step}" for row in table.clipped]
     if not states:
-        return ""
+        return []
     named = ", ".join(states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
-    return f"set-points were clipped by the rig's limits on the way to {len(states)} of {len(table)} states: {named}"
+    return [f"set-points were clipped by the rig's limits on the way to {len(states)} of {len(table)} states: {named}"]
 
 
-def _folder(path: Path) -> tuple[Robot, Table]:
-    return load(path / "robot.yaml", Robot), read_csv(path / "trials.csv")
+def _names(recordings: Sequence[Recording]) -> str:
+    return ", ".join(str(recording.path) for recording in recordings)
+
+
+def _demand_plausible(robot: Robot, table: Table, file: str) -> None:
+    try:
+        refuse(robot, table, file)
+    except DiagnosisError as e:
+        raise ConfigError(str(e)) from e
 
 
 def attached(recording: Recording, name: str) -> str:

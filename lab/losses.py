@@ -21,17 +21,25 @@ HEAD = [
 ]
 
 
+def newly_lost(before: int, now: int) -> int:
+    """Samples lost since a driver had counted `before` of them: one that was opened again counts from zero."""
+    return now - before if now >= before else now
+
+
 def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
     """A sentence, and head and rows of the table. Raises what `recordings.info.info` raises."""
-    rows, gone, total = [], 0, 0
+    rows, gone, total, anew = [], 0, 0, 0
     for file in files:
         for topic, stream in info(file).streams.items():
             if topic in STREAMS and stream.timing.count + (stream.dropped or 0) + (stream.lost or 0):
                 rows.append([file.name, topic, *_row(stream)])
+                anew += stream.restarts
                 missing = stream.lost or 0
                 gone += (stream.dropped or 0) + missing
                 total += stream.timing.count + (stream.dropped or 0) + missing
     said = f"{gone} of {total} samples were lost" if gone else f"No sample was lost; {total} were recorded"
+    if anew:
+        said += f"; streams began anew {anew} times (their numbers went back), what was lost then is not known"
     return f"{said}. Gaps are intervals longer than two and a half usual ones.", HEAD, rows
 
 

@@ -23,7 +23,7 @@ from recordings.replay import compare as hold_against
 from recordings.trials import Table, TrialRow
 
 from .config import ConfigError
-from .console import out
+from .console import note, out
 from .inputs import clipped_note, same_body
 
 
@@ -47,12 +47,21 @@ def info(file: Path, as_json: bool) -> int:
         f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
     )
     out.print(f"attached: {', '.join(s.attachments)}")
+    for topic, stream in s.streams.items():
+        if stream.restarts:
+            out.print(
+                f"{topic} began anew {_times(stream.restarts)}: its numbers went back; what was lost then is not known"
+            )
     for topic, clock in s.clocks.items():
         out.print(
             f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay beyond the least "
             f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
         )
     return 0 if s.complete else 3
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_json: bool) -> int:
@@ -83,8 +92,8 @@ def _told(files: Sequence[Path], as_json: bool, table: Table | None = None) -> N
         clipped = {} if table is None else {"clipped": len(table.clipped)}
         print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
         return
-    if table is not None and (note := clipped_note(table)):
-        out.print(note)
+    if table is not None:
+        note(clipped_note(table))
     for path in files:
         out.print(str(path))
 

@@ -31,6 +31,7 @@ from .console import Screen, clock, err, out
 from .inputs import same_body
 from .interrupts import Interrupts
 from .limits import problems
+from .losses import newly_lost
 from .provenance import provenance
 from .resume import Broken, find
 from .rig import Rig
@@ -245,7 +246,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         report = _land(rig, screen)
         rig.record_to(None)
         for topic, n in rig.lost().items():
-            recorder.note_lost(topic, n - lost_before.get(topic, 0))
+            _note_lost(recorder, topic, lost_before.get(topic, 0), n)
         lost = _finish(recorder, outcome, str(error or ""), report)
     rows = (*(broken.table if broken is not None else ()), *trials.rows)
     return Outcome(file, outcome, Table(rows), lost, report, error)
@@ -257,6 +258,13 @@ def _checked(j: Job) -> dict[str, dict[str, str]]:
     if isinstance(found, str):
         return {"check": {"moved": "no", "why": found}}
     return {"check": {"moved": found.when} | {m.what: m.text for m in found.seen}}
+
+
+def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
+    recorder.note_lost(topic, newly_lost(before, now))
+    if now < before:
+        with contextlib.suppress(RecordingError):  # `close` tells the same
+            recorder.log("warning", f"{topic}: the stream was opened again, its losses are counted from then on")
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:

@@ -59,7 +59,16 @@ def release(bench: Bench, jam: Jam) -> float:
         drift = fmean(recent[half:]) - fmean(recent[:half])
         return fmean(recent) if abs(drift) < jam.released_below / 5 and min(recent) > LOWEST_AMBIENT else None
 
-    return bench.wait("valve and gauge: vacuum released", at_rest, jam.within)
+    def stood() -> str:
+        recent = [p for t, p in readings if t >= readings[-1][0] - jam.rest]
+        moved, lowest = max(recent) - min(recent), min(recent)
+        return (
+            f"the gauge still moved {moved / 1e3:.2f} kPa in {jam.rest:g} s (its drift must be below "
+            f"{jam.released_below / 5e3:.2f} kPa) and read {lowest / 1e3:.1f} kPa absolute (ambient is above "
+            f"{LOWEST_AMBIENT / 1e3:.1f} kPa)"
+        )
+
+    return bench.wait("valve and gauge: vacuum released", at_rest, jam.within, stood)
 
 
 def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
@@ -74,7 +83,10 @@ def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
         return reached if reached >= rules.share * vacuum else None
 
     goal = rules.share * vacuum / 1e3
-    return bench.wait(f"valve and gauge: spine jammed at {goal:.0f} kPa below ambient", jammed, rules.within)
+    return bench.wait(
+        f"valve and gauge: spine jammed at {goal:.0f} kPa below ambient", jammed, rules.within,
+        lambda: f"the gauge is {(ambient - gauge.read().absolute) / 1e3:.1f} kPa below ambient",
+    )  # fmt: skip
 
 
 def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
@@ -88,6 +100,10 @@ def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
         f"spine: at {goal * 1e3:.0f} mm",
         lambda: True if (s := unit.read()) and not s.moving and abs(s.length - goal) <= motion.tolerance else None,
         5.0 + 3.0 * abs(goal - start) / motion.speed,
+        lambda: (
+            f"{'still moving, ' if (s := unit.read()).moving else ''}{abs(s.length - goal) * 1e3:.1f} mm from its goal, "
+            f"tolerance {motion.tolerance * 1e3:.1f} mm"
+        ),
     )
     bench.pause(motion.settle)
 

@@ -126,8 +126,8 @@ class Bench:
             self.recorder.check()
             self.clock.sleep(min(left, 0.2))
 
-    def wait(self, what: str, done: Callable[[], T | None], within: float) -> T:
-        """Look until `done` returns something else than None.
+    def wait(self, what: str, done: Callable[[], T | None], within: float, stood: Callable[[], str] | None = None) -> T:
+        """Look until `done` returns something else than None; `stood` says how far it got, when it is too late.
 
         NotReached after `within` seconds of rig time; WriteFailed when the recording fails meanwhile.
         """
@@ -138,5 +138,6 @@ class Bench:
             if result is not None:
                 return result
             if self.clock.now() > deadline and time.monotonic() > patience:
-                raise NotReached(f"{what}: not reached within {within:g} s")
+                far = f": {stood()}" if stood is not None else ""
+                raise NotReached(f"{what}: not reached within {within:g} s{far}")
             self.clock.sleep(min(0.05, within / 20))

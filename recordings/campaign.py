@@ -31,12 +31,17 @@ def first_trial(recording: Recording) -> int:
     return int(text)
 
 
-def tables(recordings: Sequence[Recording]) -> list[Table]:
-    """One table for each campaign, and for each recording that stands alone, in the order of their first recording."""
+def campaigns(recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """Recordings of one campaign together, one that stands alone by itself, in the order of their first recording."""
     groups: dict[str, list[Recording]] = {}
     for number, recording in enumerate(recordings):
         groups.setdefault(campaign_of(recording) or f"alone {number}", []).append(recording)
-    return [merged(group) for group in groups.values()]
+    return list(groups.values())
+
+
+def tables(recordings: Sequence[Recording]) -> list[Table]:
+    """One table for each campaign, and for each recording that stands alone, in the order of their first recording."""
+    return [merged(group) for group in campaigns(recordings)]
 
 
 def merged(recordings: Sequence[Recording]) -> Table:
@@ -59,7 +64,8 @@ def merged(recordings: Sequence[Recording]) -> Table:
 
 def _begin(recording: Recording) -> int:
     """Wall time (ns) of a recording's first message: rig time 0 may lie long before it."""
-    return min((chunk.first_time for chunk in recording.contents.chunks), default=recording.start_wall_ns)
+    chunks = recording.contents.chunks
+    return min(chunk.first_time for chunk in chunks) if chunks else recording.start_wall_ns
 
 
 def _end(recording: Recording) -> float:

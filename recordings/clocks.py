@@ -104,7 +104,7 @@ def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
 def clocks(recording: Recording) -> dict[str, ClockModel]:
     """The models of all streams that carry device stamps, from the samples in the file."""
     found = {}
-    for topic in recording.topics:
+    for topic in recording.streams:
         if has_stamp(topic):
             samples = recording.stream(topic)
             model = fit(samples[STAMP], samples["t"])

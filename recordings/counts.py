@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import threading
 from array import array
@@ -52,7 +53,7 @@ class StreamCounts:
 
 
 def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, int]]:
-    """The whole numbers among the counts that a file tells, by topic; what cannot be read is left out."""
+    """The counts that a file tells, by topic; what is no count (text, below zero) is left out."""
     out: dict[str, dict[str, int]] = {}
     for topic, text in metadata.get("counts", {}).items():
         try:
@@ -62,6 +63,18 @@ def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, in
         if isinstance(told, dict):
             out[topic] = {name: value for name, value in told.items() if type(value) is int and 0 <= value <= LARGEST}
     return out
+
+
+def below_zero(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """What is wrong with the counts that a file tells: nothing can have been lost less than never."""
+    found = []
+    for topic, text in metadata.get("counts", {}).items():
+        with contextlib.suppress(ValueError):
+            told = read_json(text)
+            for name in ("generated", "written", "dropped", "lost"):
+                if isinstance(told, dict) and type(told.get(name)) is int and told[name] < 0:
+                    found.append(f"{topic}: {name} is told as {told[name]}, which is no count")
+    return found
 
 
 @dataclass
@@ -93,5 +106,5 @@ class Tally:
 
     def counts(self) -> StreamCounts:
         """The counts so far; what is still on its way to the disk counts as dropped until it is there."""
-        at = timing(np.array(self.stamps[: self.written], dtype=np.int64) / 1e9)
+        at = timing(np.sort(np.array(self.stamps[: self.written], dtype=np.int64)) / 1e9)
         return StreamCounts.of(self.generated - self.skipped, self.written, self.lost, at)

@@ -2,6 +2,7 @@
 
     RecordingError                      anything that went wrong with a recording or a table of trials
     |-- NotARecording    (ValueError)      the file is not an MCAP file, or not one of this house
+    |   `-- Foreign                        an MCAP file of other software, without the topics that are needed
     |-- Truncated        (EOFError)        the file ends before its end mark
     |-- Damaged          (ValueError)      bytes of the file changed since they were written
     |-- Oversized        (MemoryError)     a file that says it holds more than is ever read at once
@@ -26,6 +27,10 @@ class RecordingError(Exception):
 
 class NotARecording(RecordingError, ValueError):
     """The file is not an MCAP file, or not one of this house."""
+
+
+class Foreign(NotARecording):
+    """An MCAP file of other software: sound, but without the topics that are needed."""
 
 
 class Truncated(RecordingError, EOFError):

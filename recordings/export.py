@@ -35,8 +35,10 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: F
     folder.mkdir(parents=True, exist_ok=True)
     write = _write_csv if form == "csv" else _parquet_writer()
     written = []
-    for topic in recording.topics:
-        if topic in STREAMS and len(recording.stream(topic)):
+    if not recording.streams:
+        recording.need(*STREAMS)
+    for topic in recording.streams:
+        if len(recording.stream(topic)):
             path = folder / f"{topic.strip('/').replace('/', '_')}.{form}"
             write(_columns(recording, topic), path)
             written.append(path)

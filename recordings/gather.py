@@ -44,11 +44,12 @@ MESSAGE = struct.Struct("<HIQ")
 
 @dataclass(frozen=True)
 class Picked:
-    """Messages of one channel in one batch: log times (ns), and the bytes of message i from `starts[i]` to
-    `ends[i]`."""
+    """Messages of one channel in one batch: log times (ns) and numbers, and the bytes of message i from `starts[i]`
+    to `ends[i]`."""
 
     channel: int
     log_times: NDArray[np.int64]
+    sequences: NDArray[np.int64]
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
     data: bytes
@@ -210,7 +211,7 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
     """Check that message records of this channel stand at the offsets."""
     empty = np.zeros(0, np.int64)
     if not len(offsets):
-        return Picked(channel, empty, empty, empty, whole)
+        return Picked(channel, empty, empty, empty, empty, whole)
     inside = (offsets >= 0) & (offsets <= len(whole) - HEAD)
     if not inside.all():
         raise Damaged(f"{name}: a message index points outside its chunk; run `lab recover` to have it made anew")
@@ -224,7 +225,8 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
         raise Damaged(f"{name}: a message index points at no message; run `lab recover` to have it made anew")
     if (np.diff(offsets) <= 0).any() and len(np.unique(offsets)) < len(offsets):
         raise Damaged(f"{name}: a message index lists a message twice; run `lab recover` to have it made anew")
-    return Picked(channel, heads["log"].astype(np.int64), offsets + HEAD, ends, whole)
+    log_times, sequences = heads["log"].astype(np.int64), heads["sequence"].astype(np.int64)
+    return Picked(channel, log_times, sequences, offsets + HEAD, ends, whole)
 
 
 def _index(raw: bytes, chunk: ChunkPlace, budget: Budget) -> list[tuple[int, bytes]]:

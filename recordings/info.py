@@ -20,6 +20,8 @@ class StreamInfo:
     timing: Timing
     dropped: int | None
     lost: int | None
+    restarts: int = 0
+    """How often its numbers or its instrument's stamps went back: the stream began anew; what was lost then is not known."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,9 @@ def info(path: str | os.PathLike[str]) -> Info:
             first = int(log_times[0]) if first is None else min(first, int(log_times[0]))
             last = max(last, int(log_times[-1]))
         told = counts.get(topic, {})
+        restarts = recording.restarts(topic) if topic in recording.streams else 0
         since = (log_times - start) / 1e9
-        streams[topic] = StreamInfo(timing(since), told.get("dropped"), told.get("lost"))
+        streams[topic] = StreamInfo(timing(since), told.get("dropped"), told.get("lost"), restarts)
     return Info(
         path=str(recording.path),
         size=recording.contents.size,

@@ -52,14 +52,14 @@ class Pace(Protocol):
 
 def messages(recording: Recording) -> Iterator[Played]:
     """All messages in the order of their log time; at equal times in the order of the channels."""
+    start = recording.start_wall_ns
     recording.load()
-    topics = [topic for topic in recording.topics if topic in STREAMS or topic in EVENTS]
+    topics = [topic for topic in dict.fromkeys(recording.topics) if recording.knows(topic)]
     makers = [_stream(recording, topic) if topic in STREAMS else _events(recording, topic) for topic in topics]
     times = [_times(recording, topic) for topic in topics]
     of = np.repeat(np.arange(len(topics)), [len(t) for t in times])
     rows = np.concatenate([np.arange(len(t)) for t in times]) if times else np.zeros(0, np.int64)
     log_times = np.concatenate(times) if times else np.zeros(0, np.int64)
-    start = recording.start_wall_ns
     for i in np.lexsort((rows, of, log_times)).tolist():
         log_time = int(log_times[i])
         yield Played(topics[of[i]], (log_time - start) / 1e9, log_time, makers[of[i]](int(rows[i])))

@@ -7,7 +7,7 @@ import math
 import mmap
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from . import events, protobuf_runtime
 from .budget import Budget, Cost
 from .container import Contents, walk
-from .errors import Damaged, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
+from .errors import Damaged, Foreign, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
 from .events import EVENTS, EventType
 from .gather import find_channels, pick
 from .messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType
@@ -31,7 +31,17 @@ OF_ROBOT = ("setpoint", "measured", "markers")
 """Arrays whose size is that of the robot."""
 SAID = (events.STATE.topic, events.TRIAL.topic, events.LOG.topic)
 """Topics whose messages are texts that are taken apart."""
+COUNTERS = ("device_time", "frame")
+"""Fields that count up at the instrument until it restarts."""
+SHOWN = 12
+"""Topics of a foreign file that an error lists."""
 _LEVELS = {number: name.lower() for name, number in events.Log.Level.items()}
+_NAMES = {topic: message.full_name for topic, message in (STREAMS | events.EVENTS).items()}
+"""Topic -> full name of its message."""
+
+
+def _name(topic: str) -> str:
+    return f"{topic} ({_NAMES[topic]}, protobuf)"
 
 
 @dataclass(frozen=True)
@@ -85,6 +95,7 @@ class Recording:
         self._samples: dict[int, Samples] = {}
         self._payloads: dict[int, list[bytes]] = {}
         self._log_times: dict[int, list[NDArray[np.int64]]] = {}
+        self._sequences: dict[int, list[NDArray[np.int64]]] = {}
         self._streams: dict[str, NDArray[np.void]] = {}
 
     @classmethod
@@ -131,10 +142,44 @@ class Recording:
         """Wall time (ns since the epoch) of rig time 0."""
         text = self.metadata.get("recording", {}).get("start_wall_ns", "")
         if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) < 2**63):
-            raise NotARecording(
-                f"{self.path} was not written by this software: its metadata 'recording' tell no start_wall_ns"
+            raise Foreign(
+                f"{self.path} was not written by this software: its metadata 'recording' tell no start_wall_ns; it has "
+                f"{self._described()}"
             )
         return int(text)
+
+    def need(self, *topics: str) -> None:
+        """Raises `Foreign` when the file does not have these topics as this software writes them."""
+        if not all(map(self.knows, topics)):
+            raise Foreign(
+                f"{self.path} was not recorded by this software: needed are {', '.join(map(_name, topics))}, "
+                f"it has {self._described()}; write its states into a case folder (robot.yaml and trials.csv) instead"
+            )
+
+    def knows(self, topic: str) -> bool:
+        """Whether the topic is there with the message that this software writes on it."""
+        return any(c.topic == topic and self._ours(c) for c in self.contents.channels.values())
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """The topics with samples as this software writes them, in the order of their channels."""
+        return tuple(topic for topic in dict.fromkeys(self.topics) if topic in STREAMS and self.knows(topic))
+
+    def _ours(self, channel: Channel) -> bool:
+        schema = self.contents.schemas.get(channel.schema_id)
+        return (
+            schema is not None and channel.message_encoding == "protobuf" and schema.name == _NAMES.get(channel.topic)
+        )
+
+    def _described(self) -> str:
+        """The topics with their messages, for people."""
+        told = []
+        for _, channel in sorted(self.contents.channels.items())[:SHOWN]:
+            schema = self.contents.schemas.get(channel.schema_id)
+            kind = channel.message_encoding if schema is None else f"{schema.name}, {channel.message_encoding}"
+            told.append(f"{channel.topic} ({kind})")
+        more = len(self.contents.channels) - len(told)
+        return (", ".join(told) or "no topics") + (f" and {more} more" if more > 0 else "")
 
     # -- streams
     def stream(self, topic: str) -> NDArray[np.void]:
@@ -164,6 +209,14 @@ class Recording:
             self._load({channel.id})
         return np.sort(np.concatenate([np.zeros(0, np.int64), *self._log_times.get(channel.id, [])]))
 
+    def restarts(self, topic: str) -> int:
+        """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
+        samples, channel = self.stream(topic), self._channel(topic)
+        numbers = np.concatenate([np.zeros(0, np.int64), *self._sequences.get(channel.id, [])])
+        in_time = numbers[self._order(channel, None, lambda i: b"")]
+        counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
+        return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
+
     def load(self) -> None:
         """Read everything at once, for a use that needs most of it."""
         self._load(set(self.contents.channels) - self._loaded)
@@ -174,9 +227,14 @@ class Recording:
             self._load({channel.id} if not self._loaded else set(self.contents.channels) - self._loaded)
 
     def _channel(self, topic: str) -> Channel:
-        for channel in self.contents.channels.values():
-            if channel.topic == topic:
-                return channel
+        found = [channel for _, channel in sorted(self.contents.channels.items()) if channel.topic == topic]
+        ours = [channel for channel in found if self._ours(channel)]
+        if len(ours) > 1:
+            raise NotARecording(
+                f"{self.path}: {len(ours)} channels carry {topic}, as in files that were merged; split them"
+            )
+        if found:
+            return (ours or found)[0]
         raise MissingStream(f"{self.path} has no stream {topic}; it has {', '.join(self.topics) or 'none'}")
 
     def _load(self, wanted: set[int]) -> None:
@@ -186,7 +244,7 @@ class Recording:
         listed = self._listed()
         for number in wanted:
             channel = self.contents.channels[number]
-            if channel.topic in STREAMS and self._version(channel) == SCHEMA_VERSION:
+            if channel.topic in STREAMS and self._ours(channel) and self._version(channel) == SCHEMA_VERSION:
                 message = self._message(channel)
                 self._samples[number] = Samples(message, min(listed[number], self._unpacked // message.size))
         kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
@@ -194,6 +252,7 @@ class Recording:
         for picked in pick(self._data, self.contents, str(self.path)):
             if first:
                 self._log_times.setdefault(picked.channel, []).append(picked.log_times)
+                self._sequences.setdefault(picked.channel, []).append(picked.sequences)
             if picked.channel not in wanted:
                 continue
             if picked.channel in self._samples:
@@ -221,6 +280,7 @@ class Recording:
         channel = self._channel(topic)
         if topic not in STREAMS:
             raise MissingStream(f"{topic} is no stream of numbers; those are {', '.join(STREAMS)}")
+        self.need(topic)
         self._check_version(channel)
         self._need(channel)
         samples = self._samples[channel.id].array
@@ -232,10 +292,33 @@ class Recording:
             payloads = (payload for p in batches if p.channel == channel.id for payload in p.messages())
             count = sum(len(part) for part in self._log_times.get(channel.id, []))
             samples = protobuf_runtime.decode(self._message(channel), schema, payloads, count)
-        if (np.diff(samples["t"]) < 0).any():
-            samples = samples[np.argsort(samples["t"], kind="stable")]
+        return self._in_order(channel, samples)
+
+    def _in_order(self, channel: Channel, samples: NDArray[np.void]) -> NDArray[np.void]:
+        if not (np.diff(samples["t"]) > 0).all():
+            samples = samples[self._order(channel, samples["t"], lambda i: bytes(samples[i].tobytes()))]
         samples.setflags(write=False)
         return samples
+
+    def _order(
+        self, channel: Channel, t: NDArray[np.float64] | None, content: Callable[[int], bytes]
+    ) -> NDArray[np.int64]:
+        """The order of a channel's messages by stamp, log time and number, whatever their order in the file.
+
+        Messages that are equal in all of that are told apart by `content`; which of two equal ones comes first does not
+        matter.
+        """
+        empty = np.zeros(0, np.int64)
+        keys = [
+            np.concatenate([empty, *self._sequences.get(channel.id, [])]),
+            np.concatenate([empty, *self._log_times.get(channel.id, [])]),
+            *([] if t is None else [t]),
+        ]
+        order = np.lexsort(keys).astype(np.int64)
+        same = np.all([np.diff(key[order]) == 0 for key in keys], axis=0)
+        for first, last in _runs(same):
+            order[first:last] = sorted(order[first:last].tolist(), key=content)
+        return order
 
     def _message(self, channel: Channel) -> MessageType:
         """The stream's message with the array sizes of this recording."""
@@ -276,21 +359,22 @@ class Recording:
 
     # -- events
     def events(self, event: EventType) -> list[tuple[int, Any]]:
-        """(log time ns, protobuf message) of an event's topic in order; none when the file has no such topic."""
+        """(log time ns, protobuf message) of an event's topic by log time; none when the file has no such topic."""
         return [
             (log_time, protobuf_runtime.parse(event.message_class, payload, event.topic))
             for log_time, payload in self.payloads(event)
         ]
 
     def payloads(self, event: EventType) -> list[tuple[int, bytes]]:
-        """(log time ns, bytes of the message) of an event's topic in order; none when the file has no such topic."""
-        if event.topic not in self.topics:
+        """(log time ns, bytes of the message) of an event's topic by log time; none when the file has no such topic."""
+        if not self.knows(event.topic):
             return []
         channel = self._channel(event.topic)
         self._check_version(channel)
         self._need(channel)
         log_times = [t for part in self._log_times.get(channel.id, []) for t in part.tolist()]
-        return list(zip(log_times, self._payloads.get(channel.id, []), strict=True))
+        payloads = self._payloads.get(channel.id, [])
+        return [(log_times[i], payloads[i]) for i in self._order(channel, None, payloads.__getitem__).tolist()]
 
     @property
     def states(self) -> list[StateEvent]:
@@ -323,6 +407,13 @@ def _text(message: Any) -> str:
         return str(message.json)
     except UnicodeDecodeError as error:
         raise Damaged(f"a state or row is no text ({error}); run `lab verify`") from error
+
+
+def _runs(same: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """First and one past the last of each run of equal neighbours; same[i]: item i equals item i + 1."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
+    for first, last in edges.reshape(-1, 2).tolist():
+        yield first, last + 1
 
 
 def _seconds(contents: Contents) -> float:

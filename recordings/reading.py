@@ -114,8 +114,8 @@ def crossing_window(
     if i < 0 or t[i] > t_start + rule.timeout:
         if watermark > t_start + rule.timeout:
             raise NotSettled(
-                f"chambers {_names(rule.chambers)} did not get {way} {rule.level:.0f} Pa within {rule.timeout:g} s; "
-                "check supply and ramp, or raise the time-out"
+                f"chambers {_names(rule.chambers)} did not get {way} {rule.level:.0f} Pa within {rule.timeout:g} s"
+                f"{_best(mean, rule)}; check supply and ramp, or raise the time-out"
             )
         return None
     share = (rule.level - mean[i - 1]) / (mean[i] - mean[i - 1])
@@ -134,6 +134,14 @@ def _pause(rule: Settled, topic: str) -> float:
 
 def _names(chambers: Sequence[int]) -> str:
     return ", ".join(f"p{chamber + 1}" for chamber in chambers)
+
+
+def _best(mean: Numbers, rule: Crossing) -> str:
+    """How near the level the chambers' mean (Pa) came."""
+    finite = mean[np.isfinite(mean)]
+    if not len(finite):
+        return ""
+    return f", {finite.max() if rule.rising else finite.min():.0f} Pa was the {'most' if rule.rising else 'least'}"
 
 
 def _bounds(times: Numbers, begins: Numbers, ends: Numbers) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -178,27 +186,55 @@ def _extent(tip: Samples, begins: Numbers, ends: Numbers, smooth: int) -> Number
     return out
 
 
+MOST_CHANNELS = 3
+"""Channels off their set-points that a message names."""
+
+
 def _why_not(
     pressure: Samples, tip: Samples, stamps: Mapping[str, Numbers], targets: Sequence[float], rule: Settled, end: float
 ) -> str:
-    """What stood in the way in the last seconds before the time-out."""
+    """What was not at rest in the last seconds before the time-out, by how much, against what."""
     lasting = max(rule.still, rule.average)
     since = end - lasting
-    parts = [f"not settled within {rule.timeout:g} s"]
+    parts = _why_unseen(stamps, rule, since, end)
+    parts += _why_off(pressure[(pressure["t"] >= since) & (pressure["t"] <= end)], targets, rule)
+    late = tip[(tip["t"] >= since) & (tip["t"] <= end)]
+    if len(late) >= rule.smooth:
+        moved = float(_extent(late, np.array([since]), np.array([end]), rule.smooth)[0])
+        if not moved <= rule.still_distance:
+            parts.append(
+                f"the tip still moved {moved * 1e3:.2f} mm in {lasting:g} s, limit {rule.still_distance * 1e3:.2f} mm"
+            )
+    if not parts:
+        parts.append(f"all were at rest at the end, but not yet for {lasting:g} s on end: raise the time-out")
+    return f"not settled within {rule.timeout:g} s: {'; '.join(parts)}"
+
+
+def _why_unseen(stamps: Mapping[str, Numbers], rule: Settled, since: float, end: float) -> list[str]:
+    parts = []
     for topic, times in stamps.items():
         late = times[(times >= since) & (times <= end)]
         pause = float(np.diff(late, prepend=since, append=end).max())
+        needed = max(rule.min_samples, rule.smooth) if topic == "/tip" else rule.min_samples
         if pause > _pause(rule, topic):
             what = "the tip was not tracked (check the cameras' view)" if topic == "/tip" else f"{topic} paused"
-            parts.append(f"{what} for {pause:.2f} s, allowed {_pause(rule, topic):g} s")
-    pressures: Any = pressure["measured"][(pressure["t"] >= since) & (pressure["t"] <= end)]
-    if len(pressures):
-        off = np.abs(pressures - np.asarray(targets)).max(axis=0)
-        worst = int(np.argmax(off))
-        if not off[worst] <= rule.band:
-            parts.append(f"p{worst + 1} is {off[worst]:.0f} Pa off its target, allowed {rule.band:.0f} Pa")
-    places: Any = tip["position"][(tip["t"] >= since) & (tip["t"] <= end)]
-    if len(places):
-        extent = float(np.ptp(places, axis=0).max())
-        parts.append(f"the tip moved {extent * 1e3:.2f} mm, allowed {rule.still_distance * 1e3:.2f} mm after smoothing")
-    return "; ".join(parts)
+            parts.append(f"{what} for {pause:.2f} s, limit {_pause(rule, topic):g} s")
+        elif len(times) < needed:
+            parts.append(f"{len(times)} usable samples of {topic}, needed {needed}")
+    return parts
+
+
+def _why_off(pressure: Samples, targets: Sequence[float], rule: Settled) -> list[str]:
+    """The channels that are furthest from their set-points (Pa), at their worst sample."""
+    if not len(pressure):
+        return []
+    measured: Any = pressure["measured"]
+    off = np.abs(measured - np.asarray(targets)).max(axis=0)
+    wrong = [c for c in np.argsort(-off, kind="stable").tolist() if not off[c] <= rule.band]
+    parts = [
+        f"channel {c + 1} is {off[c] / 1e3:.1f} kPa from its set-point {targets[c] / 1e3:.1f} kPa, band {rule.band / 1e3:.1f} kPa"
+        if np.isfinite(off[c])
+        else f"channel {c + 1} gives no number; check the regulator and its line"
+        for c in wrong[:MOST_CHANNELS]
+    ]
+    return parts + ([f"{len(wrong) - MOST_CHANNELS} further channels are off"] if len(wrong) > MOST_CHANNELS else [])

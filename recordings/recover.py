@@ -19,6 +19,7 @@ from mcap.writer import CompressionType, Writer
 from .container import MAGIC
 from .counts import StreamCounts, counted
 from .errors import NotARecording, RecordingError, WriteFailed
+from .messages import STREAMS
 from .own_files import replacing
 from .reader import mapped
 from .scan import Message, Scan, messages, scan
@@ -63,13 +64,27 @@ class _Kept:
     topic: str
     channel: int
     count: int = 0
-    highest: int = 0
+    numbers: array[int] = field(default_factory=lambda: array("q"))
     log_times: array[int] = field(default_factory=lambda: array("q"))
 
     def add(self, message: Message) -> None:
         self.count += 1
-        self.highest = max(self.highest, message.sequence)
+        self.numbers.append(message.sequence)
         self.log_times.append(message.log_time)
+
+    @property
+    def generated(self) -> int:
+        """Messages there were before the last one that is kept, by their numbers.
+
+        In the order of time: numbers that go back are a stream that began anew, and both its parts count.
+        """
+        if not self.numbers:
+            return 0
+        if self.topic not in STREAMS:  # events may be told later than they happened
+            return max(self.numbers)
+        numbers = np.array(self.numbers)[np.lexsort((self.numbers, self.log_times))]
+        ends = np.append(np.flatnonzero(np.diff(numbers) < 0), len(numbers) - 1)
+        return int(numbers[ends].sum())
 
 
 def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | None = None) -> Recovery:
@@ -169,7 +184,7 @@ def _counts(kept: dict[int, _Kept], found: Scan) -> dict[str, StreamCounts]:
     out, before = {}, counted(found.metadata)
     for entry in kept.values():
         told = before.get(entry.topic, {})
-        generated = max(entry.highest, entry.count, told.get("generated", 0))
+        generated = max(entry.generated, entry.count, told.get("generated", 0))
         at = timing((np.sort(np.array(entry.log_times, dtype=np.int64)) - start) / 1e9)
         out[entry.topic] = StreamCounts.of(generated, entry.count, told.get("lost", 0), at)
     return out

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from . import events
 from .budget import Budget, Cost
 from .concluding import conclude
 from .errors import NotSettled, RecordingError
@@ -42,7 +43,8 @@ class Comparison:
 
 
 def table_of(recording: Recording) -> Table:
-    """The rows as they were concluded live."""
+    """The rows as they were concluded live; raises `Foreign` for a file without states and rows."""
+    recording.need(events.STATE.topic, events.TRIAL.topic)
     return Table(tuple(event.row for event in recording.trials))
 
 
@@ -76,6 +78,7 @@ class _Counted:
 def replay_states(recording: Recording) -> list[Replayed]:
     """Read every recorded state again from the file's samples."""
     out = []
+    recording.need(events.STATE.topic, events.TRIAL.topic)
     recording.load()
     looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
     for event in recording.states:

@@ -7,6 +7,7 @@ import difflib
 import io
 import math
 import os
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -30,6 +31,7 @@ LONGEST = 5.0
 SMALLEST_PRESSURE_SPAN = 1000.0
 """Pa: a whole campaign that stays below was probably written in kPa."""
 
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _CHOICES = {"protocol": PROTOCOLS, "branch": BRANCHES, "specimen": SPECIMENS}
 
 
@@ -59,7 +61,9 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     data = read_bounded(path, LARGEST, BadTable)
     try:
         lines = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
-        header = [name.strip() for name in next(lines, ())]
+        first = next(lines, [])
+        header = [name.strip() for name in first]
+        _check_separator(path, first)
         ignored = _check_header(path, header)
         known = frozenset(header) - frozenset(ignored)
         rows = []
@@ -73,6 +77,17 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     if not rows:
         raise BadTable(f"{path}: has a header but no rows")
     return Table(tuple(rows), ignored, tuple(_doubts(rows)))
+
+
+def _check_separator(path: Path, first: list[str]) -> None:
+    """Spreadsheets of many countries write semicolons, and commas in numbers; others tabs."""
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        names = [part.strip(' "') for cell in first for part in cell.split(mark)]
+        if len(names) > len(first) and any(column_order(part) for part in names):
+            raise BadTable(
+                f"{path} line 1: columns are separated by {name} ({','.join(first)[:60]!r} ..); write commas between columns and "
+                "points in numbers (0.40, not 0,40)"
+            )
 
 
 def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
@@ -94,7 +109,10 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
 
 def _row(where: str, header: list[str], known: frozenset[str], line: list[str]) -> TrialRow:
     if len(line) != len(header):
-        raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns")
+        split = (
+            "; a decimal comma makes two cells of one number: write points (0.40)" if len(line) > len(header) else ""
+        )
+        raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
     cells: dict[str, Cell] = {}
     for name, text in zip(header, (cell.strip() for cell in line), strict=True):
         if not text or name not in known:
@@ -121,7 +139,12 @@ def _value(where: str, name: str, text: str) -> Cell:
     try:
         number = float(text)
     except ValueError:
-        raise BadTable(f"{where}, {name}: {text[:80]!r} is not a number") from None
+        comma = (
+            f"; looks like a decimal comma: write {text.replace(',', '.')}"
+            if _DECIMAL_COMMA.fullmatch(text[:80])
+            else ""
+        )
+        raise BadTable(f"{where}, {name}: {text[:80]!r} is not a number{comma}") from None
     if not math.isfinite(number):
         raise BadTable(f"{where}, {name}: is {text[:80]}; leave the cell empty where nothing was measured")
     if name in INTEGERS:
@@ -141,18 +164,22 @@ def _check_limits(where: str, name: str, value: float) -> None:
     if place == 1 and not LOWEST_PRESSURE <= value <= HIGHEST_PRESSURE:
         raise BadTable(
             f"{where}: {value:g} Pa is outside {LOWEST_PRESSURE:g} .. {HIGHEST_PRESSURE:g} Pa gauge; "
-            "pressures are gauge, in Pa"
+            "pressures are gauge, in Pa: check the unit"
         )
     if (place in (2, 4) or name in ("spine_length", "deflection")) and not abs(value) <= LONGEST:
-        raise BadTable(f"{where}: {value:g} m is more than {LONGEST:g} m away; lengths are in m, is this mm or cm?")
+        raise BadTable(
+            f"{where}: {value:g} m is more than {LONGEST:g} m away: looks like mm or cm; lengths are in m: "
+            "divide by 1000 or 100"
+        )
     if name == "vacuum" and not -5e3 <= value <= 110e3:
-        raise BadTable(f"{where}: {value:g} Pa; give Pa below ambient, from 0 (no vacuum) to about 101 325")
+        looks = "looks like gauge pressure: change the sign; " if -110e3 <= value < 0 else ""
+        raise BadTable(f"{where}: {value:g} Pa: {looks}give Pa below ambient, from 0 (no vacuum) to about 101 325")
     if name == "hold" and value < 0:
         raise BadTable(f"{where}: {value:g} s is before the ramp's end")
     if name == "clipped" and value not in (0, 1):
         raise BadTable(f"{where}: {value:g} is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty")
     if name == "tip_mass" and not 0 <= value <= 10:
-        raise BadTable(f"{where}: {value:g} kg is outside 0 .. 10 kg; masses are in kg, is this g?")
+        raise BadTable(f"{where}: {value:g} kg is outside 0 .. 10 kg: looks like g; masses are in kg: divide by 1000")
 
 
 def _doubts(rows: list[TrialRow]) -> list[str]:
@@ -164,6 +191,9 @@ def _doubts(rows: list[TrialRow]) -> list[str]:
     tips = [max(abs(c) for c in row.tip) for row in rows if row.tip is not None]
     if tips and max(tips) < 0.005:
         doubts.append(f"no tip is further than {max(tips) * 1e3:g} mm from the base: are x, y, z in m?")
+    vacuum = max((row.vacuum or 0.0 for row in rows), default=0.0)
+    if 5 < vacuum < 150 and any(row.spine_length > 0 for row in rows):
+        doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")
     seen: set[tuple[int, int]] = set()
     for row in rows:
         if (row.trial, row.step) in seen:

@@ -33,10 +33,9 @@ from .container import (
     stream,
     take_chunk,
 )
-from .counts import counted
+from .counts import below_zero, counted
 from .errors import NotARecording, RecordingError
 from .gather import decompress, index_of
-from .messages import STREAMS
 from .reader import Recording, mapped
 from .summary import Found, check_summary
 
@@ -253,8 +252,8 @@ def verify(path: str | os.PathLike[str]) -> Verification:
 
 def _contents(path: Path) -> list[str]:
     """What is wrong with the messages and counts of a file whose records are all right."""
-    problems = []
     recording = Recording.open(path)
+    problems = below_zero(recording.metadata)
     counts = counted(recording.metadata)
     try:
         recording.load()
@@ -262,7 +261,7 @@ def _contents(path: Path) -> list[str]:
         return [str(error)]
     for topic in recording.topics:
         try:
-            if topic in STREAMS:
+            if topic in recording.streams:
                 recording.stream(topic)
             written = counts.get(topic, {}).get("written")
             held = len(recording.log_times(topic))

@@ -225,7 +225,11 @@ class Recorder:
         return take
 
     def note_lost(self, topic: str, count: int) -> None:
-        """A driver knows that so many samples of its stream never arrived."""
+        """A driver knows that so many samples of its stream never arrived; raises `BadMessage` for fewer than none."""
+        if count < 0:
+            raise BadMessage(
+                f"{topic}: {count} samples cannot have been lost; give the number since the recording began"
+            )
         entry = self._topics[topic]
         with entry.lock:
             entry.lost += count

@@ -148,7 +148,7 @@ def test_a_state_read_twice_in_one_trial_is_no_repeat() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"deflection": 3.0}, "check the unit"),
+        ({"deflection": 3.0}, "looks like mm; .* divide by 1000"),
         ({"spine_length": 20.0}, "beyond the robot"),
         ({"spine_length": 0.0}, "specimen body"),
     ],

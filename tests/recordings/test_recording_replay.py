@@ -164,13 +164,26 @@ def test_a_hidden_tip_delays_the_reading_until_it_is_seen_again() -> None:
 def test_a_state_that_never_settles_says_what_stood_in_the_way() -> None:
     short = replace(REST, timeout=5.0)
     for run, changes, word in (
-        (Run(), {"targets": (90e3, *TARGETS[1:])}, "p1 is .* Pa off"),
-        (Run(lag=20.0), {}, "the tip moved .* mm"),
+        (Run(), {"targets": (90e3, *TARGETS[1:])}, "channel 1 is .* kPa from its set-point 90.0 kPa, band 1.5 kPa"),
+        (Run(lag=20.0), {}, r"not settled within 5 s: the tip still moved .* mm in 0.8 s, limit 0.80 mm"),
         (Run(hidden=(0.0, 99.0)), {}, "the tip was not tracked"),
     ):
         with pytest.raises(NotSettled, match=word) as caught:
             conclude(filled(run.messages()), state(short, **changes))
         assert "trial 1 step 2" in str(caught.value)
+
+
+def test_what_was_at_rest_is_not_named_among_what_was_not() -> None:
+    short = replace(REST, timeout=8.0)
+    wrong = state(short, targets=(90e3, 60e3, 95e3, 0.0, 0.0, 0.0, 0.0, 0.0, 5e3))
+    with pytest.raises(NotSettled) as caught:
+        conclude(filled(Run().messages()), wrong)
+    said = str(caught.value)
+    assert said.startswith("trial 1 step 2: not settled within 8 s: channel 2 is 2") and "set-point 60.0 kPa" in said
+    assert said.endswith("1 further channels are off") and "the tip" not in said
+    with pytest.raises(NotSettled) as caught:
+        conclude(filled(Run(lag=20.0).messages()), state(short))
+    assert "the tip still moved" in str(caught.value) and "channel" not in str(caught.value)
 
 
 def test_a_stream_that_stands_still_keeps_the_reading_waiting() -> None:

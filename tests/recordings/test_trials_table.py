@@ -93,7 +93,7 @@ def test_a_row_as_text_is_exact(force: float) -> None:
         ("y", "", "without y"),
         ("trial", "1.5", "not a whole number"),
         ("branch", "up", "not one of load, unload"),
-        ("tip_mass", "53", "is this g"),
+        ("tip_mass", "53", "looks like g; .* divide by 1000"),
         ("hold", "-1", "before the ramp's end"),
     ],
 )

@@ -1,0 +1,197 @@
+"""Tables in other units or frames are told from tables of odd robots, by what a robot of this size can do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.errors import BadCase
+from diagnosis.plausible import oddities, refuse
+from model.condition import conditions
+from model.robot import Robot, load_robot
+from model.rod import solve
+from recordings.trials import TrialRow
+
+ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
+LEVELS = (0.0, 60e3, 120e3, 180e3, 240e3)
+BENDING = (9, 1, 2)
+EVERY = tuple(range(1, 10))
+Change = Callable[[TrialRow], TrialRow]
+
+
+def sweep(
+    robot: Robot | None = None,
+    levels: Sequence[float] = LEVELS,
+    chambers: Sequence[int] = BENDING,
+    rolls: Sequence[float] = (0.0,),
+    bias: float = 0.0,
+    spines: Sequence[float] = (0.0, 0.2),
+) -> tuple[TrialRow, ...]:
+    """What the rod model says, with a little noise: up at each spine length and roll (degrees)."""
+    robot = robot or ROBOT
+    asked = [(s, roll, p) for s in spines for roll in rolls for p in levels]
+    pressure = np.array([[bias + (p if c in chambers else 0.0) for c in EVERY] for _, _, p in asked])
+    spine, roll = np.array([a[0] for a in asked]), np.array([a[1] for a in asked])
+    result = solve(robot, conditions(robot, spine, pressure, robot.tip_mass, np.radians(roll)))
+    assert result.ok.all()
+    rng = np.random.default_rng(1)
+    tip = result.tip + rng.normal(0, 0.3e-3, result.tip.shape)
+    pressure = pressure + rng.normal(0, 100.0, pressure.shape)
+    return tuple(
+        TrialRow(
+            trial=1 + i // len(levels), step=1 + i % len(levels), protocol="bending", repeat=1, branch="load", t=10.0 * i,
+            spine_length=float(spine[i]), vacuum=80e3, tip_mass=robot.tip_mass, roll_deg=float(roll[i]),
+            pressures=tuple(pressure[i].tolist()), tip=tuple(tip[i].tolist()),
+            orientation=tuple(result.orientation[i].tolist()),
+        )
+        for i in range(len(asked))
+    )  # fmt: skip
+
+
+def pressures(factor: float, offset: float = 0.0) -> Change:
+    return lambda r: replace(r, pressures=tuple((p + offset) * factor for p in r.pressures))
+
+
+def positions(factor: float) -> Change:
+    return lambda r: replace(r, tip=tuple(c * factor for c in r.tip or ()))  # type: ignore[arg-type]
+
+
+def moved(*matrix: tuple[int, int, int]) -> Change:
+    return lambda r: replace(r, tip=tuple((np.array(matrix) @ r.tip).tolist()))  # type: ignore[arg-type]
+
+
+def w_last(r: TrialRow) -> TrialRow:
+    w, x, y, z = r.orientation or (1.0, 0.0, 0.0, 0.0)
+    return replace(r, orientation=(x, y, z, w))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (pressures(1e-3), ["column p", "looks like kPa", "Pa gauge", "multiply by 1000"]),
+        (pressures(1 / 6894.76), ["column p", "looks like", "psi", "multiply by 6895"]),
+        (pressures(1e-2), ["column p", "looks like mbar", "multiply by 100"]),
+        (pressures(1e-5), ["column p", "looks like bar", "multiply by 100000"]),
+        (pressures(1.0, 101_325.0), ["columns p1..p9", "101", "absolute", "subtract ambient pressure"]),
+        (pressures(1.0, 84_000.0), ["columns p1..p9", "83", "absolute", "subtract ambient pressure"]),
+        (pressures(1e-3, 101_325.0), ["looks like kPa", "absolute pressure"]),
+        (positions(1000.0), ["columns x, y, z", "looks like mm", "divide by 1000"]),
+        (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
+        (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["columns x, y, z", "z upside down", "change the sign of z"]),
+        (moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["columns x, y, z", "x were the robot's axis"]),
+        (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["way from the rest", "add 0.4 to z"]),  # type: ignore[index]
+        (w_last, ["qw, qx, qy, qz", "order x, y, z, w", "write w"]),
+        (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["length 41.9", "unit quaternion"]),
+        (lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
+        (lambda r: replace(r, spine_length=r.spine_length * 100), ["spine_length", "20 m", "cm or mm", "divide by 100"]),
+        (lambda r: replace(r, tip_mass=53.0), ["tip_mass", "53 kg", "looks like g", "divide by 1000"]),
+    ],
+)  # fmt: skip
+def test_another_unit_or_frame_is_named_with_what_to_write(change: Change, words: list[str]) -> None:
+    with pytest.raises(BadCase) as caught:
+        refuse(ROBOT, [change(r) for r in sweep()], "a/trials.csv")
+    text = str(caught.value)
+    assert all(word in text for word in words), text
+    assert all(line.startswith("a/trials.csv: ") for line in text.splitlines())
+
+
+def test_each_thing_that_is_wrong_gets_one_line() -> None:
+    wrong = [pressures(1e-3)(positions(1000.0)(w_last(r))) for r in sweep()]
+    found = oddities(ROBOT, wrong)
+    assert len(found) == 3 and all(any(word in line for line in found) for word in ("mm", "kPa", "x, y, z, w"))
+
+
+def test_a_roll_in_rad_is_seen_by_where_the_tip_goes() -> None:
+    rows = sweep(rolls=(0.0, 40.0, 120.0), spines=(0.0,))
+    assert oddities(ROBOT, rows) == ()
+    (text,) = oddities(ROBOT, [replace(r, roll_deg=float(np.radians(r.roll_deg or 0.0))) for r in rows])
+    assert "roll_deg: 2.0944" in text and "looks like rad" in text and "multiply by 57.2958" in text
+
+
+# ------------------------------------------------------------------ what is odd but right
+LIMP = ROBOT.model_copy(update={"youngs_modulus": 2e4, "shear_modulus": 7e3, "gravity": (0.0, 0.0, -9.81)})
+
+
+@pytest.mark.parametrize("factor", [0.2, 1.0, 5.0])
+def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
+    guessed = ROBOT.model_copy(
+        update={"youngs_modulus": ROBOT.youngs_modulus * factor, "shear_modulus": ROBOT.shear_modulus * factor}
+    )
+    assert oddities(guessed, sweep()) == ()
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        sweep(levels=(80e3, 160e3, 240e3)),
+        sweep(levels=(0.0,)),
+        sweep(levels=(100e3, 101e3, 150e3, 200e3), chambers=EVERY),
+        sweep(levels=(0.0, 40e3, 80e3, 120e3), bias=100e3),
+        sweep(levels=(0.0, 400.0, 800.0, 1200.0)),
+        sweep(rolls=(0.0, 0.7, 1.3), spines=(0.0,)),
+        sweep(rolls=(0.0, 90.0, 180.0), spines=(0.0,)),
+        sweep(rolls=(1.0,), spines=(0.0,)),
+    ],
+    ids=["no rest", "rest alone", "stretched by 100 kPa", "stiffened by 100 kPa", "hardly any pressure", "small rolls",
+         "rolls in degrees", "one roll"],
+)  # fmt: skip
+def test_an_unusual_campaign_is_left_alone(rows: tuple[TrialRow, ...]) -> None:
+    assert oddities(ROBOT, rows) == ()
+
+
+def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None:
+    rng = np.random.default_rng(3)
+    rows = [
+        replace(r, pressures=tuple(rng.normal(0, 40.0, 9).tolist()), tip=(-0.03 * i, 0.0, 0.39), tip_mass=0.1 * i)
+        for i, r in enumerate(sweep())
+    ]
+    assert oddities(ROBOT, rows) == ()
+
+
+def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
+    hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0,))]
+    assert any("upside down" in text for text in oddities(ROBOT, hanging))
+    assert oddities(LIMP, hanging) == ()
+
+
+def test_a_level_body_that_sags_is_left_alone() -> None:
+    level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0), "youngs_modulus": 1.2e5, "shear_modulus": 4e4})
+    rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
+    assert rows[0].tip is not None and rows[0].tip[0] < -0.1
+    assert oddities(level, rows) == ()
+
+
+# ------------------------------------------------------------------ pushes
+def pushes(force: float = 1.0, deflection: float = 1.0, modulus: float = 1.0) -> list[TrialRow]:
+    """A stiffness trial of the body, 2 to 10 mm."""
+    second = np.pi / 4 * (ROBOT.outer_radius**4 - ROBOT.inner_radius**4)
+    stiff = 3 * modulus * ROBOT.youngs_modulus * second / ROBOT.length**3
+    return [
+        TrialRow(
+            trial=1, step=i, protocol="stiffness", repeat=1, branch="load", t=float(i), spine_length=0.0, pressures=(0.0,) * 9,
+            specimen="body", force=(0.05 + stiff * 0.002 * i) * force, deflection=0.002 * i * deflection,
+        )
+        for i in range(1, 6)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (pushes(force=1000.0), ["column force", "looks like mN", "divide by 1000"]),
+        (pushes(force=1000 / 9.80665), ["column force", "looks like gram-force", "divide by 101.972"]),
+        (pushes(deflection=1000.0), ["column deflection", "looks like mm", "divide by 1000"]),
+    ],
+)
+def test_a_push_in_another_unit_is_named(rows: list[TrialRow], words: list[str]) -> None:
+    (text,) = oddities(ROBOT, rows)
+    assert all(word in text for word in words), text
+
+
+@pytest.mark.parametrize("modulus", [0.1, 0.5, 3.0, 10.0])
+def test_a_modulus_that_is_to_be_found_is_no_other_unit_of_force(modulus: float) -> None:
+    assert oddities(ROBOT, pushes(modulus=modulus)) == ()
