@@ -86,7 +86,7 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
         return robot
     if not sys.stdin.isatty():
         raise ConfigError("--move: nobody can be asked (not a terminal); add --yes when nobody is in reach of the rig")
-    print(
+    out.print(
         f"This inflates each channel to {STEP / 1e3:g} kPa, homes the spine and moves it by 1 cm, opens the valve and moves the "
         f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, and nobody be in reach."
     )

@@ -166,10 +166,10 @@ class Recording:
         return tuple(topic for topic in dict.fromkeys(self.topics) if topic in STREAMS and self.knows(topic))
 
     def _ours(self, channel: Channel) -> bool:
+        """Whether a channel is as this software writes it; one whose schema was lost may be, and is damaged."""
         schema = self.contents.schemas.get(channel.schema_id)
-        return (
-            schema is not None and channel.message_encoding == "protobuf" and schema.name == _NAMES.get(channel.topic)
-        )
+        name = _NAMES.get(channel.topic)
+        return channel.message_encoding == "protobuf" and name is not None and (schema is None or schema.name == name)
 
     def _described(self) -> str:
         """The topics with their messages, for people."""
