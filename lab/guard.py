@@ -299,7 +299,9 @@ class Guard:
             self.own.busy.discard("arm")
 
     def _say_waiting(self, text: str) -> None:
-        self.tell(Event("waiting", text))
+        """From a thread of its own: the line must not be dropped, and the arm must not wait for the program to read it."""
+        event = Event("waiting", text)
+        threading.Thread(target=self.tell, args=(event, True), name="say-waiting", daemon=True).start()
 
     def _not_stopped(self, error: InstrumentError) -> None:
         self.land(f"no force samples, and the arm does not take its stop: {error}", error)
