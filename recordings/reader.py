@@ -7,7 +7,7 @@ import math
 import mmap
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from .errors import Damaged, Foreign, MissingStream, NotARecording, OtherVersion
 from .events import EVENTS, EventType
 from .gather import find_channels, pick
 from .messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType
+from .order import ordered
 from .samples import Samples
 from .states import State
 from .trials import TrialRow
@@ -213,7 +214,7 @@ class Recording:
         """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
         samples, channel = self.stream(topic), self._channel(topic)
         numbers = np.concatenate([np.zeros(0, np.int64), *self._sequences.get(channel.id, [])])
-        in_time = numbers[self._order(channel, None, lambda i: b"")]
+        in_time = numbers[self._order(channel, [], lambda i: b"")]
         counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
         return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
 
@@ -296,29 +297,14 @@ class Recording:
 
     def _in_order(self, channel: Channel, samples: NDArray[np.void]) -> NDArray[np.void]:
         if not (np.diff(samples["t"]) > 0).all():
-            samples = samples[self._order(channel, samples["t"], lambda i: bytes(samples[i].tobytes()))]
+            samples = samples[self._order(channel, [samples["t"]], lambda i: bytes(samples[i].tobytes()))]
         samples.setflags(write=False)
         return samples
 
-    def _order(
-        self, channel: Channel, t: NDArray[np.float64] | None, content: Callable[[int], bytes]
-    ) -> NDArray[np.int64]:
-        """The order of a channel's messages by stamp, log time and number, whatever their order in the file.
-
-        Messages that are equal in all of that are told apart by `content`; which of two equal ones comes first does not
-        matter.
-        """
-        empty = np.zeros(0, np.int64)
-        keys = [
-            np.concatenate([empty, *self._sequences.get(channel.id, [])]),
-            np.concatenate([empty, *self._log_times.get(channel.id, [])]),
-            *([] if t is None else [t]),
-        ]
-        order = np.lexsort(keys).astype(np.int64)
-        same = np.all([np.diff(key[order]) == 0 for key in keys], axis=0)
-        for first, last in _runs(same):
-            order[first:last] = sorted(order[first:last].tolist(), key=content)
-        return order
+    def _order(self, channel: Channel, t: Sequence[NDArray[np.float64]], content: Callable[[int], bytes]) -> list[int]:
+        """The order of a channel's messages: by stamp (when given), log time, number, and what they hold."""
+        parts = (self._sequences.get(channel.id, []), self._log_times.get(channel.id, []))
+        return ordered([*(np.concatenate([np.zeros(0, np.int64), *part]) for part in parts), *t], content).tolist()
 
     def _message(self, channel: Channel) -> MessageType:
         """The stream's message with the array sizes of this recording."""
@@ -374,7 +360,7 @@ class Recording:
         self._need(channel)
         log_times = [t for part in self._log_times.get(channel.id, []) for t in part.tolist()]
         payloads = self._payloads.get(channel.id, [])
-        return [(log_times[i], payloads[i]) for i in self._order(channel, None, payloads.__getitem__).tolist()]
+        return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__).tolist()]
 
     @property
     def states(self) -> list[StateEvent]:
@@ -407,13 +393,6 @@ def _text(message: Any) -> str:
         return str(message.json)
     except UnicodeDecodeError as error:
         raise Damaged(f"a state or row is no text ({error}); run `lab verify`") from error
-
-
-def _runs(same: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """First and one past the last of each run of equal neighbours; same[i]: item i equals item i + 1."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2).tolist():
-        yield first, last + 1
 
 
 def _seconds(contents: Contents) -> float:
