@@ -360,7 +360,7 @@ class Recording:
         self._need(channel)
         log_times = [t for part in self._log_times.get(channel.id, []) for t in part.tolist()]
         payloads = self._payloads.get(channel.id, [])
-        return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__).tolist()]
+        return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]
 
     @property
     def states(self) -> list[StateEvent]:
