@@ -102,8 +102,8 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     for name in REQUIRED:
         if name not in header:
             near = difflib.get_close_matches(name, ignored, 1, 0.5)
-            hint = f"; is it the column {near[0]!r}?" if near else ""
-            raise BadTable(f"{path}: no column {name}{hint} Required are {', '.join(REQUIRED)}")
+            hint = f"; is it the column {near[0]!r}" if near else ""
+            raise BadTable(f"{path}: no column {name}{hint}; required are {', '.join(REQUIRED)}")
     return ignored
 
 

@@ -158,14 +158,14 @@ def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(
     ("changes", "code", "words"),
     [
-        ({"x": "nan"}, 1, ["trials.csv line 2", "x", "leave the cell empty"]),
-        ({"z": "40.0"}, 1, ["z", "40 m", "lengths are in m"]),
+        ({"x": "nan"}, 2, ["trials.csv line 2", "x", "leave the cell empty"]),
+        ({"z": "40.0"}, 2, ["z", "40 m", "lengths are in m"]),
         ({"x": "4.0"}, 2, ["4.02 m", "0.4 m long", "check the unit"]),
-        ({"x": None, "y": None, "z": None}, 1, ["line 2", "needs the tip's x, y, z"]),
-        ({"p1": None}, 1, ["no column p1"]),
-        ({"spine_length": None}, 1, ["no column spine_length"]),
+        ({"x": None, "y": None, "z": None}, 2, ["line 2", "needs the tip's x, y, z"]),
+        ({"p1": None}, 2, ["no column p1"]),
+        ({"spine_length": None}, 2, ["no column spine_length"]),
         ({"spine_length": "0.45"}, 2, ["0.45 m", "beyond the robot's 0.4 m"]),
-        ({"p9": None}, 2, ["[8] pressures", "9 chambers"]),
+        ({"p9": None}, 2, ["8 pressures", "9 chambers"]),
     ],
     ids=["NaN", "40 m away", "4 m away", "no tip", "no pressure", "no spine length", "long spine", "other robot"],
 )
