@@ -21,7 +21,7 @@ from .averaging import (
 from .buffer import Streams
 from .errors import NotSettled
 from .reading import Span, crossing_window, fixed_window, settled_window, tracked
-from .states import Crossing, Probe, Settled, State, Window
+from .states import LARGEST, Crossing, Probe, Settled, State, Window
 from .trials import TrialRow
 
 Samples = NDArray[np.void]
@@ -35,6 +35,8 @@ AVERAGED = {
     "/pressure": ("measured",), "/spine": ("length",), "/vacuum": ("absolute",), "/force": ("raw", "zero"), "/arm": ("tcp_pose",),
 }  # fmt: skip
 """What must be a number in every sample that is averaged; of the tip only tracked samples count."""
+SEEN = {"/tip": ("position", "orientation", "markers")}
+"""What may be missing (NaN), but not beyond all measure."""
 
 
 Count = Callable[[int], object]
@@ -139,9 +141,13 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
 
 
 def _demand_numbers(topic: str, samples: Samples) -> None:
-    """Raises NotSettled when a sample holds NaN or an infinite value: an average that leaves it out would hide a fault."""
-    for name in AVERAGED.get(topic, ()):
-        bad = ~np.isfinite(samples[name].reshape(len(samples), -1)).all(axis=1)
+    """Raises NotSettled when a sample holds NaN or a value beyond all measure: an average that leaves it out would hide a
+    fault."""
+    for name in (*AVERAGED.get(topic, ()), *SEEN.get(topic, ())):
+        values = np.abs(samples[name].reshape(len(samples), -1))
+        bad = (values > LARGEST).any(axis=1)
+        if name in AVERAGED.get(topic, ()):
+            bad |= np.isnan(values).any(axis=1)
         if bad.any():
             raise NotSettled(
                 f"{topic}: {name} is no number in {int(bad.sum())} of {len(samples)} samples, first at "

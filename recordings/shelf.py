@@ -107,8 +107,8 @@ def _run(row: tuple[Any, ...]) -> Run:
 
 def _opened(path: Path | None) -> sqlite3.Connection:
     """The index at a path, or None: in memory; made anew when it is of another version. Raises sqlite3.DatabaseError."""
-    if path is not None and path.is_symlink():
-        raise RecordingError(f"{path}: is a symbolic link, which is not followed here; remove it")
+    if path is not None and (path.is_symlink() or (path.exists() and not path.is_file())):
+        raise RecordingError(f"{path}: is a symbolic link or no file, which is not followed here; remove it")
     index = sqlite3.connect(":memory:" if path is None else path, timeout=10.0)
     try:
         index.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)

@@ -194,6 +194,12 @@ def checked(value: _T) -> _T:
         found = getattr(value, name)
         if not _is(found, hint):
             raise BadMessage(f"{name} = {repr(found)[:80]}: must be {hint}")
+    if isinstance(value, Settled | Window | Crossing):
+        for name, number in vars(value).items():
+            if isinstance(number, int | float) and name != "level" and number < 0:
+                raise BadMessage(f"{name} = {number}: must not be below 0")
+        if value.min_samples < 1:
+            raise BadMessage(f"min_samples = {value.min_samples}: must be at least 1")
     if isinstance(value, Settled) and not 1 <= value.smooth <= LONGEST_AVERAGE:
         raise BadMessage(f"smooth = {value.smooth}: must be 1 to {LONGEST_AVERAGE} samples")
     if isinstance(value, Crossing) and not (value.chambers and min(value.chambers) >= 0):

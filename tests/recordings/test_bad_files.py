@@ -43,7 +43,8 @@ def test_json_with_many_flat_lists_and_brackets_in_texts_is_read() -> None:
 @pytest.mark.parametrize(
     ("where", "key", "value"),
     [
-        ("rule", "smooth", 10**9), ("rule", "smooth", 0), ("rule", "timeout", "60"), ("rule", "band", None),
+        ("rule", "smooth", 10**9), ("rule", "smooth", 0),
+        ("rule", "min_samples", 0), ("rule", "average", -1.0), ("rule", "timeout", "60"), ("rule", "band", None),
         ("rule", "still", 1e999),
         ("", "targets", {}), ("", "targets", [[1]]), ("", "t_start", "x"), ("", "trial", 1.5), ("", "trial", 10**400),
         ("", "branch", []), ("", "topics", "/tip"), ("", "probe", []), ("", "spine_length", True),

@@ -233,7 +233,7 @@ def test_too_few_samples_in_a_fixed_window_are_told() -> None:
     ("topic", "field", "value", "why"),
     [
         ("/arm", 2, math.nan, "no number in 1 of"),
-        ("/arm", 2, 1e200, "no rotation"),
+        ("/arm", 2, 1e200, "no number"),
         ("/force", 0, math.inf, "no number in 1 of"),
     ],
 )
@@ -300,3 +300,13 @@ def test_a_case_folder_and_tables_of_samples_come_out(tmp_path: Path) -> None:
     files = export_streams(recording, tmp_path / "csv")
     tip = (tmp_path / "csv" / "tip.csv").read_text().splitlines()
     assert len(files) == 6 and tip[0].startswith("t,device_time,frame,position_1") and len(tip) == 1 + 1199
+
+
+@pytest.mark.parametrize("value", [1e300, -1e20, math.inf])
+def test_a_value_beyond_all_measure_is_told_and_not_averaged(value: float) -> None:
+    def spoilt() -> Iterable[Message]:
+        for topic, t, values in Run().messages():
+            yield topic, t, (values[0], (value,) * 9) if topic == "/pressure" else values
+
+    with pytest.raises(NotSettled, match=r"/pressure: measured is no number"):
+        conclude(filled(spoilt()), STATES["window"])
