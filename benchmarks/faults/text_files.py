@@ -14,7 +14,7 @@ RIG = """
 name: virtual rig
 robot: robot.yaml
 clock: {speed: 20.0}
-operator: tcp://127.0.0.1:4000
+operator: unix:/run/lab/operator.sock
 instruments:
   arm: {driver: ur5, host: 127.0.0.1, max_speed: 0.1, workspace_min: [-0.75, -0.75, 0.02]}
   force: {driver: ft300s, port: /dev/ttyUSB0}
