@@ -21,6 +21,8 @@ from recordings.events import STATE, TRIAL
 
 Record = tuple[int, bytes]
 Edit = Callable[[list[Record], random.Random], None]
+MOST_BARE = 400_000
+"""Bytes of a chunk that may stand unpacked: the bounds are for files below 1 MB."""
 NUMBERS = (0, 1, 2**7, 2**16 - 1, 2**31, 2**32 - 1, 2**53, 2**62, 2**63, 2**64 - 1)
 TEXTS = (
     "", "\0", "1e999", "9" * 5000, "[" * 100_000, "{}", "null", "-1", "0x-1", "1x1x1x1", "1000000000", "1x" * 70 + "1", "NaN",
@@ -245,6 +247,8 @@ def _chunk(inner: list[Record], rng: random.Random, stale: bool) -> bytes:
     name, packed = rng.choice(
         ((b"zstd", zstandard.compress), (b"zstd", zstandard.compress), (b"lz4", lz4.frame.compress), (b"", bytes))
     )
+    if len(raw) > MOST_BARE:
+        name, packed = b"zstd", zstandard.compress
     size = rng.choice(NUMBERS) if rng.random() < 0.03 else len(raw)
     data = packed(raw)
     if rng.random() < 0.02:
