@@ -37,6 +37,7 @@ bench: $(READY_DEV)
 # The whole fault matrix, then kills, signals, fuzz and soak: an hour and a half on two processors.
 faults: $(READY_DEV)
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
+	$(BIN)/python -m benchmarks.faults.stops
 	$(BIN)/python -m benchmarks.faults.kills --count 50
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal INT
