@@ -17,7 +17,7 @@ demo: $(READY)
 # once is compiled before, model and virtual robot beside each other.
 test: room $(READY_DEV)
 	$(if $(ROOM),,$(BIN)/python -m model.warm_up & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 $(if $(ROOM),tests/$(ROOM))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 $(if $(ROOM),tests/$(ROOM))
 
 room:
 	@$(if $(filter-out $(ROOMS),$(ROOM)),echo "ROOM=$(ROOM): no such room; one of: $(ROOMS)" >&2; exit 2)

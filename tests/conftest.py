@@ -1,6 +1,6 @@
-"""Tests run in four processes. A rig of fakes mostly waits, so two of them go on beside each other: that of the safety tests,
-and that of the command, which it shares with what would starve it (a cluster of processes). Whatever solves rods shares a
-process too: each kind is compiled once, in the process that first needs it. All others stay together file by file."""
+"""Tests run in three processes. Whatever runs a whole rig of fakes shares one of them, and so does what would starve a rig (a
+cluster of processes); so does whatever solves rods, each kind of which is compiled once, in the process that first needs it.
+All others stay together file by file."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
-SAFETY, RIG, RODS = "safety", "rig", "rods"
+RIG, RODS = "rig", "rods"
 GROUPS = {
-    "safety": SAFETY,
+    "safety": RIG,
     "test_call_order.py": "call order",
     "test_call_order_network.py": "call order",
     "test_bad_input.py": RIG,
