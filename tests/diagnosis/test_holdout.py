@@ -73,7 +73,7 @@ def push(r: TrialRow) -> TrialRow:
     [
         (lambda c: c, "the fit saw them"),
         (lambda c: Measured(ROBOT.model_copy(update={"tip_mass": 0.5}), c.table), "same robot"),
-        (lambda c: case([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()]), "check the unit"),
+        (lambda c: case([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()]), "looks like cm"),
         (lambda c: case([replace(r, protocol="stiffness", tip=None) for r in sweep()]), "none with a tip"),
         (lambda c: case([push(r) for r in sweep() if r.spine_length > 0.05]), "campaign held out has none"),
     ],

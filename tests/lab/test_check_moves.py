@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 import yaml
-from conftest import PATIENT
 
 from lab.checked import Moved, keep, last, place
 from lab.cli import main
-from lab.fakes import PATIENT_SETTLE, write_rig
+from lab.fakes import PATIENT, PATIENT_SETTLE, write_rig
 from lab.rig_file import load_rig
 from recordings.reader import Recording
 from sim_fakes.alicat import AlicatFake
@@ -36,8 +35,8 @@ def start(tmp_path: Path) -> Iterator[Start]:
         def start(regulators: Regulators, **written: Any) -> tuple[FakeRig, Path]:
             fakes = running.enter_context(FakeRig(speed=SPEED, seed=4, regulators=regulators))
             rig = tmp_path / "rig.yaml"
-            write_rig(fakes, rig)
-            data = yaml.safe_load(rig.read_text()) | PATIENT
+            write_rig(fakes, rig, PATIENT)
+            data = yaml.safe_load(rig.read_text())
             data["instruments"]["pressure"] |= {"timeout": 2.0} | written
             rig.write_text(yaml.safe_dump(data))
             return fakes, rig

@@ -33,8 +33,9 @@ SHORT = [
 @pytest.fixture
 def hostile_rig(virtual_lab: VirtualLab, tmp_path: Path) -> Iterator[Path]:
     """A rig file and a robot with such names, and a valve with such an identity."""
-    rig = yaml.safe_load(virtual_lab.rig.read_text()) | {"name": HOSTILE}
-    robot = yaml.safe_load(virtual_lab.rig.with_name("robot.yaml").read_text()) | {"name": HOSTILE}
+    name = HOSTILE.replace("\x1b", "")  # a file that holds a control character is refused
+    rig = yaml.safe_load(virtual_lab.rig.read_text()) | {"name": name}
+    robot = yaml.safe_load(virtual_lab.rig.with_name("robot.yaml").read_text()) | {"name": name}
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
     path = tmp_path / "rig.yaml"
     path.write_text(yaml.safe_dump(rig))
