@@ -15,12 +15,14 @@ import pytest
 from virtual_lab import VirtualLab
 
 from lab.cli import main
+from lab.fakes import PATIENT_SETTLE
 from lab.inputs import read_case
 from recordings.journal import read
 from recordings.reader import Recording
 from recordings.trials import Table
 
-SHORT = ("--set", "spine_lengths=[0.0, 3 cm, 6 cm]", "--set", "pressures=[80 kPa]", "--set", "unload=false")
+LATE = [word for setting in PATIENT_SETTLE[1:] for word in ("--set", setting)]
+SHORT = ("--set", "spine_lengths=[0.0, 3 cm, 6 cm]", "--set", "pressures=[80 kPa]", "--set", "unload=false", *LATE)
 
 
 def lab(*arguments: object) -> int:
