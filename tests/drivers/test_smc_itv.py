@@ -183,7 +183,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(
     regulators.open()
     slow = fakes[0]
     assert regulators.read().measured[0] < 5e3
-    slow.faults.delay = 0.3
+    slow.faults.delay = 1.0  # later than the time-out of 0.5 s, sooner than what is held to be lost
     for _ in range(3):
         with pytest.raises(InstrumentError):
             regulators.read()
@@ -197,7 +197,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(
     with pytest.raises(InstrumentError, match="did not vent channel 1"):
         regulators.vent()
     slow.faults.delay = 0.0
-    until = time.monotonic() + 10.0
+    until = time.monotonic() + 30.0
     while True:  # what is owed comes in, then the unit is understood again
         try:
             regulators.vent()
@@ -216,7 +216,7 @@ def test_after_a_moment_of_silence_the_units_are_understood_again(
     with pytest.raises(InstrumentError):
         regulators.read()
     fakes[0].faults.silent = False
-    until = time.monotonic() + 10.0
+    until = time.monotonic() + 30.0
     while True:
         try:
             assert len(regulators.read().measured) == CHANNELS
