@@ -70,6 +70,13 @@ SEEN = 9
 STATE = 14
 
 
+@inline
+def copy_numbers(source: Array, into: Array, count: int) -> None:
+    """The first `count` numbers. (Numba compiles half a dozen text functions into an assignment of slices, for its error.)"""
+    for i in range(count):
+        into[i] = source[i]
+
+
 @routine
 def start_columns(work: Array, x: Array, moment: Array) -> None:
     """Columns at the tip: a unit turn, moment and force about each axis of the mount frame; forced ones are empty.
@@ -342,7 +349,8 @@ def differentiate(
             lay_out(work, elements, rises, series, e)
             if e > 0:
                 # Columns go on from where they left the element before, and collect anew.
-                x[e, :, : STRETCHED * LANES] = x[e - 1, :, : STRETCHED * LANES]
+                for c in range(count):
+                    copy_numbers(x[e - 1, c], x[e, c], STRETCHED * LANES)
             for j in range(pieces):
                 for s in range(stations):
                     visit(work, elements, rises, series, e, j, pieces, x, arcs, first, active, s, seen[s], passed[s],
@@ -427,8 +435,9 @@ def visit(
     if not inside.any():
         return
     own = x[e]
-    kept[0, : STATE * LANES] = work[: STATE * LANES]
-    kept[1:] = own
+    copy_numbers(work, kept[0], STATE * LANES)
+    for c in range(len(own)):
+        copy_numbers(own[c], kept[1 + c], CELL * LANES)
     step_all(work, own, rises, series, e, z, -1.0 / pieces)
     for l in range(active):
         if not inside[l]:
@@ -460,8 +469,9 @@ def visit(
             for c in range(len(own)):
                 for k in range(CELL):
                     passed[i, c, k * LANES + l] = x[i, c, k * LANES + l] if i <= e else 0.0
-    work[: STATE * LANES] = kept[0, : STATE * LANES]
-    own[:] = kept[1:]
+    copy_numbers(kept[0], work, STATE * LANES)
+    for c in range(len(own)):
+        copy_numbers(kept[1 + c], own[c], CELL * LANES)
 
 
 @routine
