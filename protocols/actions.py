@@ -14,6 +14,8 @@ LOWEST_AMBIENT = 80e3
 """Pa absolute; a spine below this is still evacuated."""
 CLIPPED = 1e3
 """Pa between asked and set that are more than an instrument's rounding."""
+REST_READINGS = 6
+"""A gauge is judged to rest from at least so many readings."""
 LONGEST_STEP = 1.0
 """Rig seconds by which a ramp goes on at most from one set-point to the next: what regulators credit after a pause."""
 CONFIRM_WITHIN = 30.0
@@ -45,25 +47,32 @@ def home(bench: Bench, within: float = 120.0) -> None:
 
 
 def release(bench: Bench, jam: Jam) -> float:
-    """Un-jam the spine and wait until the gauge rests; returns ambient pressure, Pa absolute, the mean of that rest."""
+    """Un-jam the spine and wait until the gauge rests; returns ambient pressure, Pa absolute, the mean of that rest.
+
+    Readings that come more slowly than six in `jam.rest` seconds are judged over as long as six of them take.
+    """
     valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
     valve.set(False)
     readings: list[tuple[float, float]] = []
 
+    def recently() -> list[tuple[float, float]]:
+        first = next(i for i, (t, _) in enumerate(readings) if t >= readings[-1][0] - jam.rest)
+        return readings[max(0, min(first, len(readings) - REST_READINGS)) :]
+
     def at_rest() -> float | None:
         readings.append((bench.clock.now(), gauge.read().absolute))
-        recent = [p for t, p in readings if t >= readings[-1][0] - jam.rest]
-        if readings[-1][0] - readings[0][0] < jam.rest or len(recent) < 6:
+        recent = [p for _, p in recently()]
+        if readings[-1][0] - readings[0][0] < jam.rest or len(recent) < REST_READINGS:
             return None
         half = len(recent) // 2
         drift = fmean(recent[half:]) - fmean(recent[:half])
         return fmean(recent) if abs(drift) < jam.released_below / 5 and min(recent) > LOWEST_AMBIENT else None
 
     def stood() -> str:
-        recent = [p for t, p in readings if t >= readings[-1][0] - jam.rest]
+        times, recent = zip(*recently(), strict=True)
         moved, lowest = max(recent) - min(recent), min(recent)
         return (
-            f"the gauge still moved {moved / 1e3:.2f} kPa in {jam.rest:g} s (its drift must be below "
+            f"the gauge still moved {moved / 1e3:.2f} kPa in {times[-1] - times[0]:.3g} s (its drift must be below "
             f"{jam.released_below / 5e3:.2f} kPa) and read {lowest / 1e3:.1f} kPa absolute (ambient is above "
             f"{LOWEST_AMBIENT / 1e3:.1f} kPa)"
         )
