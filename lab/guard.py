@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
@@ -37,14 +37,11 @@ LOG_EVERY = 1.0
 """Host seconds between two such lines."""
 
 
-class Tell(Protocol):
-    """The way to the program."""
-
-    def __call__(self, message: Any, may_wait: bool = False) -> None:
-        """Send; unless it may wait, a message for a program that does not read is dropped."""
+Tell = Callable[[Any], None]
+"""The way to the program: an Event, or the name of an instrument with its sample. Returns at once."""
 
 
-def nobody(message: Any, may_wait: bool = False) -> None:
+def nobody(message: Any) -> None:
     """There is no program to tell."""
 
 
@@ -218,7 +215,7 @@ class Guard:
 
         def go() -> None:
             report = self.safe(why, self.rig.safe.keep_vacuum)
-            self.tell(Event("landed", why, error, report), may_wait=True)
+            self.tell(Event("landed", why, error, report))
 
         with self._deciding:
             if self.landed:
@@ -233,7 +230,7 @@ class Guard:
             self.handed_over = by
             self.landed = self.landed or why
         report = self.safe(why, self.rig.safe.keep_vacuum)
-        self.tell(Event("landed", why, None, report), may_wait=True)
+        self.tell(Event("landed", why, None, report))
         return report
 
     def resume(self) -> None:
@@ -273,7 +270,7 @@ class Guard:
                     sample = e
                 else:
                     sample = self._judge(name, sample)
-                self.tell((name, sample), may_wait=True)
+                self.tell((name, sample))
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _judge(self, name: str, sample: Any) -> Any:
@@ -299,9 +296,7 @@ class Guard:
             self.own.busy.discard("arm")
 
     def _say_waiting(self, text: str) -> None:
-        """From a thread of its own: the line must not be dropped, and the arm must not wait for the program to read it."""
-        event = Event("waiting", text)
-        threading.Thread(target=self.tell, args=(event, True), name="say-waiting", daemon=True).start()
+        self.tell(Event("waiting", text))
 
     def _not_stopped(self, error: InstrumentError) -> None:
         self.land(f"no force samples, and the arm does not take its stop: {error}", error)

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 import signal
 import sys
 import threading
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from drivers.errors import DeviceFault, InstrumentError
@@ -33,26 +33,29 @@ LOOK = 0.05
 """Longest host seconds between two looks at the pulse."""
 BEAT_BACK = 0.2
 """Host seconds between two signs of life to the program."""
+MOST_WAITING = 100
+"""Messages waiting for the program beyond which no further sample joins them."""
 
 
 class Reports:
-    """The way to the program: what the guard says and measures."""
+    """The way to the program: what the guard says and measures, in order. Nobody waits for a program that does not read; it
+    loses samples, never an event."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
-        self._sending = threading.Lock()
+        self._queue: SimpleQueue[Any] = SimpleQueue()
+        threading.Thread(target=self._send, name="reports", daemon=True).start()
 
-    def __call__(self, message: Any, may_wait: bool = False) -> None:
+    def __call__(self, message: Any) -> None:
         """See guard.Tell."""
-        if not self._sending.acquire(blocking=may_wait):
-            return
-        try:
-            if may_wait or select.select([], [self._pipe], [], 0)[1]:
-                self._pipe.send(message)
-        except (OSError, ValueError):
-            pass  # the program has gone: the watch sees it
-        finally:
-            self._sending.release()
+        kept = isinstance(message, Event) and message.kind != "beat"
+        if kept or self._queue.qsize() < MOST_WAITING:
+            self._queue.put(message)
+
+    def _send(self) -> None:
+        with contextlib.suppress(OSError, ValueError):  # the program has gone: the watch sees it
+            while True:
+                self._pipe.send(self._queue.get())
 
 
 class ProgramWatch(threading.Thread):
