@@ -298,7 +298,14 @@ class DynamixelSpine:
         self._servo.write(table.TORQUE, 0)
         counts = self._servo.read(table.PRESENT_POSITION)
         self._set_goal(counts, self._config.max_speed)
-        self._servo.write(table.TORQUE, 1)
+        try:
+            self._servo.write(table.TORQUE, 1)
+        except BadReply:
+            self._fault = ""
+            self._poll()
+            if self._fault:  # it has just failed, and says why
+                raise DeviceFault(self.name, self._fault) from None
+            raise
         return counts
 
     def _restart(self) -> None:

@@ -135,6 +135,23 @@ def test_overload_drops_the_torque_and_homing_restarts_the_servo(make: Make, pla
     assert plant.spine_drive == pytest.approx(0, abs=5e-4)
 
 
+def test_a_servo_that_fails_while_a_stall_is_answered_says_why(make: Make, plant: Plant) -> None:
+    spine, servo = make(current_limit=0.8)
+    homed(spine)
+    spine.move_to(0.3, 0.02)
+    wrote = servo.motor.wrote
+
+    def fails_as_its_torque_goes_off(address: int) -> None:
+        wrote(address)
+        if address == TORQUE and not servo.motor.get(TORQUE):
+            servo.motor.fail(1 << 5)
+
+    servo.motor.wrote = fails_as_its_torque_goes_off  # type: ignore[method-assign]
+    plant.spine_blocked = True
+    with pytest.raises(DeviceFault, match="overload"):
+        watch(spine, lambda _: False)
+
+
 def test_every_bit_of_a_hardware_error_is_named(make: Make) -> None:
     spine, servo = make()
     spine.open()

@@ -229,7 +229,8 @@ def test_stop_ends_a_reference_run_without_result(bench: Bench) -> None:
 
 
 def test_a_jammed_spine_is_reported_as_a_stall_until_the_next_command(bench: Bench) -> None:
-    unit = bench.homed(bench.fake())
+    gentle = {"current_limit": 0.8} if bench.kind == "dynamixel" else {}  # with more it overloads when read too late
+    unit = bench.homed(bench.fake(), **gentle)
     unit.move_to(0.3, 0.02)
     watch(unit, lambda s: s.length > 0.02)
     bench.plant.spine_blocked = True

@@ -126,27 +126,29 @@ def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable
 
 
 MACHINES = {
-    "alicat": serial("pressure", lambda f, c: alicat.Alicat("it", alicat.Config(port=f.port), c), AlicatFake),
+    "alicat": serial(
+        "pressure", lambda f, c: alicat.Alicat("it", alicat.Config(port=f.port, timeout=0.5), c), AlicatFake
+    ),
     "smc_itv": serial(
         "pressure",
-        lambda f, c: smc_itv.SmcItv("it", smc_itv.Config(ports=(f.port,), chambers=((1, 2, 3),)), c),
+        lambda f, c: smc_itv.SmcItv("it", smc_itv.Config(timeout=0.5, ports=(f.port,), chambers=((1, 2, 3),)), c),
         lambda p, c: SmcItvFake(p, c, (1, 2, 3)),
     ),
     "dynamixel": serial(
         "spine",
-        lambda f, c: dynamixel.DynamixelSpine("it", dynamixel.Config(port=f.port, metres_per_turn=0.1), c),
+        lambda f, c: dynamixel.DynamixelSpine("it", dynamixel.Config(port=f.port, timeout=0.5, metres_per_turn=0.1), c),
         DynamixelFake,
     ),
     "tmcl": serial(
-        "spine", lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, metres_per_turn=0.1), c), TmclFake
+        "spine", lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, timeout=0.5, metres_per_turn=0.1), c), TmclFake
     ),
-    "numato": serial("valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port), c), NumatoFake),
+    "numato": serial("valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=0.5), c), NumatoFake),
     "pfeiffer": serial(
-        "gauge", lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port), c), PfeifferFake
+        "gauge", lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port, timeout=0.5), c), PfeifferFake
     ),
     "ft300s": serial(
         "force",
-        lambda f, c: ft300s.FT300S("it", ft300s.Config(port=f.port, max_age=1.0), c, lambda s: None),
+        lambda f, c: ft300s.FT300S("it", ft300s.Config(port=f.port, timeout=0.5, max_age=1.0), c, lambda s: None),
         Ft300sFake,
     ),
 }
