@@ -5,7 +5,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 # Python compiles on first import what is used: a fifth of what would be compiled here.
 INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt -e
-# make test ROOM=drivers: one room alone.
+# make test ROOM=drivers: one room alone. make test LONG=1: also further cases of what other tests show.
 ROOMS := $(sort $(patsubst tests/%/,%,$(filter-out tests/__%,$(wildcard tests/*/))))
 
 # Whatever the person's shell says: without its cache every process of Python takes three seconds longer to start.
@@ -20,7 +20,7 @@ demo: $(READY)
 # once is compiled before, model and virtual robot beside each other.
 test: room $(READY_DEV)
 	$(if $(ROOM),,$(BIN)/python -m model.warm_up & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 $(if $(ROOM),tests/$(ROOM))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:
 	@$(if $(filter-out $(ROOMS),$(ROOM)),echo "ROOM=$(ROOM): no such room; one of: $(ROOMS)" >&2; exit 2)
@@ -37,8 +37,9 @@ bench: $(READY_DEV)
 	$(BIN)/python -m benchmarks.rod --json out/rod.json
 	$(BIN)/python -m benchmarks.recording --json out/recording.json
 
-# The whole fault matrix, then kills, signals, fuzz and soak: an hour and a half on two processors.
+# All tests, the whole fault matrix, then kills, signals, fuzz and soak: an hour and a half on two processors.
 faults: $(READY_DEV)
+	$(MAKE) test LONG=1
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
 	$(BIN)/python -m benchmarks.faults.stops
 	$(BIN)/python -m benchmarks.faults.kills --count 50

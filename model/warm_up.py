@@ -11,7 +11,7 @@ import os
 import numpy as np
 
 from model import statics
-from model.effects import layout, solver
+from model.effects import history, layout, solver
 
 PRIORITY = 19
 """Only what nobody else wants."""
@@ -27,6 +27,10 @@ def warm_up() -> None:
     solved = solver.solve(rows, arcs, solver.integration_steps(rows))
     solver.differentiate(solved, np.zeros((1, *rows.shape)))
     statics.stations(plain, found, np.array([[0.1]]), statics.FINE)
+    first, at_once = np.zeros(1, np.int64), np.zeros(1)
+    path = history.Path(first, first, np.array([True]), at_once, at_once, at_once)
+    path.lag(np.zeros((1, 1, history.DRIVES)), 1.0)
+    path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
     for rods in (plain, full):
         statics.solve(rods, solver.ACCURACY, least_margin=BUCKLING)
 

@@ -45,6 +45,26 @@ class Path:
     hold: Array
     """(k,) s each; before a trial the time since the one before is stayed at rest, inf where the table has no times."""
 
+    def lag(self, drive: Array, time: float) -> Array:
+        """(v, n, c) a drive (v, n, c) less what follows it with the relaxation time (s)."""
+        out = np.zeros(drive.shape)
+        _lag(np.ascontiguousarray(drive), self.before, self.after, self.first, self.stay, self.ramp, self.hold, time, out)
+        return out
+
+    def sliding(self, drive: Array, yields: Array) -> Array:
+        """Mean state (v, n, c) of elastic-sliding elements that share a drive (v, n, c).
+
+        Each is stretched with the drive from 0 at rest and slides at length 1; `yields` (v, j) is the change of the
+        drive at which element j begins to slide, in the drive's unit.
+        """
+        v = np.broadcast_shapes((len(drive),), (len(yields),))[0]
+        # Copies: a view would be another type, for which all is compiled once more.
+        drive = np.array(np.broadcast_to(drive, (v, *drive.shape[1:])), order="C")
+        yields = np.array(np.broadcast_to(yields, (v, yields.shape[1])), order="C")
+        out = np.zeros(drive.shape)
+        _slide(drive, self.before, self.after, self.first, yields, out)
+        return out
+
 
 def loading_path(design: Design, rest_of: Order) -> Path:
     """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
@@ -102,23 +122,11 @@ class History:
 
     def lag(self, time: float) -> Array:
         """(v, n, DRIVES) drive less what follows it with the relaxation time (s)."""
-        out = np.zeros_like(self.drive)
-        p = self.path
-        _lag(self.drive, p.before, p.after, p.first, p.stay, p.ramp, p.hold, time, out)
-        return out
+        return self.path.lag(self.drive, time)
 
     def sliding(self, drive: Array, yields: Array) -> Array:
-        """Mean state (v, n, c) of elastic-sliding elements that share a drive (v, n, c).
-
-        Each is stretched with the drive from 0 at rest and slides at length 1; `yields` (v, j) is the change of the
-        drive at which element j begins to slide, in the drive's unit.
-        """
-        v = np.broadcast_shapes((len(drive),), (len(yields),))[0]
-        drive = np.broadcast_to(drive, (v, *drive.shape[1:]))
-        yields = np.broadcast_to(yields, (v, yields.shape[1]))
-        out = np.zeros(drive.shape)
-        _slide(drive, self.path.before, self.path.after, self.path.first, np.ascontiguousarray(yields), out)
-        return out
+        """See Path."""
+        return self.path.sliding(drive, yields)
 
 
 def drive(rows: Array, results: Array, places: Order, states: int) -> Array:

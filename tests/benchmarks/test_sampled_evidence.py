@@ -30,7 +30,14 @@ def integral(h: Hypothetical) -> float:
     return float(logsumexp(values)) - 2 * np.log(POINTS)
 
 
-@pytest.mark.parametrize(("truth", "named"), [({"turned": 0.3}, "turned"), ({}, "turned"), ({"bent": 0.5}, "bent")])
+@pytest.mark.parametrize(
+    ("truth", "named"),
+    [
+        pytest.param({"turned": 0.3}, "turned", marks=pytest.mark.long),
+        ({}, "turned"),
+        pytest.param({"bent": 0.5}, "bent", marks=pytest.mark.long),
+    ],
+)
 def test_both_evidences_agree_in_a_linear_world(truth: dict[str, float], named: str) -> None:
     h = hypothetical(toy(truth), (named,), 0.1)
     assert len(h.sampled) == 2

@@ -19,10 +19,14 @@ from diagnosis.result import FACTORS, STAGES, Diagnosis
 from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
 
 
-def measured(repeats: int, seed: int, **effects: float) -> Measured:
+LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)
+"""Spine lengths of a campaign, m; of one that is answered quickly."""
+
+
+def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **effects: float) -> Measured:
     """A campaign with effects (parameter name with _ for the dot: value), 0.3 mm of noise."""
     rng = np.random.default_rng(seed)
-    rows = sweep(repeats, (0.0, 0.1, 0.2, 0.3))
+    rows = sweep(repeats, lengths)
     p = prepare(ROBOT, states(case(rows))[0])
     theta = np.zeros(len(p.problem.parameters.names))
     for name, value in effects.items():
@@ -70,13 +74,13 @@ def test_a_file_of_another_schema_is_refused() -> None:
 
 
 def test_the_same_campaign_gives_the_same_text() -> None:
-    small = measured(3, 2)
+    small = measured(3, 2, FEW)
     wanted = Options(quantify=False, experiments=False)
     assert diagnose(small, wanted).to_json() == diagnose(small, wanted).to_json()
 
 
 def test_nothing_is_named_where_nothing_was_repeated() -> None:
-    d = diagnose(measured(1, 3, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, experiments=False))
+    d = diagnose(measured(1, 3, FEW, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, experiments=False))
     assert d.attribute.verdict == "unknown" and d.attribute.effects == ()
     assert "nothing was repeated" in d.data.noise_from
     assert any("no cause can be named" in c for c in d.concerns)

@@ -20,7 +20,7 @@ SHORT = replace(BASE, spine_lengths=(0.10,), pressures=(50e3, 100e3, 150e3), rep
 SPEED = 10.0
 """Rig seconds a host second, on processors that are shared."""
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope="module")

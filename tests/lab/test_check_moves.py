@@ -94,6 +94,7 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
     assert Recording.open(second).metadata["check"]["moved"] == "no"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("full_scale", [100e3, 500e3, 900e3])
 def test_an_itv_of_the_range_in_rig_yaml_passes(
     start: Start, capsys: pytest.CaptureFixture[str], full_scale: float
@@ -103,7 +104,7 @@ def test_an_itv_of_the_range_in_rig_yaml_passes(
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
 
 
-@pytest.mark.parametrize(("true", "told"), [(900e3, 500e3), (900e3, 100e3)])
+@pytest.mark.parametrize(("true", "told"), [(900e3, 500e3), pytest.param(900e3, 100e3, marks=pytest.mark.long)])
 def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
     start: Start, capsys: pytest.CaptureFixture[str], true: float, told: float
 ) -> None:
@@ -113,12 +114,14 @@ def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
     assert highest(fakes) <= 5e3 * 1.1 and not place(rig).exists()
 
 
+@pytest.mark.long
 def test_an_itv_that_gives_less_than_it_says_is_caught(start: Start, capsys: pytest.CaptureFixture[str]) -> None:
     _, rig = start(Regulators("smc_itv", full_scale=500e3), full_scale=900e3)
     code, seen = checked(rig, capsys)
     assert code == 1 and any("gives less than it says" in m.text for m in seen.values()), told(seen)
 
 
+@pytest.mark.long
 def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(
     start: Start, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,7 +137,7 @@ def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(
     assert seen["safe state"].ok
 
 
-@pytest.mark.parametrize("driver", ["alicat", "smc_itv"])
+@pytest.mark.parametrize("driver", ["alicat", pytest.param("smc_itv", marks=pytest.mark.long)])
 def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(
     start: Start, capsys: pytest.CaptureFixture[str], driver: str
 ) -> None:

@@ -128,8 +128,8 @@ def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer
 @pytest.mark.parametrize(
     ("rows", "concern"),
     [
-        (lambda: campaign(AREA, lengths=(0.2,)), "one spine length only"),
-        (lambda: campaign(AREA, pressures=(160e3,)), "one pressure only"),
+        pytest.param(lambda: campaign(AREA, lengths=(0.2,)), "one spine length only", marks=pytest.mark.long),
+        pytest.param(lambda: campaign(AREA, pressures=(160e3,)), "one pressure only", marks=pytest.mark.long),
         (lambda: campaign(AREA, repeats=1), "no state was repeated"),
     ],
     ids=["one spine length", "one pressure", "no repeats"],

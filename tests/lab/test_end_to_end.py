@@ -149,7 +149,7 @@ def vented(virtual_lab: VirtualLab, within: float) -> bool:
     return True
 
 
-@pytest.mark.parametrize("presses", [1, 2])
+@pytest.mark.parametrize("presses", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, tmp_path: Path, presses: int) -> None:
     process = start(virtual_lab, tmp_path)
     for _ in range(presses):

@@ -69,7 +69,6 @@ HOLD: Mapping[str, object] = {"hold_times": [3.0, 10.0], "settle": {"average": 4
 """Long windows: at twenty times real speed few samples fall into one."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("id", "more"), [("elongation", {}), ("hold", HOLD)], ids=["elongation", "hold"])
 def test_the_rig_reads_the_states_that_were_foreseen(
     virtual_lab: VirtualLab, tmp_path: Path, id: str, more: Mapping[str, object]

@@ -60,7 +60,6 @@ def shape(table: Table) -> list[tuple[object, ...]]:
     return [(r.trial, r.step, r.repeat, r.branch, r.spine_length, round(r.pressures[8], -4)) for r in table]
 
 
-@pytest.mark.slow
 def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: VirtualLab, tmp_path: Path) -> None:
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", whole) in (0, 3)
@@ -102,7 +101,6 @@ def test_what_cannot_be_resumed_is_told(
     assert lab("run", "--rig", virtual_lab.rig) == 2
 
 
-@pytest.mark.slow
 def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_path: Path) -> None:
     freed(virtual_lab)
     process = started(virtual_lab.rig, tmp_path, limit=60_000)

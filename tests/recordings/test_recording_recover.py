@@ -72,9 +72,10 @@ def test_a_whole_file_is_recovered_message_by_message_and_nothing_is_lost(whole:
     assert Recording.open(target).attachments == {"rig.yaml": b"x: 1"}
 
 
+@pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE], ids=["zstd", "not packed"])
 def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
-    tmp_path: Path, compression: CompressionType
+    tmp_path: Path, compression: CompressionType, every: int
 ) -> None:
     with Recorder(tmp_path / "short.mcap", start_wall_ns=10**18, markers=2) as recorder:
         for topic, t, values in Run(duration=0.15).messages():
@@ -91,11 +92,11 @@ def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
                 ends.append((data.index(message.data, chunk.data_start) + len(message.data), count))
         ends.append((chunk.data_end, count))
     all_messages = held(source)
-    for cut in range(chunks[-2].start, chunks[-1].data_end + 200):
+    for cut in range(chunks[-2].start, chunks[-1].data_end + 200, every):
         found = scan(memoryview(data[:cut]), "")
         kept = sum(len(list(messages(memoryview(data[:cut]), chunk, ""))) for chunk in found.chunks)
         assert kept >= max(n for end, n in ends if end <= cut), cut
-        if cut % 61 == 0:
+        if cut % 61 < every:
             result, target = recovered(data[:cut], tmp_path)
             assert held(target) == all_messages[: sum(result.messages.values())] and not result.complete
             assert sum(result.messages.values()) == kept and verify(target).ok

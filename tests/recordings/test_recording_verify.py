@@ -48,10 +48,11 @@ def test_files_of_the_kept_old_version_are_right() -> None:
     assert verify(Path(__file__).parent / "data" / "bending-schema-1.mcap").ok
 
 
-def test_every_changed_byte_of_a_file_is_found(small: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("every", [89, pytest.param(17, marks=pytest.mark.long)])
+def test_every_changed_byte_of_a_file_is_found(small: Path, tmp_path: Path, every: int) -> None:
     random = np.random.default_rng(5)
     size = small.stat().st_size
-    places = ((int(at), int(random.integers(8))) for at in range(0, size, 17))
+    places = ((int(at), int(random.integers(8))) for at in range(0, size, every))
     unnoticed = [at for at, result in changed(small, tmp_path / "a.mcap", places) if result is not None and result.ok]
     assert unnoticed == []
 

@@ -140,9 +140,13 @@ MACHINES = {
         DynamixelFake,
     ),
     "tmcl": serial(
-        "spine", lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, timeout=0.5, metres_per_turn=0.1), c), TmclFake
+        "spine",
+        lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, timeout=0.5, metres_per_turn=0.1), c),
+        TmclFake,
     ),
-    "numato": serial("valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=0.5), c), NumatoFake),
+    "numato": serial(
+        "valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=0.5), c), NumatoFake
+    ),
     "pfeiffer": serial(
         "gauge", lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port, timeout=0.5), c), PfeifferFake
     ),

@@ -49,7 +49,11 @@ def drivers(one_house: House) -> Iterator[dict[str, Any]]:
         driver.close()
 
 
-@pytest.mark.parametrize("failing", SUBSETS, ids=lambda s: "+".join(s) or "none")
+@pytest.mark.parametrize(
+    "failing",
+    [s if len(s) < 2 or len(s) > 3 else pytest.param(s, marks=pytest.mark.long) for s in SUBSETS],
+    ids=lambda s: "+".join(s) or "none",
+)
 def test_the_others_stop(
     house: House, drivers: dict[str, Any], failing: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -67,7 +67,7 @@ STOPS = {"safeguard_stop": "safeguard stop", "emergency_stop": "emergency stop"}
 """A protective stop takes the way of the emergency stop, which switches the arm off in addition."""
 
 
-@pytest.mark.parametrize("stop", STOPS)
+@pytest.mark.parametrize("stop", ["safeguard_stop", pytest.param("emergency_stop", marks=pytest.mark.long)])
 def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str], stop: str
 ) -> None:
