@@ -23,7 +23,7 @@ from .units import to_si
 
 PATIENT: dict[str, Any] = {
     "instruments": {
-        "arm": {"max_age": 2.0, "timeout": 3.0},
+        "arm": {"max_age": 2.0, "timeout": 3.0, "watchdog_frequency": 2.0},
         "force": {"max_age": 2.0, "timeout": 1.0},
         "mocap": {"max_age": 2.0},
         "pressure": {"timeout": 1.0},

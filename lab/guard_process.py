@@ -29,6 +29,8 @@ from .pulse import BEAT, FRESH, SIGNAL, Listener
 from .rig_file import RigFile
 from .takeover import Request, Requests
 
+PRIORITY = -10
+"""The guard and what it starts come before others on a busy computer, where the system lets them (CAP_SYS_NICE, RLIMIT_NICE)."""
 LOOK = 0.05
 """Longest host seconds between two looks at the pulse."""
 BEAT_BACK = 0.2
@@ -153,5 +155,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
 if __name__ == "__main__":
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
+    with contextlib.suppress(OSError):
+        os.nice(PRIORITY)
     code = main(Connection(int(sys.argv[1])), Listener(int(sys.argv[2])), Connection(int(sys.argv[3]), readable=False))
     os._exit(code)  # threads may be stuck in a driver that does not come back

@@ -38,6 +38,7 @@ from .clock import SimClock
 from .loopback import loopback
 from .plant import Plant
 from .pty_fake import Faults
+from .punctual import punctual
 
 Array = NDArray[np.float64]
 Transform = tuple[tuple[float, float, float], tuple[float, float, float, float]]
@@ -146,6 +147,7 @@ class MotiveFake(threading.Thread):
         self._data.close()
 
     def run(self) -> None:
+        punctual()
         due = time.monotonic()
         while self._running:
             ready, _, _ = select.select([self._command], [], [], max(0.0, min(0.05, due - time.monotonic())))

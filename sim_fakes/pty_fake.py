@@ -18,6 +18,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from .clock import SimClock
+from .punctual import punctual
 
 
 @dataclass
@@ -151,6 +152,7 @@ class PtyFake(threading.Thread):
                 os.write(self._master, piece)
 
     def run(self) -> None:
+        punctual()
         wait: float | None = None
         while self._running:
             try:

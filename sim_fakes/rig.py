@@ -28,6 +28,7 @@ from .numato import NumatoFake
 from .pfeiffer import PfeifferFake
 from .plant import Plant
 from .pty_fake import PtyFake
+from .punctual import punctual
 from .smc_itv import SmcItvFake
 from .tmcl import TmclFake
 from .ur.kinematics import rotation_matrix
@@ -204,6 +205,7 @@ class FakeRig:
 
     # -- threads
     def _move_plant(self) -> None:
+        punctual()
         last = self.clock.now()
         while self._running:
             due = time.monotonic() + PLANT_PERIOD
@@ -214,6 +216,7 @@ class FakeRig:
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _receive_poses(self) -> None:
+        punctual()
         self._poses.settimeout(0.2)
         while self._running:
             try:

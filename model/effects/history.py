@@ -48,7 +48,9 @@ class Path:
     def lag(self, drive: Array, time: float) -> Array:
         """(v, n, c) a drive (v, n, c) less what follows it with the relaxation time (s)."""
         out = np.zeros(drive.shape)
-        _lag(np.ascontiguousarray(drive), self.before, self.after, self.first, self.stay, self.ramp, self.hold, time, out)
+        _lag(
+            np.ascontiguousarray(drive), self.before, self.after, self.first, self.stay, self.ramp, self.hold, time, out
+        )
         return out
 
     def sliding(self, drive: Array, yields: Array) -> Array:

@@ -11,6 +11,7 @@ import threading
 import time
 
 from ..loopback import loopback
+from ..punctual import punctual
 from .controller import Controller
 from .server import Address, Server
 from .variables import Version
@@ -60,6 +61,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.die_with_parent:
         threading.Thread(target=_end_with_parent, daemon=True).start()
+    punctual()
     controller = Controller(arguments.version, arguments.speed, arguments.seed)
     start = time.monotonic() if arguments.clock_start is None else arguments.clock_start
     server = Server(controller, arguments.host, start)

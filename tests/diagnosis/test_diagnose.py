@@ -18,7 +18,6 @@ from diagnosis.prepare import prepare
 from diagnosis.result import FACTORS, STAGES, Diagnosis
 from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
 
-
 LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)
 """Spine lengths of a campaign, m; of one that is answered quickly."""
 
