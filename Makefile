@@ -19,7 +19,7 @@ demo: $(READY)
 # One thread of linear algebra a process: they share the processors with the fakes. What several processes would compile at
 # once is compiled before, model and virtual robot beside each other.
 test: room $(READY_DEV)
-	$(if $(ROOM),,$(BIN)/python -m model.warm_up & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
+	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & $(BIN)/python -m model.warm_up full & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:

@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from model.warm_up import PARTS
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import draw_effect, list_effects
 
@@ -39,8 +40,8 @@ WITHHELD = (
     "pressure_offset", "self_weight", "base_tilt", "tether_load", "frame_misalignment", "marker_offset",
 )  # fmt: skip
 """Effects that a demo may hide."""
-STIFFNESS = ["steps=6", "min_samples=30"]
-BENDING = ["repeats=2", "unload=true", "settle.min_samples=6"]
+STIFFNESS = ["steps=6", "min_samples=12"]
+BENDING = ["repeats=2", "unload=true", "settle.min_samples=3"]
 """Two repeats: the fewest from which a cause may be named."""
 
 
@@ -72,8 +73,10 @@ def demo(folder: Path, seed: int | None, speed: float) -> int:
     folder.mkdir(parents=True)
     story, seal = Story(), draw(seed)
     out.print(f"An effect is withheld; sealed as sha256 {seal.digest}")
-    with _model_warming_up():
+    with _model_warming_up() as ready:
         runs = _on_the_rig(story, folder, seed, speed, seal)
+        if runs is not None:
+            ready()
     return 1 if runs is None else _conclude(story, folder, runs, seal)
 
 
@@ -113,22 +116,30 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
 
 
 @contextmanager
-def _model_warming_up() -> Iterator[None]:
-    """Have the model compiled in a process beside, as long as the rig leaves a processor idle.
+def _model_warming_up() -> Iterator[Callable[[], None]]:
+    """Have the model compiled in processes beside, while the rig mostly waits; what it yields waits for the rest."""
+    beside = [
+        subprocess.Popen(
+            [sys.executable, "-m", "model.warm_up", part],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for part in PARTS
+    ]
 
-    What is not ready at the end is compiled when it is needed: nobody waits for a process that others starve.
-    """
-    beside = subprocess.Popen(
-        [sys.executable, "-m", "model.warm_up"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    def ready() -> None:
+        if any(process.poll() is None for process in beside):
+            out.print("\nThe model is still being compiled for this computer, once; a minute at most on a usual one.")
+        for process in beside:
+            process.wait()
+
     try:
-        yield
+        yield ready
     finally:
-        beside.kill()
-        beside.wait()
+        for process in beside:
+            process.kill()
+            process.wait()
 
 
 def _fakes(folder: Path, seed: int, speed: float, seal: Seal) -> FakeRig:

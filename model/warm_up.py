@@ -1,38 +1,54 @@
-"""Have the kernels of the rod compiled ahead, at low priority: `python -m model.warm_up`.
+"""Have the kernels of the rod compiled ahead, at low priority: `python -m model.warm_up [plain|full]`.
 
 The first solve of each kind of rod compiles for a while, once a machine. What keeps a processor idle meanwhile (a rig, a
-person) can have that done in a process beside it; a kernel that is ready is on disk and ready for every process.
+person) can have that done in processes beside it, one a part; a kernel that is ready is on disk and ready for every process.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from model import statics
 from model.effects import history, layout, solver
 
-PRIORITY = 19
-"""Only what nobody else wants."""
+PRIORITY = 5
+"""Others come first, but it is waited for in the end."""
 BUCKLING = 2.0
 """A margin that no rod has: every rod is loaded in steps."""
 
 
-def warm_up() -> None:
-    """Solve one rod of each form that fits, comparisons and diagnoses use, in every way they do; what all need first."""
-    plain, full = (_one(form) for form in (statics.Form(elements=2), layout.FORM))
-    found = statics.solve(plain, statics.FINE)
-    rows, arcs = full.values.copy(), np.array([0.1])
-    solved = solver.solve(rows, arcs, solver.integration_steps(rows))
-    solver.differentiate(solved, np.zeros((1, *rows.shape)))
-    statics.stations(plain, found, np.array([[0.1]]), statics.FINE)
+def plain() -> None:
+    """The rod of fits and comparisons, in every way they use it, and the laws with memory."""
+    rods = _one(statics.Form(elements=2))
+    found = statics.solve(rods, statics.FINE)
+    statics.stations(rods, found, np.array([[0.1]]), statics.FINE)
+    statics.solve(rods, solver.ACCURACY, least_margin=BUCKLING)
     first, at_once = np.zeros(1, np.int64), np.zeros(1)
     path = history.Path(first, first, np.array([True]), at_once, at_once, at_once)
     path.lag(np.zeros((1, 1, history.DRIVES)), 1.0)
     path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
-    for rods in (plain, full):
-        statics.solve(rods, solver.ACCURACY, least_margin=BUCKLING)
+
+
+def full() -> None:
+    """The rod of diagnoses, with all that an effect may change."""
+    rods = _one(layout.FORM)
+    rows, arcs = rods.values.copy(), np.array([0.1])
+    solved = solver.solve(rows, arcs, solver.integration_steps(rows))
+    solver.differentiate(solved, np.zeros((1, *rows.shape)))
+    statics.solve(rods, solver.ACCURACY, least_margin=BUCKLING)
+
+
+PARTS: Mapping[str, Callable[[], None]] = {"plain": plain, "full": full}
+
+
+def warm_up(parts: Sequence[str] = tuple(PARTS)) -> None:
+    """Solve one rod of each form that fits, comparisons and diagnoses use, in every way they do."""
+    for part in parts:
+        PARTS[part]()
 
 
 def _one(form: statics.Form) -> statics.Rods:
@@ -40,5 +56,8 @@ def _one(form: statics.Form) -> statics.Rods:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m model.warm_up", description=__doc__)
+    parser.add_argument("part", nargs="?", choices=list(PARTS), help="one part; all unless given")
+    only = parser.parse_args().part
     os.nice(PRIORITY)
-    warm_up()
+    warm_up([only] if only else list(PARTS))
