@@ -40,7 +40,7 @@ WITHHELD = (
     "pressure_offset", "self_weight", "base_tilt", "tether_load", "frame_misalignment", "marker_offset",
 )  # fmt: skip
 """Effects that a demo may hide."""
-STIFFNESS = ["steps=6", "min_samples=12"]
+STIFFNESS = ["steps=6", "min_samples=20"]
 BENDING = ["repeats=2", "unload=true", "settle.min_samples=3"]
 """Two repeats: the fewest from which a cause may be named."""
 

@@ -27,9 +27,9 @@ from .trials import TrialRow
 Samples = NDArray[np.void]
 
 SLOW = ("/spine", "/vacuum")
-SLOW_BACK = 1.0
+SLOW_BACK, SLOW_OLDEST = 1.0, 10.0
 """These streams are polled seldom and hardly change while a state is read: a reading whose time is fixed takes those
-of the last second (s) before its end, one sample is enough."""
+of the last second (s) before its end, one sample is enough; where there is none, the newest of the last ten seconds."""
 
 AVERAGED = {
     "/pressure": ("measured",), "/spine": ("length",), "/vacuum": ("absolute",), "/force": ("raw", "zero"), "/arm": ("tcp_pose",),
@@ -86,6 +86,10 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
     slow = () if isinstance(rule, Settled) else SLOW
     starts = {topic: min(span.t0, span.t1 - SLOW_BACK) if topic in slow else span.t0 for topic in state.topics}
     samples = {topic: streams.window(topic, start, span.t1) for topic, start in starts.items()}
+    for topic in slow:
+        if topic in samples and not len(samples[topic]):
+            starts[topic] = span.t1 - SLOW_OLDEST
+            samples[topic] = streams.window(topic, starts[topic], span.t1)[-1:]
     if "/tip" in samples:
         samples["/tip"] = tracked(samples["/tip"])
     for topic, found in samples.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,6 +148,19 @@ def test_a_settled_reading_is_the_mean_of_a_time_at_rest() -> None:
     assert row.orientation == pytest.approx(expected, abs=1e-3)
     assert row.markers[0] == (0.0, 0.0, 0.1) and row.markers[1] == pytest.approx((0.01, 0.0, 0.2))
     assert row.hold == row.t - 3.0 and 0.2e-3 < row.sd["x"] < 0.4e-3
+
+
+def test_a_stream_that_is_polled_seldom_is_taken_from_before_the_window() -> None:
+    """On a rig of 20 times real speed a late poll leaves out a second."""
+
+    def polled(late: float) -> Iterator[Message]:
+        return (m for m in Run().messages() if m[0] != "/spine" or not 5.5 - late < m[1] < 5.5)
+
+    asked = state(Window(delay=2.0, average=0.4))
+    row = conclude(filled(polled(3.0)), asked)
+    assert row is not None and row.spine_length == pytest.approx(0.2, abs=1e-4)
+    with pytest.raises(NotSettled, match="0 usable samples of /spine from -4.60"):
+        conclude(filled(polled(9.0)), asked)
 
 
 def test_a_robot_that_creeps_is_not_settled_before_it_rests() -> None:
