@@ -41,8 +41,8 @@ WITHHELD = (
 )  # fmt: skip
 """Effects that a demo may hide."""
 STIFFNESS = ["steps=6", "min_samples=20"]
-BENDING = ["repeats=2", "unload=true", "settle.min_samples=3"]
-"""Two repeats: the fewest from which a cause may be named."""
+BENDING = ["repeats=2", "unload=true", "settle.min_samples=3", "spine_lengths=[0, 0.1, 0.2, 0.3]"]
+"""Two repeats: the fewest from which a cause may be named. Every second length of the paper: a demo is short."""
 
 
 def draw(seed: int) -> Seal:
