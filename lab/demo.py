@@ -19,14 +19,14 @@ from model.warm_up import PARTS
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import draw_effect, list_effects
 
+from .calibration import calibrate
 from .check import check
-from .compare import comparison
 from .compare import sheet as error_sheet
+from .comparison import comparison
 from .console import Screen, out, styled
 from .demo_report import Seal, write
 from .diagnose import Outputs, diagnose
 from .fakes import PATIENT, write_rig
-from .fit import calibrate
 from .fit import sheet as fit_sheet
 from .inputs import Case, read_case
 from .recorded import replayed

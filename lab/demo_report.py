@@ -10,9 +10,9 @@ from pathlib import Path
 
 from model.compare import ErrorTable
 
-from .compare import Comparison
+from .calibration import Calibration
+from .comparison import Comparison
 from .figures import stiffness_curves, story, tip_curves
-from .fit import Calibration
 from .inputs import Case
 from .losses import losses
 from .report import Report

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from .effects import Signature
 from .figures import STYLE, colours, plt, save
+from .signatures import Signature
 
 COLUMNS = 5
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from model.estimate import Estimate
     from recordings.trials import Table
 
-    from .compare import Comparison
+    from .comparison import Comparison
 
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from virtual_lab import VirtualLab
 
+from lab.calibration import calibrate
 from lab.cli import main
 from lab.fakes import PATIENT_SETTLE
-from lab.fit import calibrate
 from lab.inputs import read_case
 from sim_fakes.virtual_robot.truth import TABLE_II
 

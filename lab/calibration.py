@@ -1,0 +1,110 @@
+"""What measured data says about a robot: moduli from stiffness trials, the effective chamber area from bending states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from model.calibration import (
+    AreaFit,
+    fit_area_factor,
+    fit_area_factor_by_length,
+    fit_body_modulus,
+    fit_spine_modulus,
+)
+from model.estimate import Estimate
+from model.robot import Robot
+from recordings.trials import TrialRow
+
+from .inputs import Case
+
+LENGTH_KNOWN_TO = 0.1e-3
+"""m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the data says about the robot's parameters; None or empty where it says nothing."""
+
+    robot: Robot
+    """With the spine's and body's measured moduli and one area factor a length."""
+    spine_modulus: Mapping[float, Estimate]
+    body_modulus: Estimate | None
+    area_factor: AreaFit | None
+    area_factor_by_length: Mapping[float, AreaFit]
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able; SI units."""
+        return {
+            "spine_modulus": {f"{k:g}": _number(v) for k, v in self.spine_modulus.items()},
+            "body_modulus": _number(self.body_modulus) if self.body_modulus else None,
+            "area_factor": _area(self.area_factor) if self.area_factor else None,
+            "area_factor_by_length": {f"{k:g}": _area(v) for k, v in self.area_factor_by_length.items()},
+        }
+
+
+def _number(e: Estimate) -> dict[str, float]:
+    low, high = e.interval
+    return {"value": e.value, "standard_error": e.standard_error, "low95": low, "high95": high, "n": e.n}
+
+
+def _area(a: AreaFit) -> dict[str, float]:
+    return {**_number(a.factor), "rmse_m": a.rmse}
+
+
+def calibrate(case: Case) -> Calibration:
+    """Everything that this data can calibrate."""
+    robot = case.robot
+    spine = _spine_modulus(case)
+    if spine and robot.spine is not None:
+        modulus = {**robot.spine.modulus, **{k: e.value for k, e in spine.items()}}
+        robot = robot.model_copy(
+            update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})}
+        )
+    body = _body_modulus(case)
+    one, by_length = None, dict[float, AreaFit]()
+    if any(r.tip is not None and r.protocol != "stiffness" for r in case.table):
+        condition, tip, trial = case.tips
+        one = fit_area_factor(robot, condition, tip, trial)
+        by_length = fit_area_factor_by_length(robot, condition, tip, trial)
+        robot = robot.with_area_factor({k: a.factor.value for k, a in by_length.items()})
+    return Calibration(robot, spine, body, one, by_length)
+
+
+def _spine_modulus(case: Case) -> dict[float, Estimate]:
+    rows = [r for r in case.of("stiffness") if r.specimen == "spine" and r.force is not None]
+    if not rows or case.robot.spine is None:
+        return {}
+    nominal = np.round([r.spine_length for r in rows], 3)
+    lengths = {
+        x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)
+    }
+    found = fit_spine_modulus(
+        case.robot.spine.radius, [lengths[x] for x in nominal], *_pushes(rows),
+        trial=[r.trial for r in rows],
+    )  # fmt: skip
+    return {length: _with_length(e, length) for length, e in found.items()}
+
+
+def _with_length(e: Estimate, length: float) -> Estimate:
+    """E goes with the cube of the length, so what is not known of the length is added to the standard error."""
+    return replace(e, standard_error=math.hypot(e.standard_error, 3 * LENGTH_KNOWN_TO / length * e.value))
+
+
+def _body_modulus(case: Case) -> Estimate | None:
+    rows = [r for r in case.of("stiffness") if r.specimen == "body" and r.force is not None and r.spine_length < 1e-3]
+    if not rows:
+        return None
+    return fit_body_modulus(case.robot, *_pushes(rows), trial=[r.trial for r in rows])
+
+
+def _pushes(rows: Sequence[TrialRow]) -> tuple[list[float], list[float]]:
+    """Deflections (m) and forces (N) of stiffness rows; NaN where one is missing."""
+    nan = float("nan")
+    return [nan if r.deflection is None else r.deflection for r in rows], [
+        nan if r.force is None else r.force for r in rows
+    ]
