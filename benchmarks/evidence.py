@@ -27,8 +27,8 @@ from lab.blind.drive import measure
 from lab.blind.make import robot_yaml
 from lab.blind.sweeps import Sweep
 from lab.blind.truth import Recipe, draw_one
-from lab.config import check, parse_yaml
-from lab.inputs import Case
+from lab.files.config import check, parse_yaml
+from lab.files.inputs import Case
 from model.robot import Robot
 
 SWEEP = Sweep("small", "small bending sweep", (0.0, 0.15, 0.30), (50e3, 150e3, 250e3), repeats=2)

@@ -20,7 +20,7 @@ from model.estimate import Estimate
 from model.robot import Robot
 from recordings.trials import TrialRow
 
-from .inputs import Case
+from .files.inputs import Case
 
 LENGTH_KNOWN_TO = 0.1e-3
 """m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""

@@ -16,92 +16,92 @@ Handler = Callable[[argparse.Namespace], int]
 
 
 def _check(a: argparse.Namespace) -> int:
-    from .check import check
+    from .verbs.check import check
 
     return check(a.rig, a.seconds, a.json, a.move, a.yes)
 
 
 def _plan(a: argparse.Namespace) -> int:
-    from .run import plan
+    from .verbs.run import plan
 
     return plan(a.protocol, a.rig, a.set, a.json)
 
 
 def _run(a: argparse.Namespace) -> int:
-    from .run import run
+    from .verbs.run import run
 
     return run(a.protocol, a.rig, a.set, a.out, a.json, a.resume)
 
 
 def _safe(a: argparse.Namespace) -> int:
-    from .safe import safe
+    from .verbs.safe import safe
 
     return safe(a.rig, a.json, a.clear)
 
 
 def _fakes(a: argparse.Namespace) -> int:
-    from .fakes import serve
+    from .verbs.fakes import serve
 
     return serve(a)
 
 
 def _info(a: argparse.Namespace) -> int:
-    from .recorded import info
+    from .verbs.recorded import info
 
     return info(a.file, a.json)
 
 
 def _runs(a: argparse.Namespace) -> int:
-    from .shelf import runs
+    from .verbs.shelf import runs
 
     return runs(a.folder, a.since, a.protocol, a.spine, a.json)
 
 
 def _verify(a: argparse.Namespace) -> int:
-    from .repair import verify
+    from .verbs.repair import verify
 
     return verify(a.file, a.json)
 
 
 def _recover(a: argparse.Namespace) -> int:
-    from .repair import recover
+    from .verbs.repair import recover
 
     return recover(a.file, a.out, a.json)
 
 
 def _export(a: argparse.Namespace) -> int:
-    from .recorded import export
+    from .verbs.recorded import export
 
     return export(a.file, a.out, a.case, a.parquet, a.json)
 
 
 def _replay(a: argparse.Namespace) -> int:
-    from .recorded import play, replay
+    from .verbs.recorded import play, replay
 
     return play(a.file, a.speed) if a.play else replay(a.file, a.json)
 
 
 def _fit(a: argparse.Namespace) -> int:
-    from .fit import fit
+    from .verbs.fit import fit
 
     return fit(a.inputs, a.robot, a.out, a.json)
 
 
 def _compare(a: argparse.Namespace) -> int:
-    from .compare import compare
+    from .verbs.compare import compare
 
     return compare(a.inputs, a.robot, a.out, a.json)
 
 
 def _diagnose(a: argparse.Namespace) -> int:
-    from .diagnose import Beside, Outputs, diagnose
+    from .verbs.diagnose import Beside, Outputs, diagnose
 
     beside = Beside(a.reference, a.holdout, a.effects)
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), beside, a.workers, a.scheduler)
 
 
 def _paper(a: argparse.Namespace) -> int:
-    from .paper import main
+    from .verbs.paper import main
 
     return main(a.out, a.json)
 
@@ -115,13 +115,13 @@ def _blind(a: argparse.Namespace) -> int:
 def _effects(a: argparse.Namespace) -> int:
     from model.robot import load_robot
 
-    from .effects import run
+    from .verbs.effects import run
 
     return run(a.out, load_robot(a.robot) if a.robot else None, a.effects, a.json)
 
 
 def _demo(a: argparse.Namespace) -> int:
-    from .demo import demo
+    from .verbs.demo import demo
 
     return demo(a.out, a.seed, a.speed)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from .config import ConfigError
+from .files.config import ConfigError
 
 A = TypeVar("A")
 B = TypeVar("B")

@@ -11,7 +11,7 @@ from model.compare import ErrorTable, error_table
 from model.condition import Condition
 from model.rod import solve
 
-from .inputs import Case
+from .files.inputs import Case
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from model.errors import BadEffect, BadRobot, ModelError
 from protocols.errors import MissingInstrument, ProtocolError
 from recordings.errors import BadTable, Foreign, MissingStream, RecordingError
 
-from .actuators import ActuatorsLost
-from .config import ConfigError
-from .guard_messages import RigLanded
-from .latch import RigLocked
+from .files.config import ConfigError
+from .guard.latch import RigLocked
+from .guard.messages import RigLanded
+from .rig.actuators import ActuatorsLost
 
 
 def explained(error: Exception) -> tuple[str, int] | None:

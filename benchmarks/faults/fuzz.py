@@ -26,13 +26,13 @@ from diagnosis.errors import DiagnosisError
 from diagnosis.result import Diagnosis
 from lab.blind.answers import read_answer
 from lab.blind.folder import SetFolder, open_seal
-from lab.config import ConfigError, Source, check, parse_yaml
-from lab.example import paper_robot
-from lab.inputs import read_case
-from lab.latch import Latch
-from lab.recorded import joined
-from lab.resume import find
-from lab.rig_file import RigFile
+from lab.files.config import ConfigError, Source, check, parse_yaml
+from lab.files.example import paper_robot
+from lab.files.inputs import read_case
+from lab.files.resume import find
+from lab.files.rig_file import RigFile
+from lab.guard.latch import Latch
+from lab.verbs.recorded import joined
 from model.errors import ModelError
 from model.robot import Robot, load_robot
 from protocols.bending import Bending

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.fakes import PATIENT_SETTLE, write_rig
+from lab.verbs.fakes import PATIENT_SETTLE, write_rig
 from recordings.recover import recover
 from sim_fakes.rig import FakeRig
 

@@ -16,14 +16,14 @@ import threading
 import time
 from pathlib import Path
 
-from lab.config import ConfigError
 from lab.console import Screen, err, out
-from lab.fakes import write_rig
-from lab.latch import Latch
-from lab.rig import Rig
-from lab.rig_file import load_rig
-from lab.run import execute, job
-from lab.safe import safe
+from lab.files.config import ConfigError
+from lab.files.rig_file import load_rig
+from lab.guard.latch import Latch
+from lab.rig.assembly import Rig
+from lab.verbs.fakes import write_rig
+from lab.verbs.run import execute, job
+from lab.verbs.safe import safe
 from recordings.errors import RecordingError
 from recordings.reader import Recording
 from sim_fakes.accidents import ACCIDENTS

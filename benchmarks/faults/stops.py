@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.clock import RigClock
-from lab.fakes import write_rig
-from lab.instruments import ACTUATORS
-from lab.rescue import land_anew
-from lab.rig import Rig
-from lab.rig_file import load_rig
+from lab.files.clock import RigClock
+from lab.files.rig_file import load_rig
+from lab.guard.instruments import ACTUATORS
+from lab.guard.rescue import land_anew
+from lab.rig.assembly import Rig
+from lab.verbs.fakes import write_rig
 from sim_fakes.rig import FakeRig
 
 SPEED = 20.0

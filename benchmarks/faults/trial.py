@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from lab.example import paper_robot
-from lab.fakes import PATIENT_SETTLE
+from lab.files.example import paper_robot
+from lab.verbs.fakes import PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
 from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, Cell, Job, Result, Verdict

@@ -13,12 +13,12 @@ from pathlib import Path
 
 from drivers.errors import InstrumentError
 from lab.console import Screen, out
-from lab.landing import SafeReport
-from lab.latch import Latch, RigLocked
-from lab.rig import Rig
-from lab.rig_file import load_rig
-from lab.run import execute, job
-from lab.safe import safe
+from lab.files.rig_file import load_rig
+from lab.guard.landing import SafeReport
+from lab.guard.latch import Latch, RigLocked
+from lab.rig.assembly import Rig
+from lab.verbs.run import execute, job
+from lab.verbs.safe import safe
 from protocols.errors import Suspended
 
 from .cells import Job, Result

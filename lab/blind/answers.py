@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..config import ConfigError
+from ..files.config import ConfigError
 from .folder import read_table
 
 LARGEST = 1e300

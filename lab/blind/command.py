@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 
-from ..config import ConfigError
 from ..console import out
+from ..files.config import ConfigError
 from .make import make
 from .options import KINDS
 from .run import run

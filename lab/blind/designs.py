@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from recordings.trials import Table, TrialRow
 
-from ..config import ConfigError
+from ..files.config import ConfigError
 
 
 @dataclass(frozen=True)

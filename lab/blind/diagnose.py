@@ -9,7 +9,7 @@ from typing import Any
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.result import Diagnosis
 
-from ..inputs import read_case
+from ..files.inputs import read_case
 
 
 def diagnose_folder(folder: Path) -> dict[str, Any]:

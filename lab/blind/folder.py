@@ -15,7 +15,7 @@ from recordings.bounded import read_bounded
 from recordings.json_text import read_json
 from recordings.own_files import replaced
 
-from ..config import ConfigError
+from ..files.config import ConfigError
 from .truth import Truth
 
 LARGEST = 20_000_000

@@ -13,8 +13,8 @@ from recordings.table_file import write_csv
 from recordings.trials import Table
 from sim_fakes.virtual_robot import NoEquilibrium
 
-from ..config import ConfigError
-from ..example import paper_robot
+from ..files.config import ConfigError
+from ..files.example import paper_robot
 from .bench_robot import BenchRobot
 from .designs import Design, design, joined
 from .drive import measure

@@ -16,7 +16,7 @@ from recordings.own_files import replaced
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 
-from ..config import ConfigError
+from ..files.config import ConfigError
 from .designs import CHANNELS, joined
 from .folder import SetFolder
 from .sweeps import MENU

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from recordings.own_files import replaced
 
-from ..config import ConfigError
+from ..files.config import ConfigError
 from .answers import Answer, read_answer
 from .folder import SetFolder, open_seal
 from .metrics import Metric, Scored, best_temperature, confidence, confusion, metrics, reliability, scored

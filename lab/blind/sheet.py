@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from rich.table import Table
 
 from ..console import styled
-from ..figures import STYLE, save
+from ..pages.figures import STYLE, save
 from .intervals import Interval
 from .metrics import best_temperature
 from .score import Score

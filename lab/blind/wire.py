@@ -13,10 +13,10 @@ from recordings.trials import Table
 from sim_fakes.rig import FakeRig
 
 from ..console import Screen
-from ..fakes import PATIENT, write_rig
-from ..rig import Rig
-from ..rig_file import load_rig
-from ..run import connect, execute, job
+from ..files.rig_file import load_rig
+from ..rig.assembly import Rig
+from ..verbs.fakes import PATIENT, write_rig
+from ..verbs.run import connect, execute, job
 from .bench_robot import BenchRobot
 from .sweeps import Sweep
 from .truth import Truth

@@ -13,7 +13,7 @@ import pytest
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
-from lab.config import load
+from lab.files.config import load
 from model.robot import Robot
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"

@@ -10,9 +10,9 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from lab.config import Source, check, load
-from lab.real_time import clock_of
-from lab.rig_file import Instruments, RigFile, load_rig
+from lab.files.config import Source, check, load
+from lab.files.rig_file import Instruments, RigFile, load_rig
+from lab.rig.real_time import clock_of
 from model.robot import Robot
 
 PATH = Path(__file__).parent.parent.parent / "examples" / "rig" / "rig.yaml"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from virtual_lab import VirtualLab
 
-from lab.fakes import PATIENT, write_rig
+from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
 
 

@@ -13,7 +13,7 @@ import yaml
 from virtual_lab import VirtualLab
 
 from lab.cli import main
-from lab.example import paper_robot
+from lab.files.example import paper_robot
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -24,7 +24,7 @@ from lab.blind.sweeps import BASE, MENU
 from lab.blind.truth import CLUTTER_SHARE, STAND_ONLY, Recipe
 from lab.blind.truth import draw as draw_truths
 from lab.blind.workers import Crew
-from lab.config import ConfigError
+from lab.files.config import ConfigError
 from model.effects.catalogue import CATALOGUE
 from recordings.table_file import read_csv
 from sim_fakes.virtual_robot import list_effects

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 import yaml
 
-from lab.checked import Moved, keep, last, place
 from lab.cli import main
-from lab.fakes import PATIENT, PATIENT_SETTLE, write_rig
-from lab.rig_file import load_rig
+from lab.files.rig_file import load_rig
+from lab.rig.checked import Moved, keep, last, place
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, write_rig
 from recordings.reader import Recording
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.rig import FakeRig, Regulators

@@ -13,7 +13,7 @@ from diagnosis.effort import Effort
 from diagnosis.search import Search
 from lab.blind.workers import Crew, spread
 from lab.cluster import cluster
-from lab.config import ConfigError
+from lab.files.config import ConfigError
 from tests.diagnosis.toy import toy_problem
 
 distributed = pytest.importorskip(

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from lab.config import MOST_PROBLEMS, ConfigError, check, load, parse_yaml
-from lab.units import UnitError, to_si
+from lab.files.config import MOST_PROBLEMS, ConfigError, check, load, parse_yaml
+from lab.files.units import UnitError, to_si
 
 
 class Table(BaseModel):

@@ -15,12 +15,12 @@ from rich.table import Table
 
 from drivers.errors import DeviceFault
 from lab import cli
-from lab.check import _table
 from lab.console import PlainConsole, Screen, complain, out, styled
-from lab.figures import STYLE, save
-from lab.latch import Latch
+from lab.guard.latch import Latch
+from lab.pages.figures import STYLE, save
+from lab.pages.report import Report
 from lab.plain import plain
-from lab.report import Report
+from lab.verbs.check import _table
 
 HOSTILE = "[/red] [bold]x[/] \x1b[2J\r\x07\0\u202e <script>alert(1)</script> :smile: \ud800 {{ 1 }}"
 SHOWN = "[/red] [bold]x[/] \\x1b[2J\\r\\x07\\x00\\u202e <script>alert(1)</script> :smile: \\ud800 {{ 1 }}"

@@ -14,7 +14,7 @@ from diagnosed_case import ROBOT, Answered, answered_once, campaign, edited, fol
 
 from diagnosis.result import FACTORS, STAGES, Diagnosis
 from lab.cli import main
-from lab.example import paper_robot
+from lab.files.example import paper_robot
 from model.effects import effects_from_file, with_effects
 from recordings.trials import TrialRow
 
@@ -281,7 +281,7 @@ def test_no_core_at_all_is_refused(answered: Answered, capsys: pytest.CaptureFix
 
 def test_rows_without_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
     from diagnosis.diagnose import Options, diagnose
-    from lab.inputs import Case
+    from lab.files.inputs import Case
     from recordings.trials import Table
 
     rows = campaign({}, repeats=1, lengths=(0.2,))

@@ -18,7 +18,7 @@ from diagnosed_case import Answered, answered_once
 from numpy.typing import NDArray
 
 from diagnosis.result import Diagnosis
-from lab.diagnosis_report import write
+from lab.pages.diagnosis_report import write
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (

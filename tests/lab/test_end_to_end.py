@@ -15,8 +15,8 @@ from virtual_lab import VirtualLab
 
 from lab.calibration import calibrate
 from lab.cli import main
-from lab.fakes import PATIENT_SETTLE
-from lab.inputs import read_case
+from lab.files.inputs import read_case
+from lab.verbs.fakes import PATIENT_SETTLE
 from sim_fakes.virtual_robot.truth import TABLE_II
 
 LATE = [word for setting in PATIENT_SETTLE[1:] for word in ("--set", setting)]

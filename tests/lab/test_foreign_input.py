@@ -11,7 +11,7 @@ from diagnosed_case import campaign, folder
 from mcap.writer import Writer
 
 from lab.cli import main
-from lab.losses import newly_lost
+from lab.rig.losses import newly_lost
 from recordings.table_file import read_csv
 
 READERS = ("compare", "fit", "diagnose")

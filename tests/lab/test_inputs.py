@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lab.example import paper_robot
-from lab.inputs import clipped_note, same_body
+from lab.files.example import paper_robot
+from lab.files.inputs import clipped_note, same_body
 from recordings.trials import Table, TrialRow
 
 

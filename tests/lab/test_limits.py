@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 from lab.cli import main
-from lab.config import ConfigError, load
-from lab.example import paper_robot
-from lab.limits import expected_force, within_robot
-from lab.rig_file import load_rig
-from lab.run import job
+from lab.files.config import ConfigError, load
+from lab.files.example import paper_robot
+from lab.files.rig_file import load_rig
+from lab.rig.limits import expected_force, within_robot
+from lab.verbs.run import job
 from model.robot import Robot
 from protocols.experiment import Push
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lab.losses import losses
+from lab.rig.losses import losses
 from recordings.writer import Recorder
 
 

@@ -14,8 +14,8 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from lab.operator import Program, operator
-from lab.rig_file import RigFile
+from lab.files.rig_file import RigFile
+from lab.rig.operator import Program, operator
 from protocols.bench import Setup
 from protocols.errors import ProtocolError, Stopped
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lab.console import PlainConsole
-from lab.paper import PaperReport, main, run
+from lab.verbs.paper import PaperReport, main, run
 
 
 @pytest.fixture(scope="module")

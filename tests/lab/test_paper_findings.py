@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.example import paper_robot
-from lab.paper import PaperReport, bending_states, main, reproduce
-from lab.paper_area import READINGS, AreaFindings, area_findings
-from lab.paper_moduli import modulus_forms
+from lab.files.example import paper_robot
+from lab.paper.area import READINGS, AreaFindings, area_findings
+from lab.paper.moduli import modulus_forms
+from lab.verbs.paper import PaperReport, bending_states, main, reproduce
 from model.robot import load_robot
 
 ROBOT = load_robot(paper_robot())

@@ -15,7 +15,7 @@ import yaml
 from virtual_lab import VirtualLab
 
 from lab.cli import main
-from lab.fakes import PATIENT_SETTLE
+from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.reader import Recording
 
 HOSTILE = "[/red] [bold]x[/] \x1b[2J <script>alert(1)</script>"

@@ -16,8 +16,8 @@ from diagnosis.case import states
 from diagnosis.menu import Experiment, columns, menu
 from diagnosis.result import Proposal
 from lab.cli import main
-from lab.diagnose import write_protocols
-from lab.inputs import Case, read_case
+from lab.files.inputs import Case, read_case
+from lab.verbs.diagnose import write_protocols
 from recordings.trials import Table
 
 MENU = {

@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 from lab.cli import main
-from lab.config import ConfigError
-from lab.example import paper_robot
-from lab.real_time import HOSTS, PORTS, at_real_speed, clock_of, demand_fakes
-from lab.rig_file import Instruments, load_rig
+from lab.files.config import ConfigError
+from lab.files.example import paper_robot
+from lab.files.rig_file import Instruments, load_rig
+from lab.rig.real_time import HOSTS, PORTS, at_real_speed, clock_of, demand_fakes
 
 Write = Callable[..., Path]
 REAL = "/dev/null"

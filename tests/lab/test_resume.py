@@ -15,8 +15,8 @@ import pytest
 from virtual_lab import VirtualLab
 
 from lab.cli import main
-from lab.fakes import PATIENT_SETTLE
-from lab.inputs import read_case
+from lab.files.inputs import read_case
+from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.journal import read
 from recordings.reader import Recording
 from recordings.trials import Table

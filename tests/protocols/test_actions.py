@@ -10,7 +10,7 @@ from drivers.numato import Config as ValveConfig
 from drivers.numato import NumatoValve
 from drivers.pfeiffer import Config as GaugeConfig
 from drivers.pfeiffer import PfeifferGauge
-from lab.clock import RigClock
+from lab.files.clock import RigClock
 from protocols.actions import release
 from protocols.bench import Bench
 from protocols.parameters import Jam

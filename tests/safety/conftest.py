@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from house import House
 
-from lab.fakes import PATIENT, write_rig
+from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from lab.fakes import PATIENT_SETTLE
+from lab.verbs.fakes import PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from lab import awake
-from lab.awake import LONGEST_LOOK, Awake
+from lab.guard import awake
+from lab.guard.awake import LONGEST_LOOK, Awake
 
 
 def test_time_that_the_process_was_away_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from drivers import alicat, dynamixel, ft300s, numato, pfeiffer, smc_itv, tmcl
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
-from lab.clock import RigClock
+from lab.files.clock import RigClock
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake

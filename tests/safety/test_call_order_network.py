@@ -19,7 +19,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 
 from drivers import natnet_mocap, ur5, ur5_state
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
-from lab.clock import RigClock
+from lab.files.clock import RigClock
 from sim_fakes.clock import SimClock
 from sim_fakes.motive import MOCAP_TO_BASE, MotiveFake
 from sim_fakes.plant import Plant

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from house import House, until
 
-from lab.run import _finish
+from lab.verbs.run import _finish
 from recordings.errors import WriteFailed
 from recordings.reader import Recording
 from recordings.recover import recover

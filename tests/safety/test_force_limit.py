@@ -10,9 +10,9 @@ import pytest
 
 from drivers import ft300s
 from drivers.interfaces import Vector6, WrenchSample
-from lab.force_limit import AGREE, ForceLimit, overload
-from lab.pulse import BEAT, FORCE, FORCE_RANGE, FRESH, MOMENT, MOMENT_RANGE, Listener, Pulse
-from lab.rig_file import RigFile
+from lab.files.rig_file import RigFile
+from lab.guard.force_limit import AGREE, ForceLimit, overload
+from lab.guard.pulse import BEAT, FORCE, FORCE_RANGE, FRESH, MOMENT, MOMENT_RANGE, Listener, Pulse
 
 RIG = RigFile.model_validate(
     {"name": "desk", "robot": Path("robot.yaml"), "instruments": {"force": {"driver": "ft300s", "port": "/dev/null"}}}

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.faults.fuzz import EXPECTED, sources
-from lab.config import ConfigError, read_yaml
-from lab.inputs import read_case
-from lab.resume import find
+from lab.files.config import ConfigError, read_yaml
+from lab.files.inputs import read_case
+from lab.files.resume import find
 from recordings.errors import BadJournal, BadTable
 from recordings.journal import read as read_journal
 from recordings.table_file import read_csv

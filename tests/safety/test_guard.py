@@ -14,16 +14,16 @@ import pytest
 from house import House, until
 
 from drivers.errors import DeviceFault, InstrumentError
-from lab.actuators import ActuatorsLost
 from lab.cli import main
-from lab.clock import RigClock
 from lab.console import Screen
-from lab.guard import Guard
-from lab.guard_messages import RigLanded
-from lab.inputs import read_case
-from lab.latch import RigLocked
-from lab.rig import Rig
-from lab.rig_file import load_rig
+from lab.files.clock import RigClock
+from lab.files.inputs import read_case
+from lab.files.rig_file import load_rig
+from lab.guard.guard import Guard
+from lab.guard.latch import RigLocked
+from lab.guard.messages import RigLanded
+from lab.rig.actuators import ActuatorsLost
+from lab.rig.assembly import Rig
 from protocols.actions import ramp
 from recordings.reader import Recording
 from recordings.writer import Recorder
@@ -46,7 +46,7 @@ def rig(small: House) -> Iterator[Rig]:
 def guard_of(program: subprocess.Popen[str]) -> int:
     """Process id of the program's guard."""
     for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split():
-        if b"lab.guard" in Path(f"/proc/{child}/cmdline").read_bytes():
+        if b"lab.guard.guard" in Path(f"/proc/{child}/cmdline").read_bytes():
             return int(child)
     raise AssertionError("no guard")
 

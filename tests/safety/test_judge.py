@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from drivers.errors import DeviceFault
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample
-from lab.judge import Finding, Judge, NotHeld
-from lab.rig_file import RigFile
+from lab.files.rig_file import RigFile
+from lab.guard.limit_monitor import Finding, Judge, NotHeld
 
 RIG = RigFile.model_validate(
     {

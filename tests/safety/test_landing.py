@@ -11,11 +11,11 @@ import pytest
 from house import House, until
 
 from drivers.interfaces import PressureSample, SpineSample
-from lab import landing
-from lab.clock import RigClock
-from lab.instruments import ACTUATORS, make
-from lab.landing import Instruments, Landing, SafeReport
-from lab.rig_file import Safe, load_rig
+from lab.files.clock import RigClock
+from lab.files.rig_file import Safe, load_rig
+from lab.guard import landing
+from lab.guard.instruments import ACTUATORS, make
+from lab.guard.landing import Instruments, Landing, SafeReport
 
 
 def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: Any = lambda name: False) -> Landing:
@@ -33,7 +33,7 @@ SUBSETS = [s for n in range(5) for s in itertools.combinations(ACTUATORS, n)]
 @pytest.fixture(scope="module")
 def drivers(one_house: House) -> Iterator[dict[str, Any]]:
     """The real drivers, opened on the fakes."""
-    from lab.fakes import write_rig
+    from lab.verbs.fakes import write_rig
 
     write_rig(one_house.fakes, one_house.rig)
     instruments = load_rig(one_house.rig).instruments

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.latch import JOURNAL_LIMIT, Latch, RigLocked
+from lab.guard.latch import JOURNAL_LIMIT, Latch, RigLocked
 
 
 def test_a_new_rig_is_free(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ import pytest
 from house import House, until
 
 from lab.cli import main
-from lab.fakes import PATIENT_SETTLE
-from lab.inputs import read_case
+from lab.files.inputs import read_case
+from lab.verbs.fakes import PATIENT_SETTLE
 
 BENDING = [
     word

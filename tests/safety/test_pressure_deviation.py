@@ -11,10 +11,10 @@ import pytest
 from house import House
 
 from drivers.interfaces import PressureSample
-from lab.actuators import Actuators
-from lab.clock import RigClock
-from lab.guard_messages import Event
-from lab.rig_file import load_rig
+from lab.files.clock import RigClock
+from lab.files.rig_file import load_rig
+from lab.guard.messages import Event
+from lab.rig.actuators import Actuators
 
 
 @pytest.mark.parametrize("failure", ["burst", "stuck"])

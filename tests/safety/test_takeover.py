@@ -10,11 +10,11 @@ import pytest
 from house import House, until
 
 from lab.cli import main
-from lab.guard_messages import RigLanded
-from lab.landing import SafeReport, SafeStep
-from lab.rig import Rig
-from lab.rig_file import load_rig
-from lab.takeover import Requests
+from lab.files.rig_file import load_rig
+from lab.guard.landing import SafeReport, SafeStep
+from lab.guard.messages import RigLanded
+from lab.guard.takeover import Requests
+from lab.rig.assembly import Rig
 
 REPORT = SafeReport((SafeStep("pressure", True, "highest pressure 0.1 kPa"), SafeStep("arm", False, "moving")))
 

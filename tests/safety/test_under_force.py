@@ -15,8 +15,8 @@ from house import House, until
 from test_pauses import STIFFNESS, during, lab
 
 from drivers.errors import DeviceFault, StaleReading
-from lab.rig import Rig
-from lab.rig_file import load_rig
+from lab.files.rig_file import load_rig
+from lab.rig.assembly import Rig
 from recordings.reader import Recording
 from recordings.writer import Recorder
 

@@ -1,0 +1,326 @@
+"""The guard: owner of the actuators, which lands the rig when the program that commands it cannot, or when a reading shows
+that something has failed.
+
+After a landing of its own it takes no command until a person has confirmed. The latch is on disk from the first command that
+energises anything until the safe state is read back. In a run the guard is a process of its own (`guard_process.py`); a
+program that lands a rig whose guard was lost, and `lab safe`, are the guard themselves, since there is no time to start one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.errors import InstrumentError
+from drivers.interfaces import Identity
+
+from ..files.clock import RigClock
+from ..files.rig_file import RigFile
+from .hosted import Hosted
+from .instruments import COMMANDS, CONFIGS, ENERGISING, POLLED, make
+from .landing import Instruments, Landing, SafeReport
+from .latch import Latch
+from .limit_monitor import Judge
+from .messages import Event, RigLanded
+from .under_force import UnderForce
+
+CLIPPED = 1e3
+"""Pa by which a set-point must be clipped to be worth a line in the log."""
+JUST_TRIED = 5.0
+"""Host seconds in which a landing that was not confirmed is not repeated; the drivers stop once more as they close."""
+LOG_EVERY = 1.0
+"""Host seconds between two such lines."""
+
+
+Tell = Callable[[Any], None]
+"""The way to the program: an Event, or the name of an instrument with its sample. Returns at once."""
+
+
+def nobody(message: Any) -> None:
+    """There is no program to tell."""
+
+
+@dataclass
+class Owned:
+    """The actuator drivers."""
+
+    drivers: dict[str, Any] = field(default_factory=dict)
+    opened: list[str] = field(default_factory=list)
+    locks: dict[str, threading.Lock] = field(default_factory=dict)
+    busy: set[str] = field(default_factory=set)
+    """Those to which a command that energises is on its way."""
+
+
+class Guard:
+    """One rig's guard."""
+
+    def __init__(self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody) -> None:
+        """`despite_latch`: also a locked rig may be commanded, by a person who sees to it."""
+        self.rig, self.clock, self.tell = rig, clock, tell
+        self.latch = Latch(rig.path) if rig.path is not None else None
+        self.despite_latch = despite_latch
+        self.judge = Judge(self.rig)
+        self.own = Owned()
+        for name in COMMANDS:
+            config = getattr(self.rig.instruments, name)
+            if config is not None:
+                self.own.drivers[name] = self._make(name, config)
+                self.own.locks[name] = threading.Lock()
+        self.under_force: UnderForce | None = None
+        if "arm" in self.own.drivers:
+            arm = self.own.drivers["arm"]
+            self.under_force = UnderForce(arm, self.rig.limits, self._go_on, self._say_waiting, self._not_stopped)
+            self.own.drivers["arm"] = self.under_force
+        instruments = Instruments(self.own.drivers, self.own.opened, self.open, self.own.busy.__contains__)
+        self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed)
+        self.running = True
+        self.energised = False
+        self.landed = ""
+        """Why the guard landed the rig by itself; empty while it takes commands."""
+        self.handed_over = ""
+        """Who has the rig now; empty while it is this guard's."""
+        self._cause: InstrumentError | None = None
+        self._landing_lock = threading.RLock()
+        self._deciding = threading.Lock()
+        self._clip_told = 0.0
+        self._landed_at = -math.inf
+        self._last = SafeReport()
+        self._closed = False
+
+    def _make(self, name: str, config: Any) -> Any:
+        if config.driver in CONFIGS:
+            return Hosted(name, config.driver, config, self.clock)
+        if name == "valve" and self.rig.safe.keep_vacuum:
+            config = config.model_copy(update={"on_close": "keep"})
+        return make(name, config.driver, config, self.clock)
+
+    def take_over(self) -> None:
+        """Own the rig; raises RigLocked."""
+        if self.latch is not None:
+            self.latch.own()
+            if not self.despite_latch:
+                self.latch.demand_free()
+
+    def start(self) -> None:
+        """Poll the instruments, from now on and as soon as they are open."""
+        for name in POLLED:
+            if name in self.own.drivers:
+                threading.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
+
+    # -- commands
+    def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
+        """One command of the program."""
+        own: dict[str, Callable[[], Any]] = {
+            "safe": lambda: self.safe("asked for by the program", self.rig.safe.keep_vacuum),
+            "pause": lambda: self.safe("pause", keep_vacuum=True),
+            "resume": self.resume,
+            "unlock": self.unlock,
+        }
+        if not name:
+            return own[method]()
+        if method == "open":
+            return self.open(name)
+        if method == "close":
+            return self.close_one(name)
+        if name not in self.own.drivers or method not in COMMANDS[name]:
+            raise ValueError(f"{name}.{method} is not a command of this rig")
+        with self.own.locks[name]:
+            if (name, method) == ("pressure", "vent"):
+                self.judge.told = None
+            if (name, method) not in ENERGISING:
+                return getattr(self.own.drivers[name], method)(*args)
+            self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
+            try:
+                self._energise()
+                if name == "pressure":
+                    return self._set_pressure(*args)
+                return getattr(self.own.drivers[name], method)(*args)
+            except InstrumentError as e:
+                if self.landed:  # the command gave way to the landing's stop
+                    raise self._refusal() from e
+                raise
+            finally:
+                self.own.busy.discard(name)
+
+    def open(self, name: str) -> Identity:
+        """Connect one instrument."""
+        with self.own.locks[name]:
+            identity: Identity = self.own.drivers[name].open()
+            if name not in self.own.opened:
+                self.own.opened.append(name)
+        return identity
+
+    def close_one(self, name: str) -> None:
+        """Disconnect one instrument."""
+        with self.own.locks[name]:
+            if name in self.own.opened:
+                self.own.opened.remove(name)
+            self.own.drivers[name].close()
+
+    def _energise(self) -> None:
+        if self.landed:
+            raise self._refusal()
+        if not self.energised:
+            if self.latch is not None and not self.despite_latch:
+                self.latch.write("a run was cut off before its safe state was confirmed")
+            self.energised = True
+
+    def _refusal(self) -> Exception:
+        return self._cause or RigLanded(f"the guard has landed the rig: {self.landed}")
+
+    def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
+        allowed = self.judge.setpoints(pressures)
+        self.judge.told = None
+        held: tuple[float, ...] = self.own.drivers["pressure"].set(allowed)
+        self.judge.told = held
+        now = time.monotonic()
+        worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
+        if worst > CLIPPED and now - self._clip_told > LOG_EVERY:
+            self._clip_told = now
+            asked, got = (", ".join(f"{p / 1e3:.1f}" for p in ps) for ps in (pressures, held))
+            self.tell(Event("clipped", f"pressure set-points clipped: asked {asked} kPa, set {got} kPa"))
+        return held
+
+    # -- landing
+    def safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
+        """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
+
+        What is not open is opened, trying for `reach` host seconds.
+        """
+        with self._landing_lock:
+            if self._closed:
+                return self._last
+            self.judge.told = None
+            names = list(self.own.opened) if names is None else names
+            report = self._last = self.landing.land(names, keep_vacuum, reach)
+            self._landed_at = time.monotonic()
+            if self.latch is not None:
+                if self.energised or not report.confirmed:
+                    self.latch.note(f"landed ({why}): {report}")
+                if not report.confirmed:
+                    with contextlib.suppress(OSError):
+                        self.latch.write(f"safe state not confirmed after: {why}. {report}")
+                elif self.energised and not self.despite_latch:
+                    self.latch.clear()
+            self.energised = self.energised and not report.confirmed
+            return report
+
+    def land(self, why: str, error: InstrumentError | None = None) -> None:
+        """Land by the guard's own decision, once, in a thread of its own; commands are refused from here on."""
+
+        def go() -> None:
+            report = self.safe(why, self.rig.safe.keep_vacuum)
+            self.tell(Event("landed", why, error, report))
+
+        with self._deciding:
+            if self.landed:
+                return
+            self.landed, self._cause = why, error
+            threading.Thread(target=go, name="land", daemon=True).start()
+
+    def hand_over(self, by: str) -> SafeReport:
+        """Land for somebody else, and for good: no command is taken any more, whatever a person confirms."""
+        why = f"asked for by {by}"
+        with self._deciding:
+            self.handed_over = by
+            self.landed = self.landed or why
+        report = self.safe(why, self.rig.safe.keep_vacuum)
+        self.tell(Event("landed", why, None, report))
+        return report
+
+    def resume(self) -> None:
+        """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
+
+        Set-points start from what is measured: the regulators are vented, arm and spine stand where they were stopped.
+        """
+        if self.handed_over:
+            raise self._refusal()
+        if "arm" in self.own.opened:
+            with self.own.locks["arm"]:
+                arm = self.own.drivers["arm"]
+                try:
+                    arm.moving()
+                except InstrumentError:
+                    arm.close()
+                    arm.open()
+        self.landed = ""
+
+    def unlock(self) -> None:
+        """A person has seen to the rig: the latch goes."""
+        if self.latch is not None:
+            self.latch.clear()
+            self.latch.note("unlocked by a person")
+
+    # -- threads
+    def _poll(self, name: str) -> None:
+        """Read one instrument at the rig's rate; a reading that fails is passed on as its error."""
+        while self.running:
+            due = time.monotonic() + 1 / self.rig.poll
+            if name in self.own.opened:
+                sample: Any
+                try:
+                    with self.own.locks[name]:
+                        sample = self.own.drivers[name].read()
+                except InstrumentError as e:
+                    sample = e
+                else:
+                    sample = self._judge(name, sample)
+                self.tell((name, sample))
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def _judge(self, name: str, sample: Any) -> Any:
+        """The reading, or the error that stands for one that is not acceptable."""
+        finding = self.judge.judge(name, sample)
+        if finding is None:
+            return sample
+        if finding.act == "pause":
+            self.tell(Event("pause", str(finding.error), finding.error))
+            return sample
+        if self.energised:
+            self.land(str(finding.error), finding.error)
+        return finding.error
+
+    # -- the arm under force
+    def _go_on(self, motion: Callable[[], Any]) -> Any:
+        """A motion that had to wait begins as a command of the program does: not when the rig was landed meanwhile."""
+        self.own.busy.add("arm")
+        try:
+            self._energise()
+            return motion()
+        finally:
+            self.own.busy.discard("arm")
+
+    def _say_waiting(self, text: str) -> None:
+        self.tell(Event("waiting", text))
+
+    def _not_stopped(self, error: InstrumentError) -> None:
+        self.land(f"no force samples, and the arm does not take its stop: {error}", error)
+
+    # -- the end
+    def close(self) -> None:
+        """Land what may still be energised, disconnect everything, let another guard have the rig."""
+        self.landed = self.landed or "the guard is ending"
+        with self._landing_lock:
+            if self.energised and time.monotonic() - self._landed_at > JUST_TRIED:
+                self.safe("the program ended", self.rig.safe.keep_vacuum)
+            self._closed = True  # a landing that another thread still wants has been done
+        self.running = False
+        closing = [
+            threading.Thread(target=self._close, args=(name,), name=f"close-{name}", daemon=True)
+            for name in self.own.drivers
+        ]
+        for thread in closing:
+            thread.start()
+        for thread in closing:
+            thread.join(8.0)
+        if self.latch is not None:
+            self.latch.disown()
+
+    def _close(self, name: str) -> None:
+        with contextlib.suppress(Exception):
+            self.own.drivers[name].close()

@@ -1,0 +1,198 @@
+"""A driver in a process of its own, under the guard: what its library does there, up to a crash, hurts nobody else.
+
+The guard asks through a socket, one call at a time, each bounded; a host that does not come back is killed. The host
+hears a ping between the calls: when the guard dies or stands still it stops its instrument and, if the guard is gone,
+ends. Run by `python -m lab.guard.hosted FD`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any
+
+from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
+
+from ..files.clock import RigClock
+from .instruments import CONFIGS, make
+
+PING_PERIOD = 0.1
+SILENT_AFTER = 0.6
+"""Host seconds without a word from the guard after which the instrument is stopped."""
+CALL_WITHIN, OPEN_WITHIN = 5.0, 20.0
+"""Host seconds; longer than the longest of the driver's own time-outs. Connecting to a sound arm takes two or three."""
+STOP_WITHIN = 1.5
+"""Host seconds for a stop; after that the host is killed and the instrument's own watchdog stops it."""
+
+
+class Hosted:
+    """The guard's end; has the driver's methods that the guard uses."""
+
+    def __init__(self, name: str, driver: str, config: Any, clock: RigClock) -> None:
+        self.name = name
+        known = set(CONFIGS[driver].model_fields)
+        own = config.model_dump_json(include=known)
+        self._setup = (name, driver, own, clock.speed, clock.start)
+        self._outside = make(name, driver, CONFIGS[driver].model_validate_json(own), clock)
+        """Never opened: it looks at the instrument from outside, without the library that may crash."""
+        self._lock = threading.Lock()
+        self._sending = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._line: Connection | None = None
+        threading.Thread(target=self._ping, name=f"ping-{name}", daemon=True).start()
+
+    def open(self) -> Any:
+        """Start the process if there is none, and connect."""
+        self._start()
+        return self._ask("open", (), OPEN_WITHIN)
+
+    def move_to(self, *args: Any) -> Any:
+        """See Arm.move_to."""
+        return self._ask("move_to", args, CALL_WITHIN)
+
+    def moving(self) -> bool:
+        """See Arm.moving."""
+        return bool(self._ask("moving", (), CALL_WITHIN))
+
+    def stop(self) -> None:
+        """See Arm.stop; kills a host that does not come back."""
+        self._ask("stop", (), STOP_WITHIN)
+
+    def standing(self) -> bool:
+        """See UR5.standing."""
+        return bool(self._ask("standing", (), CALL_WITHIN))
+
+    def glance(self) -> bool:
+        """See UR5.glance."""
+        return bool(self._outside.glance())
+
+    def close(self) -> None:
+        """Disconnect and end the process."""
+        with contextlib.suppress(InstrumentError):
+            self._ask("close", (), CALL_WITHIN)
+        self._end()
+
+    # -- the process
+    def _start(self) -> None:
+        with self._lock:
+            if self._process is not None and self._process.poll() is None:
+                return
+            ours, theirs = Pipe()
+            command = [sys.executable, "-m", "lab.guard.hosted", str(theirs.fileno())]
+            self._process = subprocess.Popen(
+                command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
+            )
+            theirs.close()
+            ours.send(self._setup)
+            self._line = ours
+
+    def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
+        if not self._lock.acquire(timeout=within):
+            self._end()
+            raise NoReply(self.name, f"{method}: an earlier call does not come back; its process was ended")
+        try:
+            line = self._line
+            if line is None:
+                raise NotReady(self.name, "not open; call open() first")
+            try:
+                with self._sending:
+                    line.send((method, args))
+                if not line.poll(within):
+                    self._end()
+                    raise NoReply(
+                        self.name,
+                        f"{method} did not come back within {within:g} s; its process was ended and the controller's watchdog "
+                        "stops the arm: look whether it stands, then open it again",
+                    )
+                ok, answer = line.recv()
+            except (EOFError, OSError) as e:
+                if isinstance(e, InstrumentError):
+                    raise
+                raise self._died(method) from e
+        finally:
+            self._lock.release()
+        if ok:
+            return answer
+        raise answer
+
+    def _died(self, method: str) -> InstrumentError:
+        process = self._process
+        code = process.wait(2.0) if process is not None else None
+        self._end()
+        how = f"signal {-code} ({signal.Signals(-code).name})" if code is not None and code < 0 else f"code {code}"
+        return NoReply(
+            self.name,
+            f"its process ended with {how} during {method}; the controller's watchdog stops the arm: look whether it "
+            "stands, then open it again",
+        )
+
+    def _end(self) -> None:
+        """Close the line, and see that the process ends."""
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
+        process = self._process
+        if process is None or process.poll() is not None:
+            return
+        if line is None:
+            process.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(0.1)
+        process.kill()
+        process.wait(2.0)
+
+    def _ping(self) -> None:
+        while True:
+            time.sleep(PING_PERIOD)
+            line = self._line
+            if line is not None and self._sending.acquire(blocking=False):
+                try:
+                    line.send(("ping", ()))
+                except (OSError, ValueError):
+                    pass
+                finally:
+                    self._sending.release()
+
+
+# ------------------------------------------------------------------ the process
+def _serve(line: Connection) -> None:
+    name, driver_name, config, speed, start = line.recv()
+    driver = make(name, driver_name, CONFIGS[driver_name].model_validate_json(config), RigClock(speed, start))
+    stopped = True
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            if not line.poll(SILENT_AFTER):
+                if not stopped:
+                    stopped = True
+                    with contextlib.suppress(InstrumentError):
+                        driver.stop()
+                continue
+            method, args = line.recv()
+            if method == "ping":
+                continue
+            stopped = stopped and method != "move_to"
+            line.send(_answer(driver, name, method, args))
+    with contextlib.suppress(Exception):
+        driver.stop()
+    driver.close()
+
+
+def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple[bool, Any]:
+    try:
+        return True, getattr(driver, method)(*args)
+    except InstrumentError as e:
+        return False, e
+    except Exception as e:  # noqa: BLE001 - what a library raises is handed to the guard as this instrument's failure
+        return False, Unreachable(name, f"{method} failed: {type(e).__name__}: {e}; see the log on the instrument")
+
+
+if __name__ == "__main__":
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    _serve(Connection(int(sys.argv[1])))

@@ -1,0 +1,146 @@
+"""What the guard makes of commands and readings: set-points within the rig's limits, readings that can be true.
+
+A finding is "land" (the guard lands the rig at once) or "pause" (the experiment is told; it pauses and can go on).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from drivers.chambers import ChamberMap
+from drivers.errors import DeviceFault
+from drivers.interfaces import GaugeSample, PressureSample, SpineSample
+
+from ..files.rig_file import RigFile
+from .pressure_envelope import PressureEnvelope
+
+STANDARD_AMBIENT = 101_325.0
+"""Pa absolute."""
+ROUNDED = 2e3
+"""Pa by which the set-point that a regulator holds may differ from the one it confirmed."""
+AGREE = 2
+"""Readings that must agree that a set-point was lost."""
+SLACK = 0.01
+"""m beyond max_length that an encoder may show before the spine counts as run away."""
+
+
+class NotHeld(DeviceFault):
+    """A pressure stays below its set-point: low supply, a leak or a burst chamber."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong and what it calls for."""
+
+    act: Literal["land", "pause"]
+    error: DeviceFault
+
+
+class Judge:
+    """Limits of one rig."""
+
+    def __init__(self, rig: RigFile) -> None:
+        self._rig = rig
+        self._limits = rig.limits
+        pressure = rig.instruments.pressure
+        self.chambers = ChamberMap(pressure.chambers if pressure is not None else ())
+        self._sizes = [len(group) for group in self.chambers.channels]
+        lag = pressure.time_constant if pressure is not None else math.inf
+        error, patience = self._limits.pressure_error, self._limits.pressure_error_time
+        self._envelopes = [PressureEnvelope(lag, error, patience) for _ in self._sizes]
+        self.told: tuple[float, ...] | None = None
+        """Set-points that the regulators confirmed last, Pa; None while they are not known."""
+        self._forgot = 0
+
+    def setpoints(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """Set-points (Pa a channel), scaled down together when their sum over the chambers is beyond the limit."""
+        if len(pressures) != len(self._sizes) or not all(math.isfinite(p) for p in pressures):
+            return tuple(pressures)  # the driver refuses it with a better message
+        total = sum(max(0.0, p) * n for p, n in zip(pressures, self._sizes, strict=True))
+        share = min(1.0, self._limits.max_total_pressure / total) if total > 0 else 1.0
+        return tuple(p * share for p in pressures)
+
+    def judge(self, name: str, sample: Any) -> Finding | None:
+        """The first thing that is wrong with a reading."""
+        if isinstance(sample, PressureSample):
+            return self._pressure(name, sample)
+        if isinstance(sample, GaugeSample):
+            lowest = STANDARD_AMBIENT - self._limits.max_vacuum
+            if not math.isfinite(sample.absolute) or sample.absolute < lowest:
+                return _land(
+                    name,
+                    f"{sample.absolute / 1e3:.1f} kPa absolute is beyond limits.max_vacuum (lowest {lowest / 1e3:.1f} kPa); "
+                    "turn the supply down",
+                )
+        if isinstance(sample, SpineSample) and sample.homed:
+            most = self._rig.instruments.spine.max_length + SLACK if self._rig.instruments.spine else math.inf
+            if not -SLACK <= sample.length <= most:
+                return _land(
+                    name,
+                    f"length {sample.length * 1e3:.1f} mm is outside of {-SLACK * 1e3:.0f} to {most * 1e3:.0f} mm; "
+                    "check drum and encoder, then home it",
+                )
+        return None
+
+    def _pressure(self, name: str, sample: PressureSample) -> Finding | None:
+        pressure = self._rig.instruments.pressure
+        if pressure is None:
+            return None
+        highest = pressure.max_pressure + self._limits.pressure_error
+        for channel, p in enumerate(sample.measured, 1):
+            if not math.isfinite(p):
+                return _land(name, f"channel {channel} measures {p} Pa; check the regulator's sensor")
+            if p > highest:
+                return _land(
+                    name,
+                    f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; vent by hand, check "
+                    "the regulator",
+                )
+        total = sum(p * n for p, n in zip(sample.measured, self._sizes, strict=True))
+        most = self._limits.max_total_pressure + self._limits.pressure_error * sum(self._sizes)
+        if total > most:
+            return _land(
+                name,
+                f"the chambers hold {total / 1e3:.0f} kPa in sum, limits.max_total_pressure is "
+                f"{self._limits.max_total_pressure / 1e3:.0f} kPa; check the regulators",
+            )
+        return self._forgotten(name, sample) or self._holds(name, sample)
+
+    def _forgotten(self, name: str, sample: PressureSample) -> Finding | None:
+        """A regulator that holds another set-point than it confirmed has restarted, or has a second master."""
+        off = [
+            (channel, told, held)
+            for channel, (told, held) in enumerate(zip(self.told or sample.setpoint, sample.setpoint, strict=True), 1)
+            if abs(told - held) > ROUNDED
+        ]
+        self._forgot = self._forgot + 1 if off else 0
+        if self._forgot < AGREE:
+            return None
+        channel, told, held = off[0]
+        return _land(
+            name,
+            f"channel {channel} was told {told / 1e3:.1f} kPa and holds {held / 1e3:.1f} kPa: it has restarted (power lost?) or "
+            "is told otherwise (front panel, second program); check its supply",
+        )
+
+    def _holds(self, name: str, sample: PressureSample) -> Finding | None:
+        """Whether each channel follows its own set-point, whatever the others do."""
+        channels = enumerate(zip(self._envelopes, sample.setpoint, sample.measured, strict=True), 1)
+        astray = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
+        if not astray:
+            return None
+        p, asked, channel = max(astray, key=lambda found: found[0] - found[1])  # one too high calls for more
+        text = (
+            f"channel {channel} measures {p / 1e3:.1f} kPa, told {asked / 1e3:.1f} kPa, and has not followed for "
+            f"{self._limits.pressure_error_time:g} s"
+        )
+        if p < asked:
+            return Finding("pause", NotHeld(name, f"{text}; supply low, leak or burst chamber: check and repair"))
+        return _land(name, f"{text}; the regulator does not let off: shut the supply and vent by hand")
+
+
+def _land(name: str, text: str) -> Finding:
+    return Finding("land", DeviceFault(name, text))

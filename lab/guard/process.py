@@ -1,0 +1,161 @@
+"""The guard as a process of its own: commands by one pipe, the program's pulse by a second, readings back by a third.
+
+It lands by itself when the program ends (its pipe breaks), freezes (no heartbeat), hangs (the experiment does not move on),
+shouts (a signal, a force beyond the limit), or when `lab safe` asks for it. Run by `python -m lab.guard.process COMMANDS PULSE
+SAMPLES` with three file descriptors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from drivers.errors import DeviceFault, InstrumentError
+
+from ..files.clock import RigClock
+from ..files.rig_file import RigFile
+from .awake import Awake
+from .force_limit import overload
+from .guard import Guard
+from .latch import RigLocked
+from .messages import Event, RigLanded, Start
+from .pulse import BEAT, FRESH, SIGNAL, Listener
+from .takeover import Request, Requests
+
+PRIORITY = -10
+"""The guard and what it starts come before others on a busy computer, where the system lets them (CAP_SYS_NICE, RLIMIT_NICE)."""
+LOOK = 0.05
+"""Longest host seconds between two looks at the pulse."""
+BEAT_BACK = 0.2
+"""Host seconds between two signs of life to the program."""
+MOST_WAITING = 100
+"""Messages waiting for the program beyond which no further sample joins them."""
+
+
+class Reports:
+    """The way to the program: what the guard says and measures, in order. Nobody waits for a program that does not read; it
+    loses samples, never an event."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+        self._queue: SimpleQueue[Any] = SimpleQueue()
+        threading.Thread(target=self._send, name="reports", daemon=True).start()
+
+    def __call__(self, message: Any) -> None:
+        """See guard.Tell."""
+        kept = isinstance(message, Event) and message.kind != "beat"
+        if kept or self._queue.qsize() < MOST_WAITING:
+            self._queue.put(message)
+
+    def _send(self) -> None:
+        with contextlib.suppress(OSError, ValueError):  # the program has gone: the watch sees it
+            while True:
+                self._pipe.send(self._queue.get())
+
+
+class ProgramWatch(threading.Thread):
+    """Listens to the program's pulse; lands when it ends, falls silent, hangs or shouts, and when somebody asks for it."""
+
+    def __init__(self, guard: Guard, pulse: Listener) -> None:
+        super().__init__(name="watch", daemon=True)
+        self._guard, self._pulse = guard, pulse
+        self._awake = Awake()
+        self._requests = Requests(guard.rig.path) if guard.rig.path is not None else None
+
+    def run(self) -> None:
+        """Until the program or the guard ends."""
+        guard, heard, beat_back = self._guard, self._awake.now, 0.0
+        while guard.running:
+            wait([self._pulse.pipe], LOOK)
+            records = self._pulse.take()
+            now = self._awake.look()
+            if any(kind != FRESH for kind, _ in records):  # a sign of life of the program, not only of its force sensor
+                heard = now
+            for kind, value in records:
+                self._heard(kind, value)
+            if self._pulse.gone:
+                guard.land("the program ended")
+                return
+            if guard.energised and now - heard > guard.rig.safe.heartbeat:
+                guard.land(f"no sign of life from the program for {now - heard:.1f} s")
+            if self._requests is not None and (request := self._requests.take()) is not None:
+                threading.Thread(target=self._give_up, args=(request,), name="takeover", daemon=True).start()
+            if now > beat_back:
+                beat_back = now + BEAT_BACK
+                guard.tell(Event("beat"))
+
+    def _heard(self, kind: bytes, value: float) -> None:
+        guard = self._guard
+        if kind == SIGNAL:
+            guard.land(f"stopped by {signal.Signals(int(value)).name}")
+        elif kind == FRESH:
+            if guard.under_force is not None:
+                guard.under_force.sampled(value)
+        elif text := overload(kind, value, guard.rig):
+            self._overloaded(text)
+        elif kind == BEAT and guard.energised and value > guard.rig.safe.hang:
+            guard.land(f"the experiment has not moved on for {value:.1f} s (safe.hang)")
+
+    def _overloaded(self, text: str) -> None:
+        if self._guard.energised:
+            self._guard.land(f"force: {text}", DeviceFault("force", f"{text}; the arm was stopped: free it by hand"))
+
+    def _give_up(self, request: Request) -> None:
+        """Somebody wants the rig safe now: land it for good and answer with what was reached."""
+        report = self._guard.hand_over(request.by)
+        if self._requests is not None:
+            self._requests.answer(request, report)
+
+
+def _serve(guard: Guard, commands: Connection) -> None:
+    """Take commands until the program says goodbye or is gone."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            number, name, method, args = commands.recv()
+            if method == "end":
+                guard.close()
+                commands.send((number, True, None))
+                return
+            answer: Any
+            try:
+                ok, answer = True, guard.do(name, method, args)
+            except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
+                known = isinstance(e, (InstrumentError, RigLanded, RigLocked))
+                ok, answer = False, e if known else RuntimeError(f"{type(e).__name__}: {e}")
+            commands.send((number, ok, answer))
+    guard.landed = guard.landed or "the program ended"
+    guard.close()
+
+
+def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
+    """Run one guard."""
+    start: Start = commands.recv()
+    rig = RigFile.model_validate_json(start.rig).read_from(Path(start.path) if start.path else None)
+    guard = Guard(rig, RigClock(rig.clock.speed, start.clock_start), start.despite_latch, Reports(reports))
+    try:
+        guard.take_over()
+    except (RigLocked, OSError) as e:
+        known = e if isinstance(e, RigLocked) else RigLocked(f"latch and journal cannot be kept: {e}")
+        commands.send((0, False, known))
+        return 1
+    commands.send((0, True, None))
+    guard.start()
+    ProgramWatch(guard, pulse).start()
+    _serve(guard, commands)
+    return 0
+
+
+if __name__ == "__main__":
+    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ignored, signal.SIG_IGN)
+    with contextlib.suppress(OSError):
+        os.nice(PRIORITY)
+    code = main(Connection(int(sys.argv[1])), Listener(int(sys.argv[2])), Connection(int(sys.argv[3]), readable=False))
+    os._exit(code)  # threads may be stuck in a driver that does not come back

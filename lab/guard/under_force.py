@@ -1,0 +1,184 @@
+"""The arm as the guard uses it: it moves only while the force sensor sends, and waits where it stands while it does not.
+
+A sample that is late is no fault yet: a busy computer delays one now and then. So a motion is stopped when the newest
+sample is older than `limits.max_age_in_motion`, and begun again towards its goal when the program next asks whether the
+arm has arrived and the samples flow. That works as well when the program stands still: samples then stop coming here.
+What a motion has stood still for is counted, what it has moved for is taken off; past `limits.max_age` the run ends.
+
+A rig whose force sensor was not opened has nothing to wait for.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+from drivers.errors import InstrumentError, StaleReading
+
+from ..files.rig_file import Limits
+
+LOOK = 0.005
+"""Host seconds between two looks at the age of the newest sample while the arm moves."""
+FLOW = 4
+"""Samples that must have come one shortly after the other before a motion goes on: a drip does not move the arm."""
+STOP_WAITS = 0.3
+"""Host seconds that a stop lets an earlier call to the arm end; then it goes ahead of it."""
+STOPS = 3
+"""Tries to stop the arm that may fail in a row before the guard lands the rig."""
+
+Call = tuple[Any, ...]
+
+
+class UnderForce:
+    """The arm's driver with the force sensor's consent; has the driver's methods that the guard uses."""
+
+    def __init__(
+        self,
+        arm: Any,
+        limits: Limits,
+        begin: Callable[[Callable[[], Any]], Any],
+        tell: Callable[[str], None],
+        fail: Callable[[InstrumentError], None],
+    ) -> None:
+        """`begin` does what starts a motion, unless the rig was landed; `tell` logs; `fail`: the arm does not stop."""
+        self._arm, self._limits = arm, limits
+        self._begin, self._tell, self._fail = begin, tell, fail
+        self._arrivals: deque[float] = deque(maxlen=FLOW)
+        self._turn = threading.Lock()
+        self._goal: Call | None = None
+        self._waits = self._told = False
+        self._stood = 0.0
+        """Host seconds that motions stood still for, less those they moved for."""
+        self._under_way = threading.Event()
+        threading.Thread(target=self._watch, name="under-force", daemon=True).start()
+
+    def sampled(self, at: float) -> None:
+        """A force sample has come, at this host time."""
+        self._arrivals.append(at)
+
+    # -- the arm
+    def move_to(self, *motion: Any) -> None:
+        """See Arm.move_to; while no samples flow the motion waits for them, and is checked and begun then."""
+        with self._turn:
+            self._goal, self._waits, self._told = motion, not self._flows(), False
+            self._under_way.set()
+            if self._waits:
+                self._say(self._longest())
+            else:
+                self._drive(lambda: self._arm.move_to(*motion))
+
+    def moving(self) -> bool:
+        """See Arm.moving; True as well while a motion waits. Raises StaleReading when it has waited too long."""
+        with self._turn:
+            motion = self._goal
+            if motion is None or not self._waits:
+                on = bool(self._drive(self._arm.moving))
+                if on or self._waits:  # a stop that did not wait for its turn ended the motion: it has not arrived
+                    return True
+                self._end()
+                return False
+            if self._stood > self._limits.max_age:
+                self._end()
+                raise StaleReading(
+                    "force",
+                    f"the arm stood still for {self._stood:.1f} s on its way, since samples came later than "
+                    f"limits.max_age_in_motion = {self._limits.max_age_in_motion:g} s; check the sensor's cable and "
+                    "adapter, and what else keeps the computer busy",
+                )
+            if self._flows():
+                self._waits = False
+                self._drive(lambda: self._begin(lambda: self._arm.move_to(*motion)))
+            return True
+
+    def stop(self) -> None:
+        """See Arm.stop; a motion that waits is given up."""
+        self._end()
+        self._arm.stop()
+
+    def standing(self) -> bool:
+        """See UR5.standing."""
+        return bool(self._arm.standing())
+
+    def glance(self) -> bool:
+        """See UR5.glance."""
+        return bool(self._arm.glance())
+
+    def open(self) -> Any:
+        """Connect."""
+        return self._arm.open()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._end()
+        self._arm.close()
+
+    def _drive(self, call: Callable[[], Any]) -> Any:
+        """A call to the arm; when it fails there is no motion to go on with."""
+        try:
+            return call()
+        except BaseException:
+            self._end()
+            raise
+
+    def _end(self) -> None:
+        self._goal, self._waits = None, False
+        self._under_way.clear()
+
+    # -- the samples
+    def _age(self) -> float:
+        """Of the newest sample, host s; 0 where none ever came: the sensor is not in use."""
+        return time.monotonic() - self._arrivals[-1] if self._arrivals else 0.0
+
+    def _flows(self) -> bool:
+        """Whether samples come one shortly after the other."""
+        return self._longest() <= self._limits.max_age_in_motion
+
+    def _longest(self) -> float:
+        """Time without a sample among the newest ones and since, host s."""
+        return max([self._age(), *(b - a for a, b in pairwise(list(self._arrivals)))])
+
+    def _watch(self) -> None:
+        """Stop a motion whose samples stay away; a thread of its own, since a stop takes its time."""
+        failed = 0
+        while True:
+            self._under_way.wait()
+            began = time.monotonic()
+            if not self._waits and self._age() > self._limits.max_age_in_motion:
+                failed = failed + 1 if not self._hold(last=failed + 1 == STOPS) else 0
+            time.sleep(LOOK)
+            past = time.monotonic() - began
+            self._stood = self._stood + past if self._waits else max(0.0, self._stood - past)
+
+    def _hold(self, last: bool) -> bool:
+        """Stop the arm where it is; False when that failed. The last try's failure is the guard's to deal with."""
+        mine = self._turn.acquire(timeout=STOP_WAITS)
+        try:
+            late = self._age()
+            if self._goal is None or late <= self._limits.max_age_in_motion:
+                return True
+            self._waits = True
+            try:
+                self._arm.stop()
+            except InstrumentError as e:
+                self._waits = False
+                if last:
+                    self._fail(e)
+                return False
+            self._say(late)
+            return True
+        finally:
+            if mine:
+                self._turn.release()
+
+    def _say(self, late: float) -> None:
+        """One line for a motion, however often it waits."""
+        if not self._told:
+            self._told = True
+            self._tell(
+                f"force: no sample for {late * 1e3:.0f} ms, limits.max_age_in_motion is "
+                f"{self._limits.max_age_in_motion * 1e3:.0f} ms: the arm waits until samples flow again"
+            )

@@ -1,0 +1,101 @@
+"""The page that a demo ends with, and the seal on the effect that it hid."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from model.compare import ErrorTable
+
+from ..calibration import Calibration
+from ..comparison import Comparison
+from ..files.inputs import Case
+from ..rig.losses import losses
+from .figures import stiffness_curves, story, tip_curves
+from .report import Report
+
+
+@dataclass(frozen=True)
+class Seal:
+    """An effect and its size, and the digest that was shown before anything was measured."""
+
+    effect: str
+    size: float
+    unit: str
+    physics: str
+    salt: str
+
+    @property
+    def text(self) -> str:
+        """What the digest is of."""
+        return json.dumps({"effect": self.effect, "size": self.size, "salt": self.salt})
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def write(
+    folder: Path,
+    case: Case,
+    files: list[Path],
+    fit: Calibration,
+    before: Comparison,
+    after: Comparison,
+    equal: bool,
+    seal: Seal,
+) -> Path:
+    """The page with everything that was seen."""
+    report = Report(
+        "A day in the lab, without hardware",
+        f"{time.strftime('%Y-%m-%d %H:%M')}, {len(case.table)} states, recorded in {' and '.join(f.name for f in files)}",
+        f"The model with the paper's parameters misses the tip by {before.table.rmse * 1e3:.1f} mm rms; calibrated per "
+        f"spine length by {after.table.rmse * 1e3:.1f} mm. Replayed from the files alone, "
+        f"{'every number is the same' if equal else 'numbers DIFFER'}.",
+    )
+    paper = case.robot.spine.modulus if case.robot.spine else {}
+    whole = report.section("In one picture")
+    whole.figure(
+        story(fit.spine_modulus, paper, before, after, folder / "story.png"), "Stiffness, tip and error of this run."
+    )
+    stiff = report.section("Stiffness of the spine")
+    stiff.figure(
+        stiffness_curves(case.of("stiffness"), fit.spine_modulus, paper, folder / "stiffness.png"),
+        "Force on the spine's tip over its deflection, and Young's modulus by eq. 9.",
+    )
+    bend = report.section("Bending: measured against the model with the paper's parameters")
+    bend.figure(tip_curves(before, folder / "paper.png"), "Marks: measured tip, loading and unloading. Lines: model.")
+    bend.table(*_errors(before.table))
+    fitted = report.section("After calibration")
+    fitted.figure(
+        tip_curves(after, folder / "calibrated.png"),
+        "The same marks; the model with one chamber area per spine length.",
+    )
+    fitted.table(*_errors(after.table))
+    fitted.table(
+        ["spine", "A_eff / A", "standard error", "left over, mm rms"],
+        [
+            [f"{k * 100:.0f} cm", f"{a.factor.value:.3f}", f"{a.factor.standard_error:.3f}", f"{a.rmse * 1e3:.2f}"]
+            for k, a in fit.area_factor_by_length.items()
+        ],
+    )
+    said, head, rows = losses(files)
+    report.section("What was recorded, and what was lost").text(said).table(head, rows)
+    end = report.section("What was withheld")
+    end.text(f"{seal.effect} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
+    end.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
+    return report.write(folder / "report.html")
+
+
+def _errors(table: ErrorTable) -> tuple[list[str], list[list[str]]]:
+    head = ["spine", "n", "x (paper: X), mm", "z (paper: Y), mm", "y, mm", "rms, mm", "worst, mm"]
+    rows = [
+        [f"{r.spine_length * 100:.0f} cm", str(r.n)]
+        + [f"{v * 1e3:.2f}" for v in (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y, r.rmse, r.worst)]
+        for r in table.rows
+    ]
+    return head, rows

@@ -1,0 +1,75 @@
+"""One offline HTML page: a sentence first, then sections of text, figures and tables. Nothing is loaded from anywhere."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader
+
+from ..plain import plain
+
+
+@dataclass(frozen=True)
+class Item:
+    """A paragraph, a figure or a table."""
+
+    kind: str
+    text: str = ""
+    caption: str = ""
+    data: str = ""
+    head: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+
+@dataclass
+class Section:
+    """A heading and what stands under it."""
+
+    title: str
+    items: list[Item] = field(default_factory=list)
+
+    def text(self, text: str) -> Section:
+        """Add a paragraph."""
+        self.items.append(Item("text", text=text))
+        return self
+
+    def figure(self, png: Path, caption: str) -> Section:
+        """Add a picture; it is put into the page."""
+        self.items.append(Item("figure", caption=caption, data=base64.b64encode(png.read_bytes()).decode()))
+        return self
+
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+        """Add a table."""
+        self.items.append(Item("table", head=head, rows=rows))
+        return self
+
+
+@dataclass
+class Report:
+    """A page."""
+
+    title: str
+    subtitle: str
+    lead: str
+    sections: list[Section] = field(default_factory=list)
+
+    def section(self, title: str) -> Section:
+        """Start the next section."""
+        self.sections.append(Section(title))
+        return self.sections[-1]
+
+    def write(self, path: Path) -> Path:
+        """Write the page."""
+        environment = Environment(
+            loader=FileSystemLoader(Path(__file__).parent),
+            autoescape=True,
+            finalize=lambda value: plain(value) if isinstance(value, str) else value,
+        )
+        page = environment.get_template("report.html.j2").render(
+            title=self.title, subtitle=self.subtitle, lead=self.lead, sections=[vars(s) for s in self.sections]
+        )
+        path.write_text(page, encoding="utf-8")
+        return path

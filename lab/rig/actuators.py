@@ -1,0 +1,338 @@
+"""The program's end of the guard: the actuators as the protocols see them, each behind the process boundary.
+
+Commands go through one pipe, one at a time, each answered under its number. Readings and the guard's own messages come
+back through a second pipe, the pulse goes out through a third. A guard that ends or falls silent is noticed within two
+seconds, by calls under way too, and every later call raises ActuatorsLost.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from multiprocessing import Pipe
+from typing import Any
+
+from drivers.interfaces import GaugeSample, Identity, PressureSample, SpineSample, ValveSample
+
+from ..files.clock import RigClock
+from ..files.rig_file import RigFile
+from ..guard.instruments import COMMANDS
+from ..guard.landing import SafeReport
+from ..guard.messages import Event, Start
+from ..guard.pulse import Pulse
+
+__all__ = ["COMMANDS", "Actuators", "ActuatorsLost", "ArmMotion", "Gauge", "Pressure", "Spine", "Valve"]
+
+START_WITHIN = 30.0
+"""Host seconds for the guard's process to start and to take the rig over from an earlier one."""
+ANSWER_WITHIN = 40.0
+"""Host seconds after which a guard that lives and beats but does not answer is given up."""
+BEATS_MISSED = 2.0
+"""The guard counts as frozen after so many times the rig's `safe.heartbeat` without a sign of life."""
+SLICE = 0.05
+HELD_BACK = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+"""Signals that a terminal sends to everybody; the guard must not even see them while it starts."""
+
+
+class ActuatorsLost(RuntimeError):
+    """The guard is gone or does not answer; the rig must be made safe anew, or by hand (vent valve, emergency stop)."""
+
+
+class Actuators:
+    """The guard of one rig, as a process, and the way to it.
+
+    `on_sample(name, sample)` is called from a thread of its own with every polled reading, or with the InstrumentError
+    that took its place; `on_event` with what the guard tells by itself.
+    """
+
+    def __init__(
+        self,
+        rig: RigFile,
+        clock: RigClock,
+        on_sample: Callable[[str, Any], None],
+        on_event: Callable[[Event], None] = lambda event: None,
+        despite_latch: bool = False,
+    ) -> None:
+        """Raises RigLocked when a person has to see to the rig first, or another program owns it."""
+        self._on_sample, self._on_event = on_sample, on_event
+        self._silent = BEATS_MISSED * rig.safe.heartbeat
+        self._lock = threading.RLock()
+        self._numbers = itertools.count(1)
+        self.asked: dict[str, float] = {}
+        """Host time at which the last command to each instrument ended: no reading comes while it works."""
+        self._commands, theirs = Pipe()
+        self._samples, their_samples = Pipe(duplex=False)
+        their_pulse, pulse = os.pipe()
+        passed = (theirs.fileno(), their_pulse, their_samples.fileno())
+        command = [sys.executable, "-m", "lab.guard.process", *map(str, passed)]
+        with _held_back():
+            self._process = subprocess.Popen(command, pass_fds=passed, stdin=subprocess.DEVNULL, start_new_session=True)
+        theirs.close()
+        their_samples.close()
+        os.close(their_pulse)
+        self.pulse = Pulse(pulse)
+        self._heard = self.pulse.awake.now
+        """When the guard last gave a sign of life, on the clock of this process's being awake."""
+        self.lost = ""
+        """Why the guard is lost; empty while it lives."""
+        try:
+            path = str(rig.path or "")
+            self._commands.send(Start(rig.model_dump_json(), path, clock.start, despite_latch))
+            self._answer(0, "start", START_WITHIN)
+            self._heard = self.pulse.awake.now
+        except BaseException:
+            self._end()
+            raise
+        self._reader = threading.Thread(target=self._forward, name="guard-messages", daemon=True)
+        self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        """Process id of the guard."""
+        return self._process.pid
+
+    def call(self, name: str, method: str, *args: Any) -> Any:
+        """Send one command and wait for its answer; raises what the driver raised, RigLanded, or ActuatorsLost."""
+        with self._lock:
+            self.pulse.mark()
+            if self.lost:
+                raise self._lost(f"{name}.{method}")
+            number = next(self._numbers)
+            try:
+                self._commands.send((number, name, method, args))
+            except OSError as e:
+                self._give_up("it has ended")
+                raise self._lost(f"{name}.{method}") from e
+            try:
+                return self._answer(number, f"{name}.{method}", ANSWER_WITHIN)
+            finally:
+                self.pulse.mark()
+                self.asked[name] = time.monotonic()
+
+    def _answer(self, number: int, what: str, within: float) -> Any:
+        """The answer to command `number`; answers to commands whose callers were interrupted are dropped."""
+        deadline = time.monotonic() + within
+        while True:
+            try:
+                come = self._commands.poll(SLICE)
+                if come:
+                    answered, ok, answer = self._commands.recv()
+                    if answered != number:
+                        continue
+                    if ok:
+                        return answer
+                    raise answer
+            except (EOFError, BrokenPipeError, ConnectionResetError) as e:
+                self._give_up("it has ended")
+                raise self._lost(what) from e
+            now = time.monotonic()
+            self.pulse.mark()
+            if number:
+                self._listen()
+            if now > deadline:
+                self._give_up(f"no answer within {within:g} s")
+            if self.lost:
+                raise self._lost(what)
+
+    def _forward(self) -> None:
+        """Take what the guard sends until its end."""
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                message = self._samples.recv()
+                self._heard = self.pulse.awake.now
+                if isinstance(message, Event):
+                    if message.kind != "beat":
+                        self._on_event(message)
+                else:
+                    self._on_sample(*message)
+        self.lost = self.lost or "it has ended"
+
+    def look(self) -> None:
+        """Raises ActuatorsLost when the guard is gone or silent."""
+        self._listen()
+        if self.lost:
+            raise self._lost("the experiment")
+
+    def _listen(self) -> None:
+        """Give up a guard that was silent for too long while this process was awake to hear it."""
+        silent = self.pulse.awake.now - self._heard
+        if not self.lost and silent > self._silent:
+            self._give_up(f"no sign of life for {silent:.1f} s")
+
+    def _give_up(self, why: str) -> None:
+        """The guard is lost for good: a frozen one must not wake up and command behind a successor's back."""
+        self.lost = self.lost or why
+        with contextlib.suppress(OSError):
+            self._process.kill()
+
+    def _lost(self, during: str) -> ActuatorsLost:
+        return ActuatorsLost(f"the guard of the actuators is lost during {during}: {self.lost}; vent and stop by hand")
+
+    def open(self, name: str) -> Identity:
+        """Connect one instrument."""
+        identity: Identity = self.call(name, "open")
+        return identity
+
+    def safe(self) -> SafeReport:
+        """Bring all actuators into the safe state and read it back."""
+        report: SafeReport = self.call("", "safe")
+        return report
+
+    def pause(self) -> SafeReport:
+        """Vent and stop, keep the spine jammed."""
+        report: SafeReport = self.call("", "pause")
+        return report
+
+    def resume(self) -> None:
+        """A person has confirmed: reconnect what has to be, take commands again."""
+        self.call("", "resume")
+
+    def unlock(self) -> None:
+        """Remove the latch."""
+        self.call("", "unlock")
+
+    def close(self) -> None:
+        """Land safe and end the process; kills it when it does not end by itself."""
+        with contextlib.suppress(ActuatorsLost):
+            self.call("", "end")
+        self._end()
+
+    def _end(self) -> None:
+        self.pulse.close()
+        self._commands.close()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(5.0)
+
+
+@contextlib.contextmanager
+def _held_back() -> Any:
+    """Start a process with these signals blocked; it inherits that."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_BACK)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class Remote:
+    """One instrument behind the process boundary."""
+
+    name = ""
+
+    def __init__(self, actuators: Actuators) -> None:
+        self._actuators = actuators
+
+    def _call(self, method: str, *args: Any) -> Any:
+        return self._actuators.call(self.name, method, *args)
+
+    def open(self) -> Identity:
+        """Connect."""
+        return self._actuators.open(self.name)
+
+    def close(self) -> None:
+        """Land safe and disconnect."""
+        self._call("close")
+
+
+class Pressure(Remote):
+    """PressureRegulators, by way of the guard."""
+
+    name = "pressure"
+
+    def __init__(self, actuators: Actuators, channels: int) -> None:
+        super().__init__(actuators)
+        self.channels = channels
+
+    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """See PressureRegulators.set; the sum over the chambers is limited too."""
+        answer: tuple[float, ...] = self._call("set", tuple(pressures))
+        return answer
+
+    def read(self) -> PressureSample:
+        """See PressureRegulators.read."""
+        answer: PressureSample = self._call("read")
+        return answer
+
+    def vent(self) -> None:
+        """See PressureRegulators.vent."""
+        self._call("vent")
+
+
+class Spine(Remote):
+    """LengthUnit, by way of the guard."""
+
+    name = "spine"
+
+    def home(self) -> None:
+        """See LengthUnit.home."""
+        self._call("home")
+
+    def move_to(self, length: float, speed: float) -> float:
+        """See LengthUnit.move_to."""
+        answer: float = self._call("move_to", length, speed)
+        return answer
+
+    def stop(self) -> None:
+        """See LengthUnit.stop."""
+        self._call("stop")
+
+    def read(self) -> SpineSample:
+        """See LengthUnit.read."""
+        answer: SpineSample = self._call("read")
+        return answer
+
+
+class Valve(Remote):
+    """JammingValve, by way of the guard."""
+
+    name = "valve"
+
+    def set(self, on: bool) -> bool:
+        """See JammingValve.set."""
+        answer: bool = self._call("set", on)
+        return answer
+
+    def read(self) -> ValveSample:
+        """See JammingValve.read."""
+        answer: ValveSample = self._call("read")
+        return answer
+
+
+class Gauge(Remote):
+    """VacuumGauge, by way of the guard."""
+
+    name = "gauge"
+
+    def read(self) -> GaugeSample:
+        """See VacuumGauge.read."""
+        answer: GaugeSample = self._call("read")
+        return answer
+
+
+class ArmMotion(Remote):
+    """Arm, by way of the guard."""
+
+    name = "arm"
+
+    def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
+        """See Arm.move_to."""
+        self._call("move_to", tuple(pose), speed, acceleration)
+
+    def moving(self) -> bool:
+        """See Arm.moving."""
+        answer: bool = self._call("moving")
+        return answer
+
+    def stop(self) -> None:
+        """See Arm.stop."""
+        self._call("stop")

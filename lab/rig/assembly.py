@@ -1,0 +1,217 @@
+"""The rig assembled: drivers made from rig.yaml, opened, joined to a recording, and always left safe."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+from drivers import ft300s, natnet_mocap, ur5_state
+from drivers.chambers import ChamberMap
+from drivers.errors import InstrumentError
+from drivers.interfaces import Identity, WrenchSample
+from protocols.bench import Bench, Narrator, StandFrame
+from recordings.errors import RecordingError
+from recordings.writer import Recorder
+
+from ..files.rig_file import RigFile
+from ..guard.force_limit import ForceLimit
+from ..guard.instruments import ACTUATORS
+from ..guard.landing import SafeReport
+from ..guard.messages import Event
+from ..guard.rescue import rescue
+from . import actuators as act
+from . import operator as op
+from .hosted_stream import HostedArmState
+from .interrupts import Shielded
+from .limits import within_robot
+from .real_time import clock_of, demand_fakes
+from .recovery import Mending, Patient
+from .streams import TOPICS, recorded
+from .watch import Vital, Watch, WatchedClock
+
+ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
+"""The order of connecting: what only reads or holds nothing first, what moves last."""
+
+
+class Rig:
+    """All instruments of one rig.yaml. Use as a context: leaving it lands the rig safe and disconnects."""
+
+    def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
+        """Raises RigLocked when a person has to see to the rig first, unless `despite_latch`; ConfigError when its clock
+        is for fakes and an instrument is none."""
+        self.file = file = within_robot(file)
+        self.clock = clock_of(file)
+        self.identities: dict[str, Identity] = {}
+        self.counts: dict[str, int] = {}
+        self.notices: list[str] = []
+        """What drivers noticed beside their samples; each stands in the recording as a warning."""
+        self.vital = Vital()
+        self.stop_now: Callable[[], bool] = lambda: False
+        """True once a person wants everything to stop at once."""
+        self._recorder: Recorder | None = None
+        self._sinks: dict[str, Callable[[Any], None]] = {}
+        self._lock = threading.Lock()
+        instruments = file.instruments
+        self.chambers = ChamberMap(instruments.pressure.chambers if instruments.pressure else ())
+        self.actuators = act.Actuators(file, self.clock, self._polled, self._told, despite_latch)
+        self.streams: dict[str, Any] = {}
+        self.watch = Watch(self.actuators, self.vital, self.streams, file.limits, lambda: self.stop_now())
+        self._force: ForceLimit | None = None
+        if instruments.force:
+            self._force = ForceLimit(file.limits, instruments.force, self.actuators.pulse)
+            self.streams["force"] = ft300s.FT300S("force", instruments.force, self.clock, self._sink)
+        if instruments.mocap:
+            self.streams["mocap"] = natnet_mocap.NatNetMocap(
+                "mocap", instruments.mocap, self.clock, self._sink, self._noticed
+            )
+        if instruments.arm:
+            state = ur5_state.Config(host=instruments.arm.host, max_age=instruments.arm.max_age)
+            self.streams["arm_state"] = HostedArmState("arm_state", state, self.clock, self._sink)
+
+    @property
+    def names(self) -> list[str]:
+        """The instruments that rig.yaml has, in the order of connecting."""
+        present = [n for n in act.COMMANDS if getattr(self.file.instruments, n) is not None]
+        return [n for n in ORDER if n in present or n in self.streams]
+
+    def open(self, name: str) -> Identity:
+        """Connect one instrument; raises InstrumentError, and ConfigError where only a fake may be."""
+        demand_fakes(self.file, "arm" if name == "arm_state" else name)
+        if name == "force" and self._force is not None:
+            self._force.begin()
+        identity: Identity = self.streams[name].open() if name in self.streams else self.actuators.open(name)
+        self.identities[name] = identity
+        return identity
+
+    def open_all(self, announce: Callable[[str, Identity | InstrumentError], None]) -> list[InstrumentError]:
+        """Connect everything, telling each outcome; returns what failed."""
+        failures: list[InstrumentError] = []
+        for name in self.names:
+            try:
+                announce(name, self.open(name))
+            except InstrumentError as e:
+                failures.append(e)
+                announce(name, e)
+        return failures
+
+    # -- samples
+    def record_to(self, recorder: Recorder | None) -> None:
+        """From now on every sample goes to this recording (None: to none)."""
+        sinks = {topic: recorder.sink(topic) for topic in TOPICS.values()} if recorder is not None else {}
+        with self._lock:
+            self._sinks = sinks
+            self._recorder = recorder
+            known = tuple(self.notices)
+        for text in known:
+            _warn(recorder, text)
+
+    def _sink(self, sample: Any) -> None:
+        if isinstance(sample, WrenchSample) and self._force is not None:
+            self._force.judge(sample)
+        topic = TOPICS[type(sample)]
+        with self._lock:
+            self.counts[topic] = self.counts.get(topic, 0) + 1
+            sink = self._sinks.get(topic)
+            if sink is not None:
+                sink(recorded(sample, self.chambers))
+
+    def _polled(self, name: str, sample: Any) -> None:
+        if isinstance(sample, InstrumentError):
+            self.vital.errors[name] = sample
+            return
+        self.vital.errors.pop(name, None)
+        self.vital.heard[name] = time.monotonic()
+        self._sink(sample)
+
+    def _told(self, event: Event) -> None:
+        """What the guard says by itself."""
+        if event.kind == "landed":
+            self.vital.landed = event
+        elif event.kind == "pause":
+            self.vital.pause = event
+        if event.kind in ("landed", "clipped", "waiting"):
+            _warn(self._recorder, event.text)
+
+    def _noticed(self, text: str) -> None:
+        with self._lock:
+            self.notices.append(text)
+            recorder = self._recorder
+        _warn(recorder, text)
+
+    def lost(self) -> dict[str, int]:
+        """Samples that the streaming drivers know to be lost, by topic."""
+        topics = {"force": "/force", "mocap": "/tip", "arm_state": "/arm"}
+        return {topics[name]: driver.lost for name, driver in self.streams.items() if name in self.identities}
+
+    # -- protocols
+    def bench(
+        self, recorder: Recorder, narrator: Narrator, stopping: Callable[[], bool], needs: Sequence[str] = ()
+    ) -> Bench:
+        """What a protocol gets: the opened instruments only. Those that it `needs` are watched while it waits."""
+        has = self.identities.__contains__
+        stand = self.file.stand
+        operator = Patient(op.operator(self.file.operator), self.actuators.pulse)
+
+        def say(text: str) -> None:
+            narrator.say(text)
+            recorder.log("warning", text, self.clock.now())
+
+        self.vital.landed = None
+        self.watch.over([n for n in needs if has(n)])
+        return Bench(
+            clock=WatchedClock(self.clock, self.actuators, self.watch),
+            recorder=recorder,
+            operator=operator,
+            narrator=narrator,
+            stopping=stopping,
+            mendable=self.watch.mendable,
+            mend=Mending(self.actuators, self.watch, operator, self.file.limits, say),
+            chambers=self.chambers,
+            stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
+            if stand
+            else None,
+            pressure=act.Pressure(self.actuators, len(self.chambers.channels)) if has("pressure") else None,
+            spine=act.Spine(self.actuators) if has("spine") else None,
+            valve=act.Valve(self.actuators) if has("valve") else None,
+            gauge=act.Gauge(self.actuators) if has("gauge") else None,
+            arm=act.ArmMotion(self.actuators) if has("arm") else None,
+            arm_state=self.streams["arm_state"] if has("arm_state") else None,
+            force=self.streams["force"] if has("force") else None,
+            mocap=self.streams["mocap"] if has("mocap") else None,
+        )
+
+    # -- the end
+    def safe(self) -> SafeReport:
+        """Bring the actuators into the safe state, confirmed by reading back; by a new guard when the first is lost."""
+        try:
+            return self.actuators.safe()
+        except act.ActuatorsLost:
+            return rescue(self.file, self.clock, [n for n in ACTUATORS if n in self.identities])
+
+    def close(self) -> None:
+        """Land safe and disconnect everything; never raises."""
+        self.record_to(None)
+        with Shielded():
+            with contextlib.suppress(Exception):
+                self.actuators.close()
+            for driver in self.streams.values():
+                with contextlib.suppress(Exception):
+                    driver.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _warn(recorder: Recorder | None, text: str) -> None:
+    if recorder is not None:
+        with contextlib.suppress(RecordingError):
+            recorder.log("warning", text)

@@ -1,0 +1,150 @@
+"""A streaming driver in a process of its own: a library that crashes on a damaged stream ends there, not the experiment.
+
+Samples come back through a pipe and go on to the sink; `latest` judges their age here, where they are used. Run by
+`python -m lab.rig.hosted_stream FD`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any
+
+from drivers import ur5_state
+from drivers.errors import InstrumentError, NotReady, StaleReading, Unreachable
+from drivers.interfaces import ArmSample, Identity, Sink
+
+from ..files.clock import RigClock
+
+OPEN_WITHIN, CLOSE_WITHIN = 10.0, 5.0
+"""Host seconds. A sound controller sends its state within one or two; the library itself waits without end."""
+LONGEST_BATCH = 50
+
+
+class HostedArmState:
+    """ArmState, by way of a process of its own."""
+
+    def __init__(self, name: str, config: ur5_state.Config, clock: RigClock, sink: Sink[ArmSample]) -> None:
+        self.name, self.config = name, config
+        self.lost = 0
+        self._clock, self._sink = clock, sink
+        self._process: subprocess.Popen[bytes] | None = None
+        self._line: Connection | None = None
+        self._opened: queue.Queue[Identity | InstrumentError] = queue.Queue()
+        self._newest: tuple[float, ArmSample] | None = None
+        self._error: InstrumentError | None = None
+
+    def open(self) -> Identity:
+        """Start the process and the stream. Raises what UR5State.open raises."""
+        self.close()
+        ours, theirs = Pipe()
+        command = [sys.executable, "-m", "lab.rig.hosted_stream", str(theirs.fileno())]
+        self._process = subprocess.Popen(
+            command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
+        )
+        theirs.close()
+        self._line, self._opened, self._newest, self._error = ours, queue.Queue(), None, None
+        self.lost = 0
+        ours.send((self.name, self.config, self._clock.speed, self._clock.start))
+        threading.Thread(
+            target=self._receive, args=(ours, self._process, self._opened), name=self.name, daemon=True
+        ).start()
+        try:
+            outcome = self._opened.get(timeout=OPEN_WITHIN)
+        except queue.Empty:
+            outcome = Unreachable(self.name, f"no state from {self.config.host} within {OPEN_WITHIN:g} s")
+        if isinstance(outcome, InstrumentError):
+            self.close()
+            raise outcome
+        return outcome
+
+    def close(self) -> None:
+        """End the stream and its process."""
+        line, self._line = self._line, None
+        process, self._process = self._process, None
+        if line is not None:
+            with contextlib.suppress(OSError):
+                line.send("close")
+        if process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(CLOSE_WITHIN)
+            process.kill()
+            process.wait()
+        if line is not None:
+            line.close()
+
+    def latest(self) -> ArmSample:
+        """The newest sample. Raises NotReady before `open`, StaleReading when too old, BadReply when it cannot be true."""
+        newest = self._newest
+        if self._line is None or newest is None:
+            raise NotReady(self.name, "not open; call open() first")
+        if self._error is not None:
+            raise self._error
+        age = time.monotonic() - newest[0]
+        if age > self.config.max_age:
+            raise StaleReading(
+                self.name,
+                f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
+                f"check the cable to {self.config.host} and the controller",
+            )
+        ur5_state.check_plausible(self.name, self.config.host, newest[1])
+        return newest[1]
+
+    def _receive(
+        self, line: Connection, process: subprocess.Popen[bytes], opened: queue.Queue[Identity | InstrumentError]
+    ) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                message = line.recv()
+                if isinstance(message, (Identity, InstrumentError)):
+                    opened.put(message)
+                    continue
+                self.lost, arrived, samples = message
+                for sample in samples:
+                    self._sink(sample)
+                self._newest = arrived, samples[-1]
+        if self._line is not line:
+            return  # closed by us
+        code = process.wait()
+        how = signal.Signals(-code).name if code < 0 else f"code {code}"
+        self._error = StaleReading(
+            self.name,
+            f"the process that reads the state ended ({how}): the stream was damaged or the controller went away; check "
+            f"the network to {self.config.host}, then open it again",
+        )
+        opened.put(self._error)
+
+
+# ------------------------------------------------------------------ the process
+def _serve(line: Connection) -> None:
+    name, config, speed, start = line.recv()
+    samples: queue.SimpleQueue[ArmSample] = queue.SimpleQueue()
+    driver = ur5_state.UR5State(name, config, RigClock(speed, start), samples.put)
+    try:
+        line.send(driver.open())
+    except InstrumentError as e:
+        line.send(e)
+        return
+    with contextlib.suppress(EOFError, OSError):
+        while not line.poll(0):
+            batch: list[Any] = []
+            with contextlib.suppress(queue.Empty):
+                batch.append(samples.get(timeout=0.05))
+                while len(batch) < LONGEST_BATCH:
+                    batch.append(samples.get_nowait())
+            if batch:
+                line.send((driver.lost, time.monotonic(), batch))
+    driver.close()
+
+
+if __name__ == "__main__":
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    _serve(Connection(int(sys.argv[1])))

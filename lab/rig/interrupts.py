@@ -1,0 +1,70 @@
+"""Ctrl-C and SIGTERM: once finishes the step, twice (or SIGTERM) stops now; after that nothing interrupts the clean-up.
+
+"Now" is told to the guard from within the signal handler, so that the actuators stop while the experiment still unwinds.
+No exception is thrown into code that does not expect one: the experiment looks between its steps. Only a program that
+waits for a person at the keyboard is interrupted where it stands.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from types import FrameType, TracebackType
+from typing import Any
+
+from ..guard.pulse import SIGNAL, Pulse
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupts:
+    """Handles signals between `with` and its end."""
+
+    def __init__(self, say: Callable[[str], None], pulse: Pulse) -> None:
+        self._say, self._pulse = say, pulse
+        self._pressed = 0
+        self._before: dict[int, Any] = {}
+        self.now = False
+        """True once a person wants everything to stop at once."""
+
+    def __enter__(self) -> Interrupts:
+        self._before = {n: signal.signal(n, self._on_signal) for n in SIGNALS}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            # a program that was told to stop is ending: nothing is to cut its way out short
+            signal.signal(number, signal.SIG_IGN if self._pressed else handler)
+
+    def stopping(self) -> bool:
+        """True once a person asked to finish the present step and end."""
+        return self._pressed > 0
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._pressed += 1 if number == signal.SIGINT else 2
+        if self._pressed >= 2 and not self.now:
+            self.now = True
+            self._pulse.shout(SIGNAL, float(number))
+            if self._pulse.waiting:
+                raise KeyboardInterrupt
+        elif self._pressed == 1:
+            self._say("Stopping after this step; Ctrl-C again stops now")
+
+
+class Shielded:
+    """Signals do nothing between `with` and its end: landing and disconnecting are not to be cut short."""
+
+    def __enter__(self) -> Shielded:
+        try:
+            self._before = {n: signal.signal(n, signal.SIG_IGN) for n in SIGNALS}
+        except ValueError:  # not the main thread, which alone receives signals
+            self._before = {}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)

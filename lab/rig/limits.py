@@ -1,0 +1,182 @@
+"""What a plan asks for against everything that limits it, before anything moves: robot, instruments, and the rig as a whole."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.chambers import ChamberMap
+from model.robot import Robot
+from model.section import annulus_second_moment, body_second_moment
+from protocols.experiment import Ask, Plan, Push
+
+from ..files.config import load
+from ..files.rig_file import RigFile, Stand
+
+SLACK = 1 + 1e-9
+"""A value at its limit is within it, however it was rounded."""
+
+
+@dataclass(frozen=True)
+class Excess:
+    """Something asked for that cannot be kept."""
+
+    value: float
+    unit: str
+    limit: str
+    """Name, value and place of the limit."""
+    over: float
+    """How far beyond: the worst of several is told."""
+    remedy: str
+    subject: str = ""
+    """What the value is, where the unit does not say it."""
+    outside: bool = False
+    """The limit is a range."""
+
+
+def within_robot(rig: RigFile, robot: Robot | None = None) -> RigFile:
+    """The rig whose regulators may not be told more than its robot bears (robot.yaml, read unless given).
+
+    The guard gets this one: it clips set-points and judges readings by the lower of the two limits. Raises ConfigError.
+    """
+    pressure = rig.instruments.pressure
+    if pressure is None:
+        return rig
+    most = (robot or load(rig.robot, Robot)).max_pressure
+    if most is None or most >= pressure.max_pressure:
+        return rig
+    lower = pressure.model_copy(update={"max_pressure": most})
+    return rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"pressure": lower})})
+
+
+def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
+    """One line for each limit that the plan does not keep, with its worst step."""
+    found: dict[str, list[tuple[int, Excess]]] = {}
+    for number, step in enumerate(plan.steps, 1):
+        for excess in _excesses(step.ask, rig, path, robot):
+            found.setdefault(excess.limit, []).append((number, excess))
+    lines = []
+    if rig.instruments.pressure is not None and robot.max_pressure is None:
+        lines.append(
+            f"{rig.robot}: max_pressure: is missing; to run, write the highest pressure that the robot's chambers may hold, "
+            "for example max_pressure: 150 kPa"
+        )
+    if rig.stand is None and any(step.ask.probe for step in plan.steps):
+        lines.append(f"{path}: stand: is missing; {plan.protocol} needs to know where the specimen is clamped")
+    for several in found.values():
+        number, worst = max(several, key=lambda pair: pair[1].over)
+        where = "outside" if worst.outside else "above"
+        further = len(several) - 1
+        others = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
+        lines.append(
+            f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): asks for {worst.subject}{worst.value:g} "
+            f"{worst.unit}, {where} {worst.limit}; {worst.remedy}{others}"
+        )
+    return lines
+
+
+def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
+    if ask.pressures:
+        yield from _pressures(ask.pressures, rig, path, robot)
+    instruments = rig.instruments
+    for value, instrument, key, unit in (
+        (ask.pressure_rate, instruments.pressure, "pressure.max_rate", "Pa/s"),
+        (ask.spine_length, instruments.spine, "spine.max_length", "m"),
+        (ask.spine_speed, instruments.spine, "spine.max_speed", "m/s"),
+        (ask.arm_speed, instruments.arm, "arm.max_speed", "m/s"),
+        (ask.arm_acceleration, instruments.arm, "arm.max_acceleration", "m/s^2"),
+    ):
+        most = getattr(instrument, key.partition(".")[2], None)
+        if value is not None and most is not None:
+            yield from _above(value, unit, f"instruments.{key}", most, path)
+    if ask.vacuum is not None:
+        yield from _above(ask.vacuum, "Pa", "limits.max_vacuum", rig.limits.max_vacuum, path, "vacuum of ")
+    if rig.stand is not None and instruments.arm is not None:
+        yield from _probe(ask.probe, rig.stand, instruments.arm.workspace_min, instruments.arm.workspace_max, path)
+    if ask.push is not None:
+        yield from _push(ask.push, rig, path, robot)
+
+
+RAISE = "ask for less, or raise the limit if the rig can take it"
+
+
+def _above(
+    value: float, unit: str, key: str, most: float, path: Path | str, subject: str = "", remedy: str = RAISE
+) -> Iterator[Excess]:
+    if value > most * SLACK:
+        yield Excess(value, unit, f"{key} = {most:g} {unit} of {path}", value / most, remedy, subject)
+
+
+def _pressures(pressures: Sequence[float], rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
+    highest = max(pressures)
+    if robot.max_pressure is not None:
+        remedy = "ask for less: the robot bears no more"
+        yield from _above(highest, "Pa", "max_pressure", robot.max_pressure, rig.robot, remedy=remedy)
+    regulators = rig.instruments.pressure
+    if regulators is None:
+        return
+    yield from _above(highest, "Pa", "instruments.pressure.max_pressure", regulators.max_pressure, path)
+    total = sum(max(0.0, p) for p in pressures)
+    remedy = "inflate fewer chambers or less, or raise the limit if the robot can take it"
+    limit = "limits.max_total_pressure"
+    yield from _above(total, "Pa", limit, rig.limits.max_total_pressure, path, "a sum over the chambers of ", remedy)
+    try:
+        ChamberMap(regulators.chambers).setpoints(dict(enumerate(pressures, 1)))
+    except ValueError as e:
+        wiring = f"what instruments.pressure.chambers of {path} can make"
+        yield Excess(highest, "Pa", wiring, 1.0, str(e), outside=True)
+
+
+def _probe(
+    places: Sequence[tuple[float, float | None]],
+    stand: Stand,
+    low: Sequence[float],
+    high: Sequence[float],
+    path: Path,
+) -> Iterator[Excess]:
+    """Each place against the arm's box; between two places inside of it the way is inside too."""
+    for along, depth in places:
+        deep = -stand.standoff if depth is None else depth
+        for i, axis in enumerate("xyz"):
+            x = stand.origin[i] + along * stand.axis[i] + deep * stand.push[i]
+            over = max(low[i] - x, x - high[i])
+            if over > 1e-9:
+                box = f"the workspace of instruments.arm, {axis} = {low[i]:g} to {high[i]:g} m of {path}"
+                remedy = "correct stand, or widen workspace_min and workspace_max if there is room"
+                yield Excess(round(x, 4), "m", box, over, remedy, f"the probe at {axis} = ", outside=True)
+
+
+def _push(push: Push, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
+    force = expected_force(robot, push)
+    if force is None:
+        return
+    remedy = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm can take it"
+    subject = f"{push.deflection * 1e3:.2g} mm of a specimen that should push back with "
+    yield from _above(force, "N", "limits.max_force", rig.limits.max_force, path, subject, remedy)
+    yield from _above(force, "N", "max_force", push.max_force, "the protocol", subject, remedy)
+    moment = force * push.length
+    yield from _above(moment, "N m", "limits.max_moment", rig.limits.max_moment, path, subject, remedy)
+
+
+def expected_force(robot: Robot, push: Push) -> float | None:
+    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, with the moduli of robot.yaml; None where it has none.
+
+    A body is stiffer as far as the spine reaches inside it; there both bend together.
+    """
+    spine = 0.0
+    if robot.spine is not None and push.spine > 0:
+        spine = float(robot.spine.modulus_at(push.spine)) * annulus_second_moment(robot.spine.radius)
+    if push.specimen == "spine":
+        inner, outer, reach = spine, spine, push.length
+    else:
+        outer = robot.youngs_modulus * body_second_moment(robot)
+        inner, reach = outer + spine, min(push.spine, push.length)
+    if push.specimen == "spine" and robot.spine is None:
+        return None
+    if push.length <= 0 or inner <= 0:
+        return math.inf  # nothing that could give way
+    rest = (push.length - reach) ** 3
+    give = (push.length**3 - rest) / (3 * inner) + rest / (3 * outer)
+    return push.deflection / give

@@ -1,0 +1,264 @@
+"""`lab check --move`: each actuator is tried by a little, and other instruments say whether it did what it was told.
+
+A regulator's own reading cannot show that its range or its hoses are not those of rig.yaml: it agrees with itself. The tip
+can: which way it goes tells the chambers, how far tells the pressure, both held against the rod model of robot.yaml.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chambers import CHAMBERS
+from drivers.errors import InstrumentError
+from model.condition import conditions
+from model.robot import Robot
+from model.rod import solve
+from protocols.actions import grow, home, ramp, release, vent
+from protocols.bench import Bench
+from protocols.errors import ProtocolError, Stopped
+from protocols.parameters import Jam, SpineMotion
+
+from ..files.rig_file import ItvConfig, RigFile
+from ..guard.messages import RigLanded
+from .actuators import ActuatorsLost
+from .checked import Moved
+
+Array = NDArray[np.float64]
+
+STEP = 5e3
+"""Pa to which each channel is inflated; no more is ever asked for."""
+WIDEST_ITV = 900e3
+"""Pa; the widest range of an ITV. One that is taken for narrower gets more than it is told."""
+AGREE = 1e3
+"""Pa by which a reading may differ from its set-point, and the other channels may move."""
+REST = 2.0
+"""Rig seconds in which the robot comes to rest."""
+RATE = 5e3
+"""Pa/s."""
+FRAMES = 200
+"""Of the tip that are averaged: 0.3 mm of camera noise becomes 0.03 mm in a difference."""
+SEEN = 0.3e-3
+"""m; a tip that should move less than this sideways is not judged."""
+LEAST, MOST, NOISE = 0.7, 1.45, 0.1e-3
+"""Shares of the expected way that a tip may go, for the model's sake, and m for the cameras'. The ranges of ITVs are further
+apart (100, 500, 900 kPa)."""
+ASIDE = math.radians(25)
+"""By which the way may differ in direction; a neighbour of nine chambers is 40 deg off."""
+SPINE_WAY, ARM_WAY = 10e-3, 5e-3
+"""m that spine and arm are moved."""
+ARM_SPEED, ARM_ACCELERATION, ARRIVED = 0.01, 0.1, 1e-3
+"""m/s, m/s^2, and m by which the arm's own state may differ from where it was sent."""
+VACUUM = 10e3
+"""Pa below ambient that the gauge must show when the valve opens."""
+WITHIN = 30.0
+"""Rig seconds for each wait."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Where the tip should go from its place at rest: (3,) m in the base frame for each channel, for 1 Pa."""
+
+    ways: tuple[Array, ...]
+
+
+def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
+    """Try what the rig has, the air last, and end with the first that fails; the caller lands the rig.
+
+    The robot hangs free; `rig` as `limits.within_robot` gives it.
+    """
+    trials: list[tuple[str, object, Callable[[], str]]] = [
+        ("valve", bench.valve, lambda: _valve(bench)),
+        ("spine", bench.spine, lambda: _spine(bench, rig)),
+        ("arm", bench.arm, lambda: _arm(bench, rig)),
+    ]
+    ways = _expected(bench, robot) if bench.pressure is not None else Expected(())
+    for channel, group in enumerate(bench.chambers.channels):
+        name = f"pressure channel {channel + 1} (chambers {', '.join(map(str, group))})"
+        trials.append((name, bench.pressure, lambda c=channel: _channel(bench, rig, ways, c)))  # type: ignore[misc]
+    for name, instrument, trial in trials:
+        if instrument is None:
+            continue
+        try:
+            bench.check_stop()
+            yield Moved(name, True, trial())
+        except Stopped:
+            raise
+        except (InstrumentError, ProtocolError, ActuatorsLost, RigLanded) as e:
+            yield Moved(name, False, str(e))
+            return
+
+
+class NotAsTold(ProtocolError):
+    """An actuator moved, but not as it was told."""
+
+
+def _valve(bench: Bench) -> str:
+    valve = bench.need(bench.valve, "valve")
+    gauge = bench.gauge
+    if gauge is None:
+        valve.set(True)
+        valve.set(False)
+        return "switched on and off, by its own read-back; no gauge says what the spine has of it"
+    ambient = release(bench, Jam())
+    valve.set(True)
+
+    def reached() -> float | None:
+        vacuum = ambient - gauge.read().absolute
+        return vacuum if vacuum > VACUUM else None
+
+    vacuum = bench.wait(f"valve: {VACUUM / 1e3:g} kPa below ambient at the gauge", reached, WITHIN)
+    release(bench, Jam())
+    return f"{vacuum / 1e3:.0f} kPa below ambient at the gauge when on, none when off"
+
+
+def _spine(bench: Bench, rig: RigFile) -> str:
+    unit, config = bench.need(bench.spine, "spine"), rig.instruments.spine
+    if bench.valve is None or bench.gauge is None:
+        return "not moved: without valve and gauge nothing says that it is not jammed"
+    home(bench)
+    most = config.max_length if config is not None else SPINE_WAY
+    way = min(SPINE_WAY, most)
+    motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed if config is not None else math.inf))
+    grow(bench, way, motion)
+    there = unit.read().length
+    grow(bench, 0.0, motion)
+    return f"homed, to {there * 1e3:.1f} mm and back to {unit.read().length * 1e3:.1f} mm"
+
+
+def _arm(bench: Bench, rig: RigFile) -> str:
+    arm, state, config = bench.need(bench.arm, "arm"), bench.need(bench.arm_state, "arm"), rig.instruments.arm
+    start = state.latest().tcp_pose
+    low, high = (config.workspace_min, config.workspace_max) if config is not None else ((-9.0,) * 3, (9.0,) * 3)
+    outside = [f"{a} = {x:.3f} m" for a, x, lo, hi in zip("xyz", start, low, high, strict=False) if not lo <= x <= hi]
+    if outside:
+        raise NotAsTold(f"arm: its tool is at {', '.join(outside)}, outside its workspace; bring it inside by hand")
+    middle = [(lo + hi) / 2 for lo, hi in zip(low, high, strict=True)]
+    goal = list(start)
+    goal[2] += math.copysign(ARM_WAY, middle[2] - start[2])
+    speed, acceleration = ARM_SPEED, ARM_ACCELERATION
+    if config is not None:
+        speed, acceleration = min(speed, config.max_speed), min(acceleration, config.max_acceleration)
+    for target in (goal, list(start)):
+        arm.move_to(target, speed, acceleration)
+        bench.wait("arm: at its target", lambda: None if arm.moving() else True, WITHIN)
+        aim = target[:3]
+        bench.wait(
+            "arm: its state shows it there",
+            lambda aim=aim: True if math.dist(state.latest().tcp_pose[:3], aim) < ARRIVED else None,  # type: ignore[misc]
+            WITHIN,
+        )
+    return f"{ARM_WAY * 1e3:g} mm along z and back"
+
+
+# ------------------------------------------------------------------ pressure
+def _expected(bench: Bench, robot: Robot) -> Expected:
+    """By the rod model, at no spine; no ways where it cannot say (other chambers, no cameras)."""
+    if bench.mocap is None or len(robot.chambers.azimuths_deg) != CHAMBERS:
+        return Expected(())
+    pressures = np.zeros((1 + len(bench.chambers.channels), CHAMBERS))
+    for row, group in enumerate(bench.chambers.channels, 1):
+        pressures[row, [c - 1 for c in group]] = STEP
+    n = len(pressures)
+    tips = solve(robot, conditions(robot, np.zeros(n), pressures, np.full(n, robot.tip_mass), np.zeros(n)))
+    if not tips.ok.all():
+        return Expected(())
+    return Expected(tuple((tip - tips.tip[0]) / STEP for tip in tips.tip[1:]))
+
+
+def _channel(bench: Bench, rig: RigFile, ways: Expected, channel: int) -> str:
+    """One channel, from empty to 5 kPa and back."""
+    vent(bench)
+    bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
+    bench.pause(REST)
+    way = ways.ways[channel] if ways.ways else None
+    rest = _tip(bench) if way is not None else None
+    before = _pressures(bench)
+    config = rig.instruments.pressure
+    if isinstance(config, ItvConfig) and config.full_scale < WIDEST_ITV:
+        # It cannot be asked for its range. So much that even the widest one stays below 5 kPa goes first.
+        told = STEP * config.full_scale / WIDEST_ITV
+        _inflate(bench, channel, told, before)
+        if way is not None and rest is not None:
+            _judge(_tip(bench) - rest, way * told, told, least=0.0)
+    _inflate(bench, channel, STEP, before)
+    seen = "its own reading agrees, the others stay"
+    if way is None or rest is None:
+        seen += "; no cameras, or no model of these chambers, to see range and hoses by"
+    elif math.hypot(*way[:2]) * STEP < SEEN:
+        seen += "; the tip should not go sideways, so range and hoses were not seen"
+    else:
+        moved = _tip(bench) - rest
+        _judge(moved, way * STEP, STEP, LEAST)
+        seen += f", and the tip went {math.hypot(*moved[:2]) * 1e3:.1f} mm the right way"
+    vent(bench)
+    return seen
+
+
+def _inflate(bench: Bench, channel: int, told: float, before: Array) -> None:
+    """Ramp one channel to a pressure (Pa); NotAsTold when its reading does not get there, or another moves."""
+    channels = len(bench.chambers.channels)
+    ramp(bench, [told if c == channel else 0.0 for c in range(channels)], RATE)
+    wanted = before * 0.0
+    wanted[channel] = told
+    bench.wait(
+        f"pressure: channel {channel + 1} at {told / 1e3:.1f} kPa by its own reading",
+        lambda: True if abs(_pressures(bench)[channel] - told) < AGREE else None,
+        WITHIN,
+    )
+    bench.pause(REST)
+    off = _pressures(bench) - np.where(np.arange(channels) == channel, 0.0, before) - wanted
+    for other, by in enumerate(off, 1):
+        if abs(by) > AGREE:
+            raise NotAsTold(
+                f"pressure: channel {other} moves by {by / 1e3:.1f} kPa when channel {channel + 1} is told "
+                f"{told / 1e3:.1f} kPa, limit {AGREE / 1e3:g} kPa; look for a hose between them"
+            )
+
+
+def _pressures(bench: Bench) -> Array:
+    """Mean of five readings, Pa, by channel."""
+    regulators = bench.need(bench.pressure, "pressure")
+    return np.mean([regulators.read().measured for _ in range(5)], axis=0)  # type: ignore[no-any-return]
+
+
+def _judge(moved: Array, expected: Array, told: float, least: float) -> None:
+    """Hold the tip's way (m) against the model's; NotAsTold when direction or size is another."""
+    size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
+    if size > MOST * should + NOISE:
+        raise NotAsTold(
+            f"pressure: told {told / 1e3:.1f} kPa the tip goes {size * 1e3:.1f} mm, {should * 1e3:.1f} mm are expected: the "
+            "regulator gives more than it says; correct full_scale (or unit) in rig.yaml, else area_factor and "
+            "youngs_modulus in robot.yaml"
+        )
+    if should < SEEN or least == 0:
+        return
+    if size < least * should - NOISE:
+        raise NotAsTold(
+            f"pressure: told {told / 1e3:.1f} kPa the tip goes {size * 1e3:.1f} mm, {should * 1e3:.1f} mm are expected: the "
+            "regulator gives less than it says, or its hose is off; correct full_scale (or unit) in rig.yaml, else "
+            "area_factor and youngs_modulus in robot.yaml"
+        )
+    angle = math.acos(max(-1.0, min(1.0, float(moved[:2] @ expected[:2]) / (size * should))))
+    if angle > ASIDE:
+        raise NotAsTold(
+            f"pressure: the tip goes {math.degrees(math.atan2(moved[1], moved[0])):.0f} deg about the axis, "
+            f"{math.degrees(math.atan2(expected[1], expected[0])):.0f} deg are expected: other chambers are inflated; look for "
+            "exchanged hoses, ports or unit letters, or correct chambers (or mocap_to_base) in rig.yaml"
+        )
+
+
+def _tip(bench: Bench) -> Array:
+    """Mean place of the tip from now on, m, base frame."""
+    since = bench.clock.now()
+
+    def mean() -> Array | None:
+        seen = bench.recorder.buffers.window("/tip", since, math.inf)
+        seen = seen[seen["valid"]]
+        return seen["position"][-FRAMES:].mean(axis=0) if len(seen) >= FRAMES else None
+
+    return bench.wait(f"mocap: {FRAMES} frames of the tip", mean, 60.0)

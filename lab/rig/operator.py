@@ -1,0 +1,125 @@
+"""Who prepares the rig: a person at the console, or a program that answers JSON lines at a Unix socket.
+
+Whoever answers sets a paused rig going again, so the program must be of the same user: its socket lies in a folder that nobody
+else may enter, and the kernel says who is at the other end.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import stat
+import struct
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from protocols.bench import Operator, Setup
+from protocols.errors import ProtocolError, Stopped
+from recordings.json_text import read_json
+
+from ..console import out
+
+MOUNTS = {
+    "robot": "hang the robot in its frame, spine inside",
+    "body": "mount the robot at the stiffness stand",
+    "spine": "mount the bare spine at the stiffness stand",
+}
+
+LONGEST_ANSWER = 65536
+"""Characters of one line that a program may answer."""
+
+
+class Console:
+    """Asks the person to prepare and waits for Enter; where nobody can type, says what it takes for granted."""
+
+    def prepare(self, setup: Setup) -> None:
+        """See Operator.prepare."""
+        out.print(
+            f"Prepare: {MOUNTS[setup.mount]}; tip mass {setup.tip_mass * 1e3:g} g; "
+            f"chamber pattern turned by {setup.roll_deg:g} deg; vacuum supply at {setup.vacuum / 1e3:g} kPa below ambient."
+        )
+        if not sys.stdin.isatty():
+            out.print("(not a terminal: taken as prepared)")
+            return
+        if input("Enter when ready, q to stop: ").strip().lower() == "q":
+            raise Stopped("not prepared; nothing moved")
+
+    def confirm(self, trouble: str) -> None:
+        """See Operator.confirm; where nobody can type, nobody can confirm."""
+        out.print(f"Paused, vented and stopped: {trouble}")
+        if not sys.stdin.isatty():
+            raise Stopped(f"paused: {trouble}; nobody is there to put it right (not a terminal)")
+        if input("Enter when it is put right and nobody is in the cell, q to stop: ").strip().lower() == "q":
+            raise Stopped(f"stopped during a pause: {trouble}")
+
+
+class Program:
+    """Sends each set-up as one JSON line and waits for {"ok": true}."""
+
+    def __init__(self, path: Path, within: float = 60.0) -> None:
+        self.path, self.within = path, within
+
+    def prepare(self, setup: Setup) -> None:
+        """See Operator.prepare; ProtocolError when the program refuses or does not answer."""
+        answer = self._ask({"prepare": asdict(setup)})
+        if answer.get("ok") is not True:
+            raise ProtocolError(f"{self._where}: refused to prepare {setup}: {answer}")
+
+    def confirm(self, trouble: str) -> None:
+        """See Operator.confirm; Stopped when the program refuses."""
+        answer = self._ask({"confirm": trouble})
+        if answer.get("ok") is not True:
+            raise Stopped(f"paused: {trouble}; {self._where} does not confirm: {answer}")
+
+    @property
+    def _where(self) -> str:
+        return f"operator at {self.path}"
+
+    def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
+        try:
+            self._check_folder()
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+                connection.settimeout(self.within)
+                connection.connect(str(self.path))
+                self._check_peer(connection)
+                connection.sendall(json.dumps(question).encode() + b"\n")
+                line = connection.makefile().readline(LONGEST_ANSWER)
+            answer = read_json(line)
+        except (OSError, ValueError) as e:
+            raise ProtocolError(
+                f"{self._where}: no usable answer ({e}); start it, or set operator: console in rig.yaml"
+            ) from e
+        if not isinstance(answer, dict):
+            raise ProtocolError(f"{self._where}: answered {answer!r}; a JSON object with ok is needed")
+        return answer
+
+    def _check_folder(self) -> None:
+        """Raises ProtocolError for a folder in which somebody else could put a socket, OSError without one."""
+        folder = self.path.parent
+        found = folder.stat()
+        mode = stat.S_IMODE(found.st_mode)
+        if found.st_uid != os.getuid():
+            raise ProtocolError(
+                f"{self._where}: its folder belongs to user {found.st_uid}, not to you ({os.getuid()}); have the socket in "
+                "a folder of your own of mode 0700"
+            )
+        if mode & 0o077:
+            raise ProtocolError(
+                f"{self._where}: its folder has mode {mode:04o}, so other users could answer; chmod 700 {folder}"
+            )
+
+    def _check_peer(self, connection: socket.socket) -> None:
+        """Raises ProtocolError when another user listens at the socket."""
+        _, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        if user != os.getuid():
+            raise ProtocolError(
+                f"{self._where}: user {user} listens there, not you ({os.getuid()}); start the program as yourself"
+            )
+
+
+def operator(spec: str) -> Operator:
+    """The operator that rig.yaml names: "console" or "unix:/path/of/its.sock"."""
+    return Console() if spec == "console" else Program(Path(spec.removeprefix("unix:")))

@@ -1,0 +1,88 @@
+"""A rig's clock may run faster than the host's for fake instruments only: on hardware every time, age and rate would be wrong.
+
+A fake is told by what its address is, not by how it is spelt: a pseudo-terminal, or a host of this machine alone.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..files.clock import RigClock
+from ..files.config import ConfigError
+from ..files.rig_file import ClockConfig, Instruments, RigFile
+
+PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
+"""Keys of an instrument's table that hold the path of a serial line, and the address of a computer."""
+PSEUDO_TERMINALS = range(136, 144)
+"""Major device numbers of the slave ends of pseudo-terminals on Linux."""
+
+
+def clock_of(rig: RigFile) -> RigClock:
+    """The clock of a rig that is about to be opened; raises ConfigError when it is to run fast on something real."""
+    demand_fakes(rig)
+    return RigClock(rig.clock.speed)
+
+
+def demand_fakes(rig: RigFile, only: str | None = None) -> None:
+    """Raises ConfigError naming what is real on a rig (of one instrument with `only`) whose clock is not the host's."""
+    if rig.clock.speed == 1:
+        return
+    real = [line for name, line in _real(rig.instruments) if only in (None, name)]
+    if real:
+        where = rig.path or "rig.yaml"
+        raise ConfigError("\n".join(f"{where}: clock.speed = {rig.clock.speed:g}: {line}" for line in real))
+
+
+def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:
+    """The rig as it can be landed: at speed 1 where something is real, and what to tell of that (else empty).
+
+    A landing is never refused: a vent at the wrong speed is better than none.
+    """
+    try:
+        demand_fakes(rig)
+    except ConfigError as e:
+        told = f"{e}\nlanding at speed 1 all the same"
+        return rig.model_copy(update={"clock": ClockConfig(speed=1.0)}), told
+    return rig, ""
+
+
+def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
+    """(instrument, what is real about it). A port that is not there is left to opening, which looks again."""
+    for name in type(instruments).model_fields:
+        config = getattr(instruments, name)
+        for key in (*PORTS, *HOSTS):
+            value = getattr(config, key, None)
+            for address in value if isinstance(value, tuple) else (value,):
+                if not isinstance(address, str) or not address:
+                    continue  # TMCL has a `host` that is a number on its bus
+                if not (_fake_line(address) if key in PORTS else _fake_host(address)):
+                    kind = "no pseudo-terminal of a fake" if key in PORTS else "not an address of this machine alone"
+                    yield (
+                        name,
+                        (
+                            f"instruments.{name}.{key} = {address} is {kind}, and only fakes run faster or slower than real; "
+                            "write speed: 1"
+                        ),
+                    )
+
+
+def _fake_line(path: str) -> bool:
+    try:
+        about = os.stat(Path(path))
+    except (OSError, ValueError):
+        return True
+    return stat.S_ISCHR(about.st_mode) and os.major(about.st_rdev) in PSEUDO_TERMINALS
+
+
+def _fake_host(host: str) -> bool:
+    """Whether every address of a host is a loopback address; a name that leads nowhere is none."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return False
+    return all(ipaddress.ip_address(str(place[4][0]).partition("%")[0]).is_loopback for place in found)

@@ -1,0 +1,79 @@
+"""A pause: the rig vented and stopped, a person puts right what is wrong, and the readings show it before work goes on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from drivers.errors import InstrumentError
+from protocols.bench import Operator, Setup
+from protocols.errors import Suspended
+
+from ..files.rig_file import Limits
+from ..guard.messages import RigLanded
+from ..guard.pulse import Pulse
+from .actuators import Actuators
+from .watch import Watch
+
+LOOK = 0.05
+STEADY = 0.5
+"""Host seconds for which everything must be well before work goes on."""
+
+
+class Patient:
+    """An operator who may take as long as it takes: the guard does not mistake waiting for a person for a hang."""
+
+    def __init__(self, operator: Operator, pulse: Pulse) -> None:
+        self._operator, self._pulse = operator, pulse
+
+    def prepare(self, setup: Setup) -> None:
+        """See Operator.prepare."""
+        with self._pulse.held():
+            self._operator.prepare(setup)
+
+    def confirm(self, trouble: str) -> None:
+        """See Operator.confirm."""
+        with self._pulse.held():
+            self._operator.confirm(trouble)
+
+
+class Mending:
+    """What `Bench.mend` does."""
+
+    def __init__(
+        self, actuators: Actuators, watch: Watch, operator: Operator, limits: Limits, say: Callable[[str], None]
+    ) -> None:
+        self._actuators, self._watch, self._operator, self._limits, self._say = actuators, watch, operator, limits, say
+
+    def __call__(self, cause: InstrumentError) -> None:
+        """Raises the cause when the pause is not confirmed safe, or the readings do not recover."""
+        self._say(f"Paused: {cause}")
+        report = self._actuators.pause()
+        if not report.confirmed:
+            self._say(f"The pause is not confirmed safe: {report}")
+            raise cause
+        self._operator.confirm(str(cause))
+        try:
+            self._actuators.resume()
+        except InstrumentError as e:
+            raise e from cause
+        self._await_health(cause)
+        self._say("Going on")
+
+    def _await_health(self, cause: InstrumentError) -> None:
+        """Wait until nothing has been wrong for a while."""
+        give_up = time.monotonic() + self._limits.resume_within
+        well_since = time.monotonic()
+        self._watch.forget()
+        while time.monotonic() - well_since < STEADY:
+            self._actuators.pulse.mark()
+            try:
+                self._watch.look(strict=True)
+            except (InstrumentError, Suspended) as e:
+                if time.monotonic() > give_up:
+                    raise cause from e
+                self._watch.forget()
+                well_since = time.monotonic()
+            except RigLanded:
+                raise cause from None
+            time.sleep(LOOK)

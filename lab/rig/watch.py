@@ -1,0 +1,197 @@
+"""Vital signs: what must hold at every moment of an experiment, looked at whenever it waits.
+
+A reading that is too old, damaged or out of range ends the experiment with the error of its instrument. Some things a
+person can put right while the experiment waits: the tip hidden from the cameras, a low supply, an open cell. Those are
+raised as Suspended.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.errors import BadReply, DeviceFault, InstrumentError, StaleReading
+from drivers.interfaces import ArmSample, BodySample, WrenchSample
+from protocols.errors import Suspended
+
+from ..files.clock import RigClock
+from ..files.rig_file import Limits
+from ..guard.instruments import POLLED
+from ..guard.messages import Event, RigLanded
+from .actuators import Actuators
+
+GRACE = 0.5
+"""Host seconds for which a stream may be late, less those for which it was not: a loaded computer must not end a run."""
+SAFEGUARD = 1 << 4
+"""Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
+OWN_SLEEP, CATCH_UP = 0.5, 0.2
+"""Host seconds between two looks after which the looking itself was late; time to make up for it."""
+STUCK = 1.0
+"""Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
+HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
+"""Safety bits of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
+SLICE = 0.02
+"""Longest host seconds between two looks while the experiment sleeps."""
+
+
+@dataclass
+class Vital:
+    """What is known of the rig's health; written by the threads that receive it, read by the watch."""
+
+    heard: dict[str, float] = field(default_factory=dict)
+    """Host time of the newest good reading of each polled instrument."""
+    errors: dict[str, InstrumentError] = field(default_factory=dict)
+    """The error that took the place of the newest reading."""
+    landed: Event | None = None
+    pause: Event | None = None
+
+
+class Watch:
+    """Looks at the instruments that the experiment needs."""
+
+    def __init__(
+        self,
+        actuators: Actuators,
+        vital: Vital,
+        streams: Mapping[str, Any],
+        limits: Limits,
+        stop_now: Callable[[], bool],
+    ) -> None:
+        self._actuators, self._vital, self._streams, self._limits = actuators, vital, streams, limits
+        self._stop_now = stop_now
+        self._needed: tuple[str, ...] = ()
+        self._hidden_since = math.inf
+        self._late: dict[str, tuple[float, float]] = {}
+        """Host seconds for which a stream was late, less those for which it was not; when that was counted."""
+        self._values: dict[str, tuple[tuple[float, ...] | None, float]] = {}
+        """What a stream showed last, and since when (host time)."""
+        self._began = self._looked = time.monotonic()
+
+    def over(self, needed: Sequence[str]) -> None:
+        """Watch these instruments from now on."""
+        self._needed = (*needed, "arm_state") if "arm" in needed else tuple(needed)
+        self.forget()
+
+    def forget(self) -> None:
+        """What was wrong before is over: start anew."""
+        self._excuse()
+        self._values.clear()
+        self._vital.pause = None
+        self._began = time.monotonic()
+
+    def look(self, strict: bool = False) -> None:
+        """Raises what is wrong: KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended or an InstrumentError.
+
+        `strict` forgives nothing, not even for a moment.
+        """
+        if self._stop_now():
+            raise KeyboardInterrupt
+        if time.monotonic() - self._looked > OWN_SLEEP:
+            time.sleep(CATCH_UP)  # this program itself stood still: let its threads read what has come meanwhile
+            self._excuse()
+            self._began = time.monotonic()
+        self._looked = time.monotonic()
+        self._actuators.look()
+        vital = self._vital
+        if vital.landed is not None:
+            raise vital.landed.error or RigLanded(f"the guard has landed the rig: {vital.landed.text}")
+        if vital.pause is not None and vital.pause.error is not None:
+            raise Suspended(vital.pause.error)
+        now = time.monotonic()
+        for name in self._needed:
+            if name in POLLED:
+                self._polled(name, now)
+            elif name in self._streams:
+                self._stream(name, now, strict)
+
+    def mendable(self, error: InstrumentError) -> bool:
+        """Whether a person can put right what an instrument complains of: an arm that its own safety system holds, a
+        pressure that is not held."""
+        if error.instrument == "pressure":
+            return self._vital.pause is not None
+        state = self._streams.get("arm_state")
+        if error.instrument != "arm" or state is None:
+            return False
+        time.sleep(CATCH_UP)  # the state comes over a connection of its own
+        try:
+            return bool(state.latest().safety_bits & HELD)
+        except InstrumentError:
+            return False
+
+    def _polled(self, name: str, now: float) -> None:
+        error = self._vital.errors.get(name)
+        if isinstance(error, DeviceFault):
+            raise error
+        age = now - max(self._began, self._vital.heard.get(name, 0.0), self._actuators.asked.get(name, 0.0))
+        if age > self._limits.max_age:
+            raise error or StaleReading(
+                name, f"no reading for {age:.1f} s, limits.max_age is {self._limits.max_age:g} s; check its line"
+            )
+
+    def _stream(self, name: str, now: float, strict: bool) -> None:
+        try:
+            sample = self._streams[name].latest()
+        except (StaleReading, DeviceFault, BadReply) as e:
+            if name == "mocap":
+                self._hidden_since = min(self._hidden_since, now)
+                if strict or now - self._hidden_since > self._limits.max_hidden:
+                    raise Suspended(e) from e
+            elif self._lateness(name, now, late=True) > GRACE or strict or isinstance(e, DeviceFault):
+                raise
+        else:
+            if name == "mocap":
+                self._hidden_since = math.inf
+            self._lateness(name, now, late=False)
+            self._moves_on(name, sample, now)
+            if isinstance(sample, ArmSample) and sample.safety_bits & SAFEGUARD:
+                raise Suspended(
+                    DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
+                )
+
+    def _lateness(self, name: str, now: float, late: bool) -> float:
+        """Host seconds of lateness until now; a stream that drips is late most of the time, though never for long."""
+        before, at = self._late.get(name, (0.0, now))
+        count = before + (now - at) if late else max(0.0, before - (now - at))
+        self._late[name] = count, now
+        return count
+
+    def _excuse(self) -> None:
+        self._late.clear()
+        self._hidden_since = math.inf
+
+    def _moves_on(self, name: str, sample: Any, now: float) -> None:
+        """Raises StaleReading when a noisy sensor repeats itself: samples come, but nothing is measured any more."""
+        if not isinstance(sample, (WrenchSample, BodySample)):
+            return
+        values = sample.raw if isinstance(sample, WrenchSample) else (*sample.position, *sample.orientation)
+        before, since = self._values.get(name, (None, now))
+        if values != before:
+            self._values[name] = (values, now)
+        elif now - since > STUCK:
+            stuck = StaleReading(name, f"every value has been the same for {now - since:.1f} s; restart the sensor")
+            raise Suspended(stuck) if name == "mocap" else stuck
+
+
+class WatchedClock:
+    """The rig's clock as protocols get it: while they sleep, the pulse goes on and the vital signs are looked at."""
+
+    def __init__(self, clock: RigClock, actuators: Actuators, watch: Watch) -> None:
+        self._clock, self._actuators, self._watch = clock, actuators, watch
+
+    def now(self) -> float:
+        """Rig time, s."""
+        return self._clock.now()
+
+    def sleep(self, duration: float) -> None:
+        """Wait `duration` seconds of rig time; raises what the watch finds."""
+        end = time.monotonic() + max(0.0, duration) / self._clock.speed
+        while True:
+            self._actuators.pulse.mark()
+            self._watch.look()
+            left = end - time.monotonic()
+            if left <= 0:
+                return
+            time.sleep(min(SLICE, left))

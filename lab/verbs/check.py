@@ -1,0 +1,167 @@
+"""`lab check`: is everything there? With `--move`: does it do what it is told?"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from drivers.errors import InstrumentError
+from drivers.interfaces import Identity
+from model.robot import Robot
+from protocols.bench import Setup
+from protocols.errors import ProtocolError, Stopped
+from recordings.writer import Recorder
+
+from ..console import Screen, err, out, styled
+from ..files.config import ConfigError, load
+from ..files.rig_file import RigFile, load_rig
+from ..guard.latch import Latch
+from ..rig.assembly import Rig
+from ..rig.checked import Moved, keep
+from ..rig.interrupts import Interrupts
+from ..rig.losses import newly_lost
+from ..rig.moves import STEP, moves
+
+STREAMED = {"force": "/force", "mocap": "/tip", "arm_state": "/arm"}
+POLLED = {"pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge": "/vacuum"}
+VACUUM = 80e3
+"""Pa below ambient that the supply is set to."""
+
+
+def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes: bool = False) -> int:
+    """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do.
+
+    With `move` try each actuator by a little; a person is asked once unless `yes`.
+    """
+    file = load_rig(rig_path)
+    robot = _may_move(file, yes) if move else None
+    moved: list[Moved] = []
+    with Rig(file, despite_latch=not move) as rig:
+        outcome: dict[str, Identity | InstrumentError] = {}
+
+        def note(name: str, result: Identity | InstrumentError) -> None:
+            outcome[name] = result
+            if not as_json and not isinstance(result, InstrumentError):
+                out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip(), style="dim")
+
+        failures = rig.open_all(note)
+        before, lost_before, began = dict(rig.counts), rig.lost(), time.monotonic()
+        time.sleep(max(0.0, seconds))
+        span = time.monotonic() - began
+        rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
+        if robot is not None and not failures:
+            moved = _moved(rig, robot, as_json)
+            keep(rig_path, file, moved)
+    lost = sum(r.get("lost", 0) for r in rows)
+    for text in rig.notices:
+        err.print(f"warning: {text}")
+    if as_json:
+        told = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
+        print(json.dumps(told | ({"moved": [asdict(m) for m in moved]} if move else {}), indent=1))
+    else:
+        out.print(_table(rig.file.name, rows, span))
+        for f in failures:
+            err.print(f"missing: {f}")
+        if locked := Latch(rig_path).read():
+            err.print(f"locked: {locked}. Nothing can be run until `lab safe --clear --rig {rig_path}`")
+    failed = failures or not all(m.ok for m in moved)
+    return 1 if failed else (3 if lost else 0)
+
+
+def _may_move(file: RigFile, yes: bool) -> Robot:
+    """The robot that may be moved; raises ConfigError, or Stopped when the person says no."""
+    robot = load(file.robot, Robot)
+    if file.instruments.pressure is not None and robot.max_pressure is None:
+        raise ConfigError(
+            f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold"
+        )
+    if yes:
+        return robot
+    if not sys.stdin.isatty():
+        raise ConfigError("--move: nobody can be asked (not a terminal); add --yes when nobody is in reach of the rig")
+    out.print(
+        f"This inflates each channel to {STEP / 1e3:g} kPa, homes the spine and moves it by 1 cm, opens the valve and moves the "
+        f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, and nobody be in reach."
+    )
+    if input("yes to go on: ").strip().lower() not in ("y", "yes"):
+        raise Stopped("not confirmed; nothing moved")
+    return robot
+
+
+def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
+    """Try what the rig has, land it, and tell each outcome; the landing is the last of them."""
+    seen: list[Moved] = []
+    screen = Screen("check", rig.clock.speed, quiet=as_json)
+    markers = len(getattr(rig.file.instruments.mocap, "markers", ()) or ())
+
+    def tell(result: Moved) -> None:
+        seen.append(result)
+        if not as_json:
+            out.print(f"  {result.what}: {'as told' if result.ok else 'NOT AS TOLD'}: {result.text}")
+
+    with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
+        now = rig.clock.now()
+        start = time.time_ns() - round(now * 1e9)
+        recorder = Recorder(Path(folder) / "moves.mcap", start_wall_ns=start, markers=markers, start=now)
+        rig.stop_now = lambda: interrupts.now
+        bench = rig.bench(recorder, screen, interrupts.stopping, list(rig.identities))
+        rig.record_to(recorder)
+        try:
+            if rig.file.operator != "console":  # a person at the console has just been asked
+                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, VACUUM))
+            for result in moves(bench, rig.file, robot):
+                tell(result)
+        except (ProtocolError, KeyboardInterrupt) as e:
+            tell(Moved("check", False, str(e) or "stopped at once by the person at the rig"))
+        finally:
+            report = rig.safe()
+            rig.record_to(None)
+            recorder.close("completed", "")
+    tell(Moved("safe state", report.confirmed, str(report)))
+    return seen
+
+
+def _row(
+    rig: Rig,
+    name: str,
+    result: Identity | InstrumentError,
+    before: dict[str, int],
+    lost_before: dict[str, int],
+    span: float,
+) -> dict[str, Any]:
+    if isinstance(result, InstrumentError):
+        return {"instrument": name, "ok": False, "problem": result.message}
+    row: dict[str, Any] = {"instrument": name, "ok": True, **asdict(result)}
+    topic = STREAMED.get(name) or POLLED.get(name)
+    if topic is not None:
+        row["samples"] = rig.counts.get(topic, 0) - before.get(topic, 0)
+        row["rate_hz"] = round(row["samples"] / span, 1) if span > 0 else None
+    if topic in lost_before:
+        row["lost"] = newly_lost(lost_before[topic], rig.lost()[topic])
+    config = getattr(rig.file.instruments, "arm" if name == "arm_state" else name)
+    row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}
+    return row
+
+
+def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
+    table = Table(title=f"{title}: instruments, counted over {span:.1f} s", title_justify="left")
+    for column in ("instrument", "identity", "rate", "lost", "limits"):
+        table.add_column(column)
+    for r in rows:
+        if not r["ok"]:
+            table.add_row(r["instrument"], styled(r["problem"], "red"), "", "", "")
+            continue
+        identity = " ".join(x for x in (r["maker"], r["model"], r["serial"], r["firmware"]) if x)
+        rate = f"{r['rate_hz']:g} Hz" if r.get("rate_hz") is not None else ""
+        limits = ", ".join(
+            f"{k.removeprefix('max_')} {v:g}" for k, v in r["limits"].items() if isinstance(v, (int, float))
+        )
+        table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
+    return table

@@ -1,0 +1,175 @@
+"""`lab demo`: the whole lab without hardware. An effect is drawn and sealed first, and named last."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from model.warm_up import PARTS
+from sim_fakes.rig import FakeRig
+from sim_fakes.virtual_robot import draw_effect, list_effects
+
+from ..calibration import calibrate
+from ..comparison import comparison
+from ..console import Screen, out, styled
+from ..files.inputs import Case, read_case
+from ..files.rig_file import load_rig
+from ..pages.demo_report import Seal, write
+from ..rig.assembly import Rig
+from .check import check
+from .compare import sheet as error_sheet
+from .diagnose import Outputs, diagnose
+from .fakes import PATIENT, write_rig
+from .fit import sheet as fit_sheet
+from .recorded import replayed
+from .run import Outcome, connect, execute, job
+
+T = TypeVar("T")
+WITHHELD = (
+    "spine_slip", "area_moment", "spine_shear", "spine_length_offset", "hyperelastic", "viscoelastic", "chamber_ballooning",
+    "pressure_offset", "self_weight", "base_tilt", "tether_load", "frame_misalignment", "marker_offset",
+)  # fmt: skip
+"""Effects that a demo may hide."""
+STIFFNESS = ["steps=6", "min_samples=20"]
+BENDING = ["repeats=2", "unload=true", "settle.min_samples=3", "spine_lengths=[0, 0.1, 0.2, 0.3]"]
+"""Two repeats: the fewest from which a cause may be named. Every second length of the paper: a demo is short."""
+
+
+def draw(seed: int) -> Seal:
+    """One effect of a plausible size."""
+    rng = np.random.default_rng(seed)
+    name, size = draw_effect(rng, WITHHELD)
+    info = next(e for e in list_effects() if e.id == name)
+    return Seal(name, float(size), info.unit, info.physics, rng.bytes(16).hex())
+
+
+class Story:
+    """Tells the steps of the demo with their times."""
+
+    def __init__(self) -> None:
+        self.began = time.monotonic()
+
+    def step(self, title: str, do: Callable[[], T]) -> T:
+        """Say what comes, do it."""
+        out.print(styled(f"\n{title}", "bold"), styled(f" {time.monotonic() - self.began:.0f} s", "dim"))
+        return do()
+
+
+def demo(folder: Path, seed: int | None, speed: float) -> int:
+    """Run the story; 0 when every step succeeded and every replayed number equals the live one."""
+    seed = secrets.randbelow(10**6) if seed is None else seed
+    if folder.exists():
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True)
+    story, seal = Story(), draw(seed)
+    out.print(f"An effect is withheld; sealed as sha256 {seal.digest}")
+    with _model_warming_up() as ready:
+        runs = _on_the_rig(story, folder, seed, speed, seal)
+        if runs is not None:
+            ready()
+    return 1 if runs is None else _conclude(story, folder, runs, seal)
+
+
+def _on_the_rig(story: Story, folder: Path, seed: int, speed: float, seal: Seal) -> list[Outcome] | None:
+    """What the fakes are needed for; None when an instrument is missing."""
+    fakes = story.step(f"Fake instruments at {speed:g} times real speed", lambda: _fakes(folder, seed, speed, seal))
+    with fakes:
+        rig_path = folder / "rig.yaml"
+        if story.step("lab check", lambda: check(rig_path, 2.0, False)) == 1:
+            return None
+        with Rig(load_rig(rig_path)) as rig:
+            connect(rig, quiet=True)
+            jobs = [("stiffness", STIFFNESS), ("bending", BENDING)]
+            return [
+                story.step(f"lab run {name}", partial(_run, rig, rig_path, folder, name, how)) for name, how in jobs
+            ]
+
+
+def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> int:
+    """What the files alone are needed for."""
+    files = [r.file for r in runs]
+    equal = story.step("lab replay: the same numbers from the files alone", lambda: _replay(files))
+    case = read_case(files)
+    fit = story.step("lab fit", lambda: _shown(calibrate(case), fit_sheet))
+    before = story.step("lab compare: the paper's parameters", lambda: comparison(case))
+    after = story.step("lab compare: calibrated", lambda: comparison(Case(fit.robot, case.table)))
+    out.print(error_sheet(before.table))
+    answers = Outputs(json=folder / "diagnosis.json", report=folder / "diagnosis.html", protocols=folder / "next")
+    story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
+    page = story.step("Report", lambda: write(folder, case, files, fit, before, after, equal, seal))
+    out.print(f"{page}")
+    out.print(f"\nThe seal: {seal.text}")
+    found = styled(f"The effect that was on: {seal.effect}", "bold")
+    out.print(found, f"= {seal.size:.4g} {seal.unit} ({seal.physics})")
+    out.print(f"Done in {time.monotonic() - story.began:.0f} s.")
+    return 0 if equal and all(r.error is None and r.safe for r in runs) else 1
+
+
+@contextmanager
+def _model_warming_up() -> Iterator[Callable[[], None]]:
+    """Have the model compiled in processes beside, while the rig mostly waits; what it yields waits for the rest."""
+    beside = [
+        subprocess.Popen(
+            [sys.executable, "-m", "model.warm_up", part],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for part in PARTS
+    ]
+
+    def ready() -> None:
+        if any(process.poll() is None for process in beside):
+            out.print("\nThe model is still being compiled for this computer, once; a minute at most on a usual one.")
+        for process in beside:
+            process.wait()
+
+    try:
+        yield ready
+    finally:
+        for process in beside:
+            process.kill()
+            process.wait()
+
+
+def _fakes(folder: Path, seed: int, speed: float, seal: Seal) -> FakeRig:
+    rig = FakeRig(speed=speed, effects={seal.effect: seal.size}, seed=seed)
+    write_rig(rig, folder / "rig.yaml", PATIENT)
+    return rig
+
+
+def _run(rig: Rig, rig_path: Path, folder: Path, name: str, settings: list[str]) -> Outcome:
+    j = job(name, rig_path, settings)
+    result = execute(rig, j, folder, Screen(name, j.rig.clock.speed))
+    if result.error is not None:
+        raise result.error
+    lost = ", ".join(f"{n} on {topic}" for topic, n in result.lost.items()) or "none"
+    out.print(f"  {len(result.table)} states in {result.file}; samples lost: {lost}")
+    return result
+
+
+def _replay(files: list[Path]) -> bool:
+    equal = True
+    for file in files:
+        result, digest = replayed(file)
+        equal = equal and result.equal
+        word = "all equal" if result.equal else "DIFFERENT"
+        out.print(
+            f"  {file.name}: {result.replayed} of {result.live} rows concluded again, {word}; sha256 {digest[:16]}"
+        )
+    return equal
+
+
+def _shown(result: T, sheet: Callable[[T], object]) -> T:
+    out.print(sheet(result))
+    return result

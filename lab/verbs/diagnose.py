@@ -1,0 +1,169 @@
+"""`lab diagnose`: where the gap lies, which effect causes it, how far it shrinks, what to do next."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import yaml
+from rich.table import Table as Sheet
+
+from diagnosis.compare_campaigns import Change, compare_campaigns
+from diagnosis.diagnose import Options
+from diagnosis.diagnose import diagnose as diagnosed
+from diagnosis.effort import Effort
+from diagnosis.errors import BadHoldout, DiagnosisError
+from diagnosis.result import Diagnosis, Proposal, Ranked
+from model.errors import ModelError
+from recordings.errors import RecordingError
+
+from ..cluster import cluster
+from ..console import Screen, note, out
+from ..files.config import ConfigError
+from ..files.inputs import Case, clipped_note, read_case
+from ..files.own_effects import catalogue
+from ..pages.diagnosis_report import write
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where the answer goes besides the screen."""
+
+    json: Path | None = None
+    report: Path | None = None
+    protocols: Path | None = None
+    """Folder for the proposed experiments as protocol files."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What is read besides the campaign that is diagnosed."""
+
+    reference: Path | None = None
+    """An earlier campaign: what changed since?"""
+    holdout: Path | None = None
+    """A campaign that the fit never sees."""
+    effects: Path | None = None
+    """Python file with effects of one's own."""
+
+
+def diagnose(
+    inputs: Sequence[Path],
+    robot: Path | None,
+    outputs: Outputs,
+    beside: Beside | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> int:
+    """Diagnose recordings or a case folder, on cores of this machine or (`scheduler`) on a Dask cluster.
+
+    Raises ConfigError, BadEffect, RecordingError.
+    """
+    besides = beside or Beside()
+    _writable(outputs)
+    cores = workers if workers is not None else len(os.sched_getaffinity(0))
+    if cores < 1:
+        raise ConfigError(f"--workers {cores}: must be at least 1")
+    case = read_case(inputs, robot)
+    note(case.table.warnings)
+    note(clipped_note(case.table))
+    with cluster(scheduler) if scheduler is not None else nullcontext() as others:
+        elsewhere = None if others is None else others.in_order
+        answer, change = _answer(case, robot, besides, Effort(cores, elsewhere=elsewhere))
+    if outputs.json is not None:
+        outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
+    if outputs.protocols is not None:
+        write_protocols(answer.next_experiment, outputs.protocols)
+    _show(answer, change)
+    if outputs.report is not None:
+        write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change)
+        out.print(f"report: {outputs.report}")
+    return 0
+
+
+def _answer(case: Case, robot: Path | None, beside: Beside, effort: Effort) -> tuple[Diagnosis, Change | None]:
+    weighed = catalogue(case.robot, beside.effects)
+    held = _held_out(beside.holdout, robot) if beside.holdout is not None else None
+    try:
+        with Screen("weighing hypotheses") as screen:
+            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, effort=_shown(screen, effort)))
+        if beside.reference is None:
+            return answer, None
+        earlier = read_case([beside.reference], robot)
+        with Screen("comparing") as screen:
+            return answer, compare_campaigns(case, earlier, weighed, _shown(screen, effort))
+    except BadHoldout as e:
+        raise ConfigError(f"--holdout {beside.holdout}: {e}") from e
+    except (DiagnosisError, ModelError) as e:
+        raise ConfigError(str(e)) from e
+
+
+def _shown(screen: Screen, effort: Effort) -> Effort:
+    return replace(effort, told=lambda share: screen.progress(share, 1.0))
+
+
+def _held_out(path: Path, robot: Path | None) -> Case:
+    try:
+        return read_case([path], robot)
+    except (ConfigError, RecordingError, OSError) as e:
+        raise ConfigError(f"--holdout {path}: {e}") from e
+
+
+def _writable(outputs: Outputs) -> None:
+    """A folder that is not there is told before minutes are spent, not after."""
+    for path in (outputs.json, outputs.report):
+        if path is not None and (path.is_dir() or not path.parent.is_dir()):
+            raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
+
+
+def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
+    """One protocol file for each proposed experiment, as `lab run` takes it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for p in proposals:
+        path = folder / f"{p.id}.yaml"
+        head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
+        path.write_text(head + yaml.safe_dump(dict(p.protocol), sort_keys=False), encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def _show(d: Diagnosis, change: Change | None) -> None:
+    out.print(d.statement)
+    for concern in d.concerns:
+        out.print(f"  note: {concern}")
+    if change is not None:
+        out.print(change.statement)
+    out.print(_ranking(d.attribute.ranking))
+    for group in d.attribute.cannot_tell_apart:
+        out.print(f"this data cannot tell apart: {', '.join(group)}")
+    if d.next_experiment:
+        out.print(_proposals(d))
+
+
+def _ranking(ranking: Sequence[Ranked]) -> Sheet:
+    t = Sheet(title="What the data support", title_justify="left")
+    for column in ("hypothesis", "p", "log evidence", "held out", "size"):
+        t.add_column(column)
+    for r in ranking:
+        if r.probability < 0.005:
+            continue
+        sizes = ", ".join(
+            f"{name.partition('.')[2]} {v.value:.3g} ± {v.sd:.2g} {v.unit}" for name, v in r.parameters.items()
+        )
+        held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
+        t.add_row(" + ".join(r.effects) or "none", f"{r.probability:.2f}", f"{r.log_evidence:.1f}", held, sizes)
+    return t
+
+
+def _proposals(d: Diagnosis) -> Sheet:
+    t = Sheet(title="What to do next", title_justify="left")
+    for column in ("experiment", "expected", "takes", "separates"):
+        t.add_column(column)
+    for p in d.next_experiment:
+        pairs = "; ".join(" | ".join(pair) for pair in p.separates[:3])
+        t.add_row(p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", pairs)
+    return t

@@ -1,0 +1,84 @@
+"""`lab effects`: the catalogue of effects with the signature of each, so that a person knows what to look for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from model.effects import Parameter
+from model.effects.spec import STAGES
+from model.robot import Robot, load_robot
+
+from ..console import out as screen
+from ..console import styled
+from ..files.example import paper_robot
+from ..files.own_effects import catalogue
+from ..signatures import Signature, signatures
+
+
+def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json: bool = False) -> int:
+    """Print the catalogue and draw signatures.png into `out`; `more` is a file with effects of one's own.
+
+    Raises `BadEffect` when that file declares effects wrongly.
+    """
+    shown = robot if robot is not None else load_robot(paper_robot())
+    found = signatures(shown, catalogue(shown, more))
+    out.mkdir(parents=True, exist_ok=True)
+    from ..pages.effects_figure import draw
+
+    figure = draw(found, out / "signatures.png")
+    if as_json:
+        print(json.dumps({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in found]}))
+        return 0
+    screen.print(_table(found, shown.name))
+    screen.print(f"signatures drawn in {figure}")
+    return 0
+
+
+def _table(found: list[Signature], robot: str) -> Table:
+    table = Table(title=f"Effects at their plausible size, and what they do to the {robot}", title_justify="left")
+    table.add_column("effect", no_wrap=True)
+    table.add_column("plausible size")
+    table.add_column("moves", justify="right", no_wrap=True)
+    table.add_column("hidden*", justify="right", no_wrap=True)
+    table.add_column("seen best in")
+    for stage in STAGES:
+        for i, s in enumerate([s for s in found if s.effect.stage == stage]):
+            if i == 0:
+                table.add_section()
+                table.add_row(styled(stage, "bold"))
+            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}"
+            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" else ""
+            sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")
+            table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
+    table.caption = "* share of the squared tip change that one common factor on the chamber area would take over"
+    return table
+
+
+def _size(p: Parameter) -> str:
+    """Name and plausible size as a person reads it."""
+    factor, unit = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "1": (1.0, "")}.get(
+        p.unit, (1.0, p.unit)
+    )
+    return f"{p.name} {factor * p.scale:.3g} {unit}".strip()
+
+
+def _as_dict(s: Signature) -> dict[str, object]:
+    return {
+        "id": s.effect.id,
+        "stage": s.effect.stage,
+        "family": s.effect.family_id,
+        "equation": s.effect.equation,
+        "citation": s.effect.citation,
+        "seen_best_in": s.effect.seen_best_in,
+        "parameters": [
+            {"name": p.name, "unit": p.unit, "scale": p.scale, "low": p.low, "high": p.high, "role": p.role}
+            for p in s.effect.parameters
+        ],
+        "read": s.how,
+        "rms": s.rms,
+        "hidden_by_area": s.hidden,
+    }

@@ -1,0 +1,111 @@
+"""`lab fakes`: start the fake instruments and print the rig.yaml that reaches them."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import signal
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from drivers.alicat_wire import UNITS
+from sim_fakes.rig import FakeRig, Regulators
+from sim_fakes.virtual_robot import list_effects
+
+from ..console import out
+from ..files.config import ConfigError
+from ..files.example import paper_robot
+from ..files.units import to_si
+
+PATIENT: dict[str, Any] = {
+    "instruments": {
+        "arm": {"max_age": 2.0, "timeout": 3.0, "watchdog_frequency": 2.0},
+        "force": {"max_age": 2.0, "timeout": 1.0},
+        "mocap": {"max_age": 2.0},
+        "pressure": {"timeout": 1.0},
+        "spine": {"timeout": 0.5},
+        "valve": {"timeout": 1.0},
+        "gauge": {"timeout": 1.0},
+    },
+    "limits": {"max_age": 8.0, "max_hidden": 8.0},
+    "safe": {"heartbeat": 5.0},
+}
+"""Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
+be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""
+
+PATIENT_SETTLE = ("settle.still_distance=5 mm", "settle.max_hidden=5 s", "settle.max_gap=10 s")
+"""The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms
+of a busy computer."""
+
+
+def serve(a: argparse.Namespace) -> int:
+    """Run until Ctrl-C."""
+    if a.list_effects:
+        for e in list_effects():
+            out.print(f"{e.id:24s} {e.scale:10.4g} {e.unit:12s} {e.physics}")
+        return 0
+    rig = FakeRig(
+        speed=a.speed,
+        effects=effects(a.effect),
+        seed=a.seed,
+        regulators=regulators(a),
+        spine=a.spine,
+        channels=int(a.channels),
+    )
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with rig:
+        if a.rig is not None:
+            write_rig(rig, a.rig)
+            out.print(f"{a.rig} reaches the fakes; Ctrl-C ends them")
+        else:
+            out.print(rig.rig_yaml(str(paper_robot())), soft_wrap=True)
+        ended.wait()
+    return 0
+
+
+def regulators(a: argparse.Namespace) -> Regulators:
+    """The fake regulators that the options ask for; raises ConfigError."""
+    try:
+        full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
+        swapped = tuple(int(i) for i in a.swap.split(",")) if a.swap else None
+    except ValueError as e:
+        raise ConfigError(f"--full-scale or --swap: {e}") from e
+    if swapped is not None and (len(swapped) != 2 or not all(1 <= i <= int(a.channels) for i in swapped)):
+        raise ConfigError(f"--swap {a.swap}: name two channels from 1 to {a.channels}, such as 2,3")
+    if a.unit not in UNITS:
+        raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
+    pair = None if swapped is None else (swapped[0], swapped[1])
+    return Regulators(a.regulators, full_scale, a.firmware, a.unit, pair)
+
+
+def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None) -> None:
+    """Write rig.yaml, with `changes` to its tables, and beside it the paper's robot.yaml."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(paper_robot(), path.parent / "robot.yaml")
+    path.write_text(yaml.safe_dump(_merged(rig.rig_file("robot.yaml"), changes or {}), sort_keys=False))
+
+
+def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    both = {k: _merged(tables[k], v) for k, v in changes.items() if k in tables and isinstance(v, Mapping)}
+    return {**tables, **changes, **both}
+
+
+def effects(settings: list[str]) -> dict[str, float]:
+    """ID[=SIZE] -> {id: size}; without a size the effect's plausible one. Raises ConfigError."""
+    known = {e.id: e for e in list_effects()}
+    chosen: dict[str, float] = {}
+    for setting in settings:
+        name, _, size = setting.partition("=")
+        if name not in known:
+            raise ConfigError(f"--effect {name}: unknown; one of {', '.join(known)}")
+        try:
+            chosen[name] = float(size) if size else known[name].scale
+        except ValueError as e:
+            raise ConfigError(f"--effect {setting}: {size!r} is not a number in {known[name].unit}") from e
+    return chosen

@@ -1,0 +1,226 @@
+"""`lab paper`: the paper's tables in, its model curves out, and how much of its error is the integrator's own.
+
+Table I and II and the calibrated area factors are in examples/paper/robot.yaml; Table III (the error of the paper's
+model against its measurements) is quoted here, because the measured tips themselves were not published.
+
+Axes: the robot bends in the x-z plane of the base frame, away from the chambers at azimuth 0. The paper's X is that
+direction, so its curves show -x; its Y runs along the hanging rod and is z.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from model.calibration import fit_area_factor_by_length
+from model.compare import ErrorTable, error_table
+from model.condition import Condition, conditions
+from model.euler import PUBLISHED_STEPS, solve_euler
+from model.robot import Robot, load_robot
+from model.rod import solve
+from model.section import combined_modulus
+
+from ..console import PlainConsole
+from ..console import out as screen
+from ..files.example import paper_robot
+from ..pages import findings_figures, paper_figures
+from ..paper.findings import Findings, find
+
+Array = NDArray[np.float64]
+
+SPINE_LENGTHS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
+"""m, as in Fig. 5."""
+PRESSURES = (50e3, 100e3, 150e3, 200e3, 250e3)
+"""Pa gauge, as in Fig. 5."""
+PRESSURISED = (8, 0, 1)
+"""Columns of the three chambers inflated for bending: azimuths -40, 0, 40 deg."""
+PUBLISHED_ERROR_X = (0.0127, 0.0078, 0.0090, 0.0096, 0.0132, 0.011, 0.00999)
+"""m, Table III, by spine length."""
+PUBLISHED_ERROR_Y = (0.0034, 0.0037, 0.0032, 0.0037, 0.0035, 0.0042, 0.0044)
+"""m, Table III, by spine length."""
+FINE_STEPS = 1000
+SHAPE_ARCS = np.linspace(0.0, 1.0, 41)
+"""Shares of the length at which the backbone is drawn."""
+
+
+@dataclass(frozen=True)
+class PaperReport:
+    """The paper reproduced; all in SI, base frame, states in the order spine length (rows) by pressure (columns)."""
+
+    robot: Robot
+    steps: int
+    """Euler steps of the paper's method."""
+    spine_lengths: Array
+    """(l,) m."""
+    pressures: Array
+    """(p,) Pa."""
+    combined_modulus: Array
+    """(l,) Pa, eq. 10."""
+    converged: Array
+    """(l, p, 3) m, tips of the converged rod."""
+    euler: Array
+    """(l, p, 3) m, tips of the paper's method."""
+    shapes: Array
+    """(l, k, 3) m, converged backbones at the highest pressure."""
+    integrator: ErrorTable
+    """Paper's method against the converged rod: the error of the integrator alone."""
+    integrator_fine: ErrorTable
+    """Same with `FINE_STEPS` steps."""
+    published_error: Array
+    """(l, 2) m, Table III: mean error in X and Y."""
+    published_factor: Array
+    """(l,) A_effect / A_norm as published."""
+    converged_factor: Array
+    """(l,) the factor with which the converged rod comes closest to the paper's own curves."""
+    findings: Findings
+    """What the published numbers say beyond themselves."""
+    figures: tuple[Path, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-able; lengths in m, pressures and moduli in Pa."""
+        return {
+            "schema": "paper/1",
+            "robot": self.robot.name,
+            "euler_steps": self.steps,
+            "spine_lengths": self.spine_lengths.tolist(),
+            "pressures": self.pressures.tolist(),
+            "combined_modulus": self.combined_modulus.tolist(),
+            "tips_converged": self.converged.tolist(),
+            "tips_euler": self.euler.tolist(),
+            "integrator_error": self.integrator.as_dict(),
+            f"integrator_error_{FINE_STEPS}_steps": self.integrator_fine.as_dict(),
+            "published_error_xy": self.published_error.tolist(),
+            "area_factor_published": self.published_factor.tolist(),
+            "area_factor_converged": self.converged_factor.tolist(),
+            "findings": self.findings.as_dict(),
+            "figures": [str(path) for path in self.figures],
+        }
+
+    def print(self, console: PlainConsole) -> None:
+        """Show the tables."""
+        console.print(self._tip_table())
+        console.print(self._error_table())
+        fine = max(row.worst for row in self.integrator_fine.rows)
+        console.print(
+            f"{FINE_STEPS} Euler steps instead of {self.steps} leave {fine * 1e3:.2f} mm of the integrator's error.\n"
+        )
+        self.findings.print(console)
+
+    def _tip_table(self) -> Table:
+        table = Table(title="Model tips of Fig. 5, converged: sideways, down (mm)", title_justify="left")
+        table.add_column("spine (cm)", justify="right")
+        table.add_column("E_eq (MPa)", justify="right")
+        for pressure in self.pressures:
+            table.add_column(f"{pressure / 1e3:g} kPa", justify="right")
+        for i, length in enumerate(self.spine_lengths):
+            tips = [f"{-tip[0] * 1e3:.1f}, {tip[2] * 1e3:.1f}" for tip in self.converged[i]]
+            table.add_row(f"{length * 100:g}", f"{self.combined_modulus[i] / 1e6:.3f}", *tips)
+        return table
+
+    def _error_table(self) -> Table:
+        table = Table(title="Table III beside the integrator's own error (mm)", title_justify="left")
+        for title in (
+            "spine (cm)",
+            "paper X",
+            "integrator X",
+            "paper Y",
+            "integrator Y",
+            "integrator worst",
+            "A_eff/A_norm paper",
+            "A_eff/A_norm converged",
+        ):
+            table.add_column(title, justify="right")
+        for i, row in enumerate(self.integrator.rows):
+            x, y = self.published_error[i] * 1e3
+            table.add_row(
+                f"{row.spine_length * 100:g}",
+                f"{x:.1f}",
+                f"{row.mean_abs_x * 1e3:.2f}",
+                f"{y:.1f}",
+                f"{row.mean_abs_z * 1e3:.2f}",
+                f"{row.worst * 1e3:.2f}",
+                f"{self.published_factor[i]:.2f}",
+                f"{self.converged_factor[i]:.3f}",
+            )
+        return table
+
+
+def bending_states(robot: Robot) -> Condition:
+    """The 35 states of Fig. 5: spine lengths (slow) by pressures (fast), three chambers inflated."""
+    length, pressure = (a.ravel() for a in np.meshgrid(SPINE_LENGTHS, PRESSURES, indexing="ij"))
+    chambers = np.zeros((length.size, len(robot.chambers.azimuths_deg)))
+    chambers[:, PRESSURISED] = pressure[:, None]
+    return conditions(robot, length, chambers)
+
+
+def run(out: Path, robot_file: Path | None = None, steps: int = PUBLISHED_STEPS) -> PaperReport:
+    """Compute everything, write the figures (PNG) and paper.json into `out`, and return the report.
+
+    `robot_file` is the paper's robot when None. Raises `model.errors.BadRobot` for a bad robot file, `SolveFailed`
+    when a state of the paper has no trusted equilibrium.
+    """
+    report = reproduce(load_robot(robot_file or paper_robot()), steps)
+    out.mkdir(parents=True, exist_ok=True)
+    report = replace(report, figures=_draw(report, out))
+    (out / "paper.json").write_text(json.dumps(report.as_dict(), indent=1) + "\n", encoding="utf-8")
+    return report
+
+
+def reproduce(robot: Robot, steps: int = PUBLISHED_STEPS) -> PaperReport:
+    """The numbers alone."""
+    states = bending_states(robot)
+    highest = states[states.pressure.max(axis=1) == max(PRESSURES)]
+    converged = solve(robot, states).trusted().tip
+    euler = solve_euler(robot, states, steps).trusted().tip
+    fine = solve_euler(robot, states, FINE_STEPS).trusted().tip
+    refitted = fit_area_factor_by_length(robot, states, euler)
+    lengths = np.array(SPINE_LENGTHS)
+    published = np.column_stack([PUBLISHED_ERROR_X, PUBLISHED_ERROR_Y])
+    integrator = error_table(states, euler, converged, robot.length)
+    grid = (len(SPINE_LENGTHS), len(PRESSURES), 3)
+    return PaperReport(
+        robot=robot,
+        steps=steps,
+        spine_lengths=lengths,
+        pressures=np.array(PRESSURES),
+        combined_modulus=combined_modulus(robot, lengths),
+        converged=converged.reshape(grid),
+        euler=euler.reshape(grid),
+        shapes=solve(robot, highest, SHAPE_ARCS * robot.length).trusted().shape,
+        integrator=integrator,
+        integrator_fine=error_table(states, fine, converged, robot.length),
+        published_error=published,
+        published_factor=robot.area_factor_at(lengths),
+        converged_factor=np.array([fit.factor.value for fit in refitted.values()]),
+        findings=find(robot, states, integrator, published, [fit.rmse for fit in refitted.values()], steps),
+    )
+
+
+def main(out: Path, as_json: bool) -> int:
+    """The verb: reproduce into `out`, print tables or JSON."""
+    report = run(out)
+    if as_json:
+        print(json.dumps(report.as_dict(), indent=1))
+        return 0
+    report.print(screen)
+    for path in report.figures:
+        screen.print(f"figure: {path}")
+    return 0
+
+
+def _draw(r: PaperReport, out: Path) -> tuple[Path, ...]:
+    integrator = np.array([[row.mean_abs_x, row.mean_abs_z] for row in r.integrator.rows])
+    arcs = SHAPE_ARCS * r.robot.length
+    lengths, factors = r.spine_lengths, (r.published_factor, r.converged_factor)
+    return (
+        paper_figures.curves(lengths, r.pressures, r.converged, r.euler, r.steps, out / "model_curves.png"),
+        paper_figures.backbones(lengths, r.shapes, arcs, r.pressures[-1], out / "backbones.png"),
+        paper_figures.errors(lengths, r.published_error, integrator, r.steps, out / "integrator_error.png"),
+        paper_figures.area_factors(lengths, *factors, r.steps, out / "area_factors.png"),
+        *findings_figures.draw(r.findings, out),
+    )

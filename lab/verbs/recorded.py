@@ -1,0 +1,146 @@
+"""`lab info`, `export` and `replay`: what can be done with a recording alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.table import Table as Sheet
+
+from recordings.campaign import tables
+from recordings.export import export_case, export_streams
+from recordings.info import info as summary
+from recordings.player import play as played
+from recordings.reader import Recording
+from recordings.replay import Comparison, replay_states
+from recordings.replay import compare as hold_against
+from recordings.trials import Table, TrialRow
+
+from ..console import note, out
+from ..files.config import ConfigError
+from ..files.inputs import clipped_note, same_body
+
+
+def info(file: Path, as_json: bool) -> int:
+    """Print what a recording holds; 3 when it ended abruptly or samples were lost."""
+    s = summary(file)
+    if as_json:
+        print(json.dumps(s.to_dict(), indent=1))
+        return 0 if s.complete else 3
+    t = Sheet(title=str(file), title_justify="left")
+    for column in ("topic", "messages", "rate", "jitter p50/p99/max", "gaps", "longest", "dropped", "lost"):
+        t.add_column(column, justify="right")
+    for topic, stream in s.streams.items():
+        at = stream.timing
+        jitter = " / ".join(f"{1e3 * x:.1f}" for x in (at.jitter_p50, at.jitter_p99, at.jitter_max))
+        t.add_row(topic, str(at.count), f"{at.rate:.1f} Hz", f"{jitter} ms", str(at.gaps), f"{at.longest:.3f} s",
+                  *("?" if n is None else str(n) for n in (stream.dropped, stream.lost)))  # fmt: skip
+    out.print(t)
+    ended = s.outcome or f"ended abruptly; {s.readable} of {s.size} bytes are whole"
+    out.print(
+        f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
+    )
+    out.print(f"attached: {', '.join(s.attachments)}")
+    for topic, stream in s.streams.items():
+        if stream.restarts:
+            out.print(
+                f"{topic} began anew {_times(stream.restarts)}: its numbers went back; what was lost then is not known"
+            )
+    for topic, clock in s.clocks.items():
+        out.print(
+            f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay beyond the least "
+            f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
+        )
+    return 0 if s.complete else 3
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_json: bool) -> int:
+    """CSV or Parquet files of each stream, or one case folder from all files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    recordings = [Recording.open(f) for f in files]
+    if case:
+        first = recordings[0]
+        for other in recordings[1:]:
+            if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
+                raise ConfigError(
+                    f"{other.path}: was recorded with another robot.yaml than {first.path}; export them apart"
+                )
+        table = joined(tables(recordings))
+        export_case(first, folder, table)
+        _told([folder / "robot.yaml", folder / "trials.csv"], as_json, table)
+        return 0
+    written: list[Path] = []
+    for recording in recordings:
+        place = folder / recording.path.stem if len(files) > 1 else folder
+        written += export_streams(recording, place, "parquet" if parquet else "csv")
+    _told(written, as_json)
+    return 0
+
+
+def _told(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
+    if as_json:
+        clipped = {} if table is None else {"clipped": len(table.clipped)}
+        print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
+        return
+    if table is not None:
+        note(clipped_note(table))
+    for path in files:
+        out.print(str(path))
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Tables one after the other, trials numbered on."""
+    rows: list[TrialRow] = []
+    for table in tables:
+        before = max((r.trial for r in rows), default=0)
+        rows += [replace(r, trial=r.trial + before) for r in table]
+    return Table(tuple(rows))
+
+
+def replayed(file: Path) -> tuple[Comparison, str]:
+    """Conclude every state of a recording again; the comparison with the live rows, and a digest of the rows."""
+    recording = Recording.open(file)
+    states = replay_states(recording)
+    rows = [r.row.to_json() for r in states if r.row is not None]
+    return hold_against(recording, states), hashlib.sha256("\n".join(rows).encode()).hexdigest()
+
+
+def play(file: Path, speed: float) -> int:
+    """Print every message as a JSON line, in the order of time, at `speed` times rig time; an abrupt file too."""
+    if not speed > 0:
+        raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
+    recording = Recording.open(file, truncated=True)
+    try:
+        played(recording, lambda message: print(message.to_json(), flush=speed < math.inf), speed)
+    except BrokenPipeError:
+        # Whoever read has seen enough; without this the interpreter complains once more while it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def replay(file: Path, as_json: bool) -> int:
+    """Print whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
+    result, digest = replayed(file)
+    if as_json:
+        print(json.dumps({"live": result.live, "replayed": result.replayed, "equal": result.equal, "sha256": digest,
+                          "differences": result.differences}, indent=1))  # fmt: skip
+    else:
+        for line in result.differences[:20]:
+            out.print(line)
+        word = (
+            "equal to the live run's to the last bit"
+            if result.equal
+            else f"{len(result.differences)} differ from the live run's"
+        )
+        out.print(f"{result.replayed} rows concluded again, {word}; sha256 {digest}")
+    return 0 if result.equal else 1

@@ -1,0 +1,52 @@
+"""`lab verify` and `lab recover`: is a recording whole, and what can be had of one that is not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from recordings.recover import recover as rescue
+from recordings.verify import verify as inspect
+
+from ..console import out
+
+SHOWN = 20
+"""Problems printed; all are in the JSON."""
+
+
+def verify(file: Path, as_json: bool) -> int:
+    """Check every byte; 3 when something is wrong."""
+    v = inspect(file)
+    if as_json:
+        print(json.dumps(v.to_dict(), indent=1))
+        return 0 if v.ok else 3
+    for problem in v.problems[:SHOWN]:
+        out.print(f"byte {problem.at}: {problem.text}")
+    if len(v.problems) > SHOWN:
+        out.print(f"and {len(v.problems) - SHOWN} more; --json prints all")
+    found = f"{v.chunks} chunks, {v.messages} messages, {v.checksums} checksums compared"
+    if v.ok:
+        out.print(f"{file} is what was written: {found}")
+    else:
+        out.print(f"{file} is NOT what was written ({found}); `lab recover {file}` keeps all that can be read")
+    return 0 if v.ok else 3
+
+
+def recover(file: Path, target: Path | None, as_json: bool) -> int:
+    """Write what can be read to a new file; 3 when anything was lost."""
+    r = rescue(file, target)
+    if as_json:
+        print(json.dumps(r.to_dict(), indent=1))
+        return 0 if r.complete else 3
+    out.print(f"{r.target}: {sum(r.messages.values())} messages, {r.seconds_kept:.3f} s")
+    if r.complete:
+        out.print("nothing was lost")
+        return 0
+    out.print(f"lost: {r.seconds_lost:.3f} s; {r.holes} places, {r.bytes_skipped} bytes could not be read")
+    for topic, n in r.lost.items():
+        out.print(f"  {topic}: {n} messages are missing")
+    if r.nameless:
+        out.print(f"  {r.nameless} messages of topics that nothing in the file describes any more")
+    if not r.finished:
+        out.print("The recording ended abruptly: what was in memory then (0.2 s at most) never reached the file.")
+    return 3

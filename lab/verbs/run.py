@@ -1,0 +1,292 @@
+"""`lab plan` and `lab run`: an experiment from its parameters to a recording, and the rig safe afterwards whatever happened."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from drivers.errors import InstrumentError
+from drivers.interfaces import Identity
+from model.robot import Robot
+from protocols.catalog import EXPERIMENTS, Experiment
+from protocols.errors import Stopped
+from protocols.experiment import Trials
+from protocols.parameters import Parameters
+from recordings.campaign import metadata as campaign
+from recordings.errors import RecordingError
+from recordings.journal import Journal
+from recordings.trials import Table
+from recordings.writer import Recorder
+
+from ..console import Screen, clock, err, out
+from ..files.config import ConfigError, Source, check, load, parse_yaml, read_yaml
+from ..files.inputs import same_body
+from ..files.resume import Broken, find
+from ..files.rig_file import RigFile, load_rig
+from ..rig.assembly import Rig
+from ..rig.checked import last
+from ..rig.interrupts import Interrupts
+from ..rig.limits import problems
+from ..rig.losses import newly_lost
+from ..rig.provenance import provenance
+
+UNCHECKED = "Units, ranges and hoses of this rig are not confirmed"
+
+
+@dataclass(frozen=True)
+class Job:
+    """An experiment with its parameters, checked against the rig."""
+
+    experiment: Experiment
+    parameters: Parameters
+    rig: RigFile
+    rig_path: Path
+
+    @property
+    def protocol_yaml(self) -> str:
+        """The parameters in full, as a protocol file."""
+        values = {"protocol": self.experiment.name, **self.parameters.model_dump(mode="json")}
+        return yaml.safe_dump(values, sort_keys=False)
+
+
+def job(protocol: str, rig_path: Path, settings: list[str], source: Source | None = None) -> Job:
+    """Read and check everything before anything moves; raises ConfigError with all problems.
+
+    `source`: the protocol file, when it was read already.
+    """
+    rig = load_rig(rig_path)
+    robot = load(rig.robot, Robot)
+    source = _with(source or _source(protocol), settings)
+    table = source.data if isinstance(source.data, dict) else {}
+    name = table.get("protocol", protocol)
+    if not isinstance(name, str) or name not in EXPERIMENTS:
+        raise ConfigError(
+            f"{source.name}: protocol = {name!r}: must be one of {', '.join(EXPERIMENTS)}, or a protocol file"
+        )
+    experiment = EXPERIMENTS[name]
+    values = {k: v for k, v in table.items() if k != "protocol"}
+    parameters = check(Source(source.name, values, source.lines), experiment.parameters)
+    missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
+    if missing:
+        raise ConfigError(f"{rig_path}: {name} needs instruments.{', instruments.'.join(missing)}; add them")
+    if beyond := problems(experiment.plan(parameters), rig, rig_path, robot):
+        raise ConfigError("\n".join(beyond))
+    return Job(experiment, parameters, rig, rig_path)
+
+
+def _source(protocol: str) -> Source:
+    if protocol in EXPERIMENTS:
+        return Source(protocol, {"protocol": protocol}, {})
+    path = Path(protocol)
+    if path.suffix in (".yaml", ".yml"):
+        return read_yaml(path)
+    raise ConfigError(
+        f"{protocol!r} is no protocol; use {', '.join(EXPERIMENTS)}, or the path of a protocol file (.yaml)"
+    )
+
+
+def _with(source: Source, settings: list[str]) -> Source:
+    """The source with `--set key=value` (dotted keys) put in."""
+    data: Any = copy.deepcopy(source.data)
+    for setting in settings:
+        key, found, text = setting.partition("=")
+        if not found or not isinstance(data, dict):
+            raise ConfigError(f"--set {setting}: write KEY=VALUE, for example --set repeats=3")
+        place = data
+        *path, last = key.strip().split(".")
+        for step in path:
+            place = place.setdefault(step, {})
+            if not isinstance(place, dict):
+                raise ConfigError(f"--set {setting}: {step} is not a table")
+        place[last] = parse_yaml(text, f"--set {key}").data
+    return Source(source.name, data, source.lines)
+
+
+def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> int:
+    """Print the steps, the duration and the limits; connects to nothing."""
+    j = job(protocol, rig_path, settings)
+    p = j.experiment.plan(j.parameters)
+    if as_json:
+        steps = [{"label": s.label, "seconds": round(s.seconds, 2)} for s in p.steps]
+        print(json.dumps({"protocol": p.protocol, "seconds": p.seconds, "limits": p.limits, "steps": steps}, indent=1))
+        return 0
+    for i, step in enumerate(p.steps, 1):
+        out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
+    out.print(f"{len(p.steps)} steps, about {clock(p.seconds / j.rig.clock.speed)}; at most:")
+    for key, value in p.limits.items():
+        out.print(f"  {key} {value:g}")
+    return 0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    file: Path
+    outcome: str
+    """"completed", "stopped" or "failed"."""
+    table: Table
+    lost: dict[str, int]
+    safe: bool
+    error: Exception | None = None
+
+
+def run(
+    protocol: str | None, rig_path: Path, settings: list[str], folder: Path | None, as_json: bool, resume: Path | None
+) -> int:
+    """Run a protocol or resume a run, print what came out, and return the exit code."""
+    broken = find(resume) if resume is not None else None
+    if broken is None and protocol is None:
+        raise ConfigError("name a protocol, or --resume a run")
+    if broken is not None and (protocol is not None or settings or folder is not None):
+        raise ConfigError("--resume goes on with the protocol, settings and folder of the run: leave them out")
+    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path)
+    folder = broken.journal.parent if broken is not None else folder or Path(".")
+    folder.mkdir(parents=True, exist_ok=True)
+    with Rig(j.rig) as rig:
+        connect(rig, quiet=as_json)
+        if isinstance(none := last(rig_path, j.rig), str) and not as_json:
+            out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
+        result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
+    lost = result.lost
+    for text in rig.notices:
+        err.print(f"warning: {text}")
+    if as_json:
+        print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
+                          "safe": result.safe}, indent=1))  # fmt: skip
+    else:
+        out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
+        for topic, n in lost.items():
+            out.print(f"  lost on {topic}: {n} samples")
+        if not result.safe:
+            err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
+    if result.error is not None and not isinstance(result.error, Stopped):
+        raise result.error
+    if result.error is not None or not result.safe:
+        return 1
+    return 3 if lost else 0
+
+
+def job_again(broken: Broken, rig_path: Path) -> Job:
+    """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one."""
+    name = f"{broken.journal}: protocol.yaml"
+    source = parse_yaml(broken.protocol, name)
+    j = job(name, rig_path, [], source)
+    if not same_body(j.rig.robot.read_bytes(), broken.robot):
+        raise ConfigError(f"{j.rig.robot}: is not the robot.yaml of the run to resume; start a new run instead")
+    return j
+
+
+def connect(rig: Rig, quiet: bool = False) -> None:
+    """Open every instrument of the rig; raises the first InstrumentError after all were tried."""
+
+    def announce(name: str, result: Identity | InstrumentError) -> None:
+        if quiet:
+            return
+        if isinstance(result, InstrumentError):
+            err.print(f"  {result}")
+        else:
+            out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
+
+    failures = rig.open_all(announce)
+    if failures:
+        raise failures[0]
+
+
+def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | None = None) -> Outcome:
+    """Run the experiment (or what is left of a broken one) on an opened rig: record, conclude, and land safe whatever
+    happens."""
+    started = time.time_ns()
+    file = folder / f"{j.experiment.name}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started / 1e9))}.mcap"
+    if file.exists():
+        file = file.with_stem(f"{file.stem}-{started % 1_000_000_000 // 1_000_000:03d}")
+    markers = len(getattr(j.rig.instruments.mocap, "markers", ()) or ())
+    finished = broken.finished if broken is not None else 0
+    journal = Journal.begin(file, j.experiment.name) if broken is None else Journal.reopen(broken.journal)
+    if broken is not None:
+        journal.recording(file, finished + 1)
+    recorder = Recorder(
+        file,
+        start_wall_ns=started - round(rig.clock.now() * 1e9),
+        attachments={
+            "rig.yaml": j.rig_path.read_bytes(),
+            "robot.yaml": j.rig.robot.read_bytes(),
+            "protocol.yaml": j.protocol_yaml.encode(),
+        },
+        metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1) | _checked(j),
+        markers=markers,
+        start=rig.clock.now(),
+    )
+    lost_before = rig.lost()
+    p = j.experiment.plan(j.parameters)
+    error: Exception | None = None
+    outcome = "completed"
+    with journal, screen, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
+        rig.stop_now = lambda: interrupts.now
+        bench = rig.bench(recorder, screen, interrupts.stopping, j.experiment.needs)
+        trials = Trials(bench, p, journal, finished)
+        rig.record_to(recorder)
+        try:
+            j.experiment.run(bench, j.parameters, trials)
+        except Stopped as e:
+            error, outcome = e, "stopped"
+        except KeyboardInterrupt:
+            error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
+        except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
+            error, outcome = e, "failed"
+        if interrupts.now:
+            error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
+        report = _land(rig, screen)
+        rig.record_to(None)
+        for topic, n in rig.lost().items():
+            _note_lost(recorder, topic, lost_before.get(topic, 0), n)
+        lost = _finish(recorder, outcome, str(error or ""), report)
+    rows = (*(broken.table if broken is not None else ()), *trials.rows)
+    return Outcome(file, outcome, Table(rows), lost, report, error)
+
+
+def _checked(j: Job) -> dict[str, dict[str, str]]:
+    """Metadata that tells when the rig was last seen to do what it is told, or why that is not known."""
+    found = last(j.rig_path, j.rig)
+    if isinstance(found, str):
+        return {"check": {"moved": "no", "why": found}}
+    return {"check": {"moved": found.when} | {m.what: m.text for m in found.seen}}
+
+
+def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
+    recorder.note_lost(topic, newly_lost(before, now))
+    if now < before:
+        with contextlib.suppress(RecordingError):  # `close` tells the same
+            recorder.log("warning", f"{topic}: the stream was opened again, its losses are counted from then on")
+
+
+def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
+    """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
+    said = f"safe state {'confirmed' if safe else 'NOT confirmed'}; {outcome} {detail}".strip()
+    with contextlib.suppress(RecordingError):  # `close` tells the same, and must be reached
+        recorder.log("info" if safe else "error", said)
+    try:
+        counts = recorder.close(outcome, detail)
+    except RecordingError as e:
+        err.print(str(e))
+        counts = recorder.counts()
+    return {topic: c.lost + c.dropped for topic, c in counts.items() if c.lost + c.dropped}
+
+
+def _land(rig: Rig, screen: Screen) -> bool:
+    try:
+        report = rig.safe()
+    except Exception as e:  # noqa: BLE001
+        screen.say(f"safe state: {e}")
+        return False
+    for step in report.steps:
+        if not step.confirmed:
+            screen.say(f"{step.instrument}: not confirmed safe ({step.text})")
+    return report.confirmed

@@ -1,0 +1,72 @@
+"""`lab safe`: vent, stop and un-jam whatever can be reached, confirmed by reading back; `--clear` unlocks the rig then.
+
+A run that is going is not waited for: its guard lands the rig at once, and for good, and says here what it read back.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from ..console import err, out, styled
+from ..files.clock import RigClock
+from ..files.rig_file import RigFile, load_rig
+from ..guard.instruments import ACTUATORS
+from ..guard.landing import SafeReport
+from ..guard.latch import Entry, Latch
+from ..guard.rescue import land_anew
+from ..guard.takeover import Requests
+from ..rig.interrupts import Shielded
+from ..rig.real_time import at_real_speed
+
+ANSWER_WITHIN = 30.0
+"""Host seconds for a landing by the guard of a run: longer than any landing takes."""
+
+
+def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
+    """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
+    file, told = at_real_speed(load_rig(rig_path))
+    if told:
+        err.print(told)
+    latch = Latch(rig_path)
+    with Shielded():
+        report = _land(file, latch, clear)
+    locked = latch.read()
+    if as_json:
+        steps = [asdict(s) for s in report.steps]
+        print(
+            json.dumps(
+                {"confirmed": report.confirmed, "locked": str(locked) if locked else "", "steps": steps}, indent=1
+            )
+        )
+    else:
+        for step in report.steps:
+            found = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
+            out.print(f"  {step.instrument}:", found, f"({step.text})")
+        said, style = _verdict(report.confirmed, locked, rig_path)
+        out.print(said, style=style)
+    return 0 if report.confirmed and locked is None else 1
+
+
+def _land(file: RigFile, latch: Latch, clear: bool) -> SafeReport:
+    """By the guard of the run that is going; by this process where there is none, or where it does not answer."""
+    names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
+    if latch.owned() and file.path is not None:
+        report = Requests(file.path).ask(ANSWER_WITHIN)
+        if report is not None:
+            return report
+    return land_anew(file, RigClock(file.clock.speed), names, "lab safe", unlock=clear)
+
+
+def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> tuple[str, str]:
+    """What to say in the end, and in which style."""
+    if not confirmed:
+        return "Not confirmed safe: use the vent valve and the emergency stop.", "red"
+    if locked is None:
+        return "Safe.", ""
+    return (
+        f"Safe now. The rig stays locked: {locked}. When you have looked at it and nobody is in its way: "
+        f"lab safe --clear --rig {rig_path}",
+        "",
+    )

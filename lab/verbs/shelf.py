@@ -1,0 +1,43 @@
+"""`lab runs FOLDER`: the recordings of a folder tree, with outcome and losses."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+from rich.table import Table as Sheet
+
+from recordings.shelf import runs as recorded
+
+from ..console import clock, out
+from ..files.config import ConfigError
+
+
+def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: bool) -> int:
+    """List them, oldest first; `spine` in m."""
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: is no folder")
+    try:
+        datetime.fromisoformat(since or "2000-01-01")
+    except ValueError:
+        raise ConfigError(f"--since {since}: write a date or time like 2025-03-01 or 2025-03-01T14:00") from None
+    found = recorded(folder, since=since, protocol=protocol, spine=spine)
+    if as_json:
+        print(json.dumps([run.to_dict() for run in found], indent=1))
+        return 0
+    sheet = Sheet()
+    for column in ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost"):
+        sheet.add_column(column)
+    for run in found:
+        spines = ", ".join(f"{100 * length:g}" for length in run.spines)
+        states = f"{run.rows} of {run.states}"
+        sheet.add_row(run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol, spines, states,
+                      run.outcome, str(run.lost))  # fmt: skip
+    out.print(sheet)
+    for run in found:
+        if run.outcome == "unreadable":
+            out.print(f"{run.path}: {run.detail}")
+        elif run.outcome == "abrupt" and not run.detail:
+            out.print(f"{run.path}: was never finished; `lab recover` makes a whole file of what can be read")
+    return 0
