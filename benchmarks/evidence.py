@@ -18,9 +18,9 @@ from dynesty import NestedSampler
 
 from benchmarks.figures import Figure, show
 from benchmarks.sampled import Hypothetical, hypothetical
-from diagnosis.case import states
-from diagnosis.evidence import NONE, Hypothesis
-from diagnosis.prepare import Prepared, prepare
+from diagnosis.data.case import states
+from diagnosis.inference.evidence import NONE, Hypothesis
+from diagnosis.inference.prepare import Prepared, prepare
 from lab.blind.bench_robot import BenchRobot
 from lab.blind.designs import design
 from lab.blind.drive import measure

@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 
 from lab.verbs.fakes import PATIENT_SETTLE, write_rig
-from recordings.recover import recover
+from recordings.file.recover import recover
 from sim_fakes.plant import Plant
 from sim_fakes.rig import FakeRig
 

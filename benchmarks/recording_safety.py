@@ -12,12 +12,12 @@ import textwrap
 import time
 from pathlib import Path
 
-from recordings.container import walk
-from recordings.reader import Recording
-from recordings.recover import recover
-from recordings.scan import messages, scan
-from recordings.verify import verify
-from recordings.writer import Recorder
+from recordings.file.container import walk
+from recordings.file.reader import Recording
+from recordings.file.recover import recover
+from recordings.file.scan import messages, scan
+from recordings.file.verify import verify
+from recordings.file.writer import Recorder
 
 from .figures import Figure
 from .rig_stream import TOTAL, record

@@ -15,10 +15,10 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import NDArray
 
+from recordings.campaign.replay import replay
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 from recordings.messages import streams
-from recordings.reader import Recording
-from recordings.replay import replay
-from recordings.writer import Recorder
 
 from .figures import Figure
 from .rig_stream import RATES, START_NS, TOTAL, Values, schedule

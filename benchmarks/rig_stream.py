@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from recordings.states import State, Window
-from recordings.writer import QUEUE_LIMIT, Recorder
+from recordings.file.writer import QUEUE_LIMIT, Recorder
+from recordings.states.rules import State, Window
 
 Message = tuple[str, float, tuple[object, ...]]
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import norm
 
-from diagnosis.evidence import DOMINANT, Grid, Hypothesis, weigh
-from diagnosis.fit import Fit, fit
-from diagnosis.problem import Problem
+from diagnosis.inference.evidence import DOMINANT, Grid, Hypothesis, weigh
+from diagnosis.inference.fit import Fit, fit
+from diagnosis.inference.problem import Problem
 
 Array = NDArray[np.float64]
 

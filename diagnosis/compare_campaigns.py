@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
-from .case import CaseLike, States, states
-from .effort import ALONE, Effort
+from .criticism.calibration import TEMPERING
+from .criticism.unknown import signs
+from .data.case import CaseLike, states
+from .data.states import States
 from .errors import TooLittle
-from .posterior import UNKNOWN, beside_unknown, posterior, prior
-from .prepare import Prepared, prepare
-from .problem import Parameters, Problem
-from .search import Search
-from .tempering import TEMPERING
-from .unknown import signs
+from .inference.effort import ALONE, Effort
+from .inference.posterior import UNKNOWN, beside_unknown, posterior, prior
+from .inference.prepare import Prepared, prepare
+from .inference.problem import Parameters, Problem
+from .inference.search import Search
 
 Array = NDArray[np.float64]
 

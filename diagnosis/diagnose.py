@@ -14,16 +14,16 @@ from typing import Any
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
-from . import assemble, next_experiment
-from .attribute import Found, attribute
-from .case import CaseLike, states
-from .effort import ALONE, Effort
-from .holdout import hold_out, unmet
-from .prepare import prepare
-from .quantify import shrink
-from .result import Diagnosis, Locate, Proposal, Shrink
-from .tempering import USUAL_BEYOND
-from .verdict import beside, statement
+from .answer import assemble, next_experiment
+from .answer.attribute import Found, attribute
+from .answer.holdout import hold_out, unmet
+from .answer.result import Diagnosis, Locate, Proposal, Shrink
+from .answer.shrink import shrink
+from .answer.verdict import beside, statement
+from .criticism.calibration import USUAL_BEYOND
+from .data.case import CaseLike, states
+from .inference.effort import ALONE, Effort
+from .inference.prepare import prepare
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from drivers.interfaces import (
     VacuumGauge,
     Vector3,
 )
-from recordings.writer import Recorder
+from recordings.file.writer import Recorder
 
 from .errors import MissingInstrument, NotReached, Stopped
 

@@ -16,7 +16,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from recordings.states import Crossing, Settled, Window
+from recordings.states.rules import Crossing, Settled, Window
 
 from .actions import home, ramp, set_spine, vent
 from .bench import Bench, Setup

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
-from recordings.concluding import conclude
+from recordings.campaign.journal import Journal
 from recordings.errors import NotSettled
-from recordings.journal import Journal
-from recordings.states import AMBIENT, Crossing, Probe, Settled, State, Window
+from recordings.states.concluding import conclude
+from recordings.states.rules import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.trials import TrialRow
 
 from .bench import Bench

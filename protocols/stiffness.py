@@ -20,7 +20,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import StaleReading
-from recordings.states import Probe, Window
+from recordings.states.rules import Probe, Window
 from recordings.trials import TrialRow
 
 from .actions import home, set_spine, vent

@@ -23,7 +23,7 @@ from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from .messages import PACKAGE, SCHEMA_VERSION
-from .states import State
+from .states.rules import State
 from .trials import TrialRow
 
 BASE_FRAME = "base"

@@ -14,7 +14,7 @@ from pathlib import Path
 from .bounded import read_bounded
 from .errors import BadTable
 from .own_files import replaced
-from .states import BRANCHES, PROTOCOLS, SPECIMENS
+from .states.rules import BRANCHES, PROTOCOLS, SPECIMENS
 from .trials import INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")

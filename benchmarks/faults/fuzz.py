@@ -22,8 +22,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from diagnosis.answer.result import Diagnosis
 from diagnosis.errors import DiagnosisError
-from diagnosis.result import Diagnosis
 from lab.blind.answers import read_answer
 from lab.blind.folder import SetFolder, open_seal
 from lab.files.config import ConfigError, Source, check, parse_yaml
@@ -37,16 +37,16 @@ from model.errors import ModelError
 from model.robot import Robot, load_robot
 from protocols.bending import Bending
 from protocols.stiffness import Stiffness
-from recordings.campaign import tables
+from recordings.campaign.export import export_streams
+from recordings.campaign.info import info
+from recordings.campaign.replay import compare, replay_states, table_of
+from recordings.campaign.resumed import tables
+from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import RecordingError
-from recordings.export import export_streams
-from recordings.info import info
-from recordings.player import play
-from recordings.reader import Recording
-from recordings.recover import recover
-from recordings.replay import compare, replay_states, table_of
-from recordings.shelf import INDEX, runs
-from recordings.verify import verify
+from recordings.file.player import play
+from recordings.file.reader import Recording
+from recordings.file.recover import recover
+from recordings.file.verify import verify
 
 from . import hostile_mcap
 from .text_files import (

@@ -16,8 +16,8 @@ import zstandard
 from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 
-from recordings.container import MAGIC, chunk_place, head_at, records_in
 from recordings.events import STATE, TRIAL
+from recordings.file.container import MAGIC, chunk_place, head_at, records_in
 
 Record = tuple[int, bytes]
 Edit = Callable[[list[Record], random.Random], None]

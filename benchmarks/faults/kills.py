@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.verbs.fakes import PATIENT_SETTLE, write_rig
-from recordings.recover import recover
+from recordings.file.recover import recover
 from sim_fakes.rig import FakeRig
 
 SPEED = 20.0

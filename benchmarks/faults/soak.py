@@ -25,7 +25,7 @@ from lab.verbs.fakes import write_rig
 from lab.verbs.run import execute, job
 from lab.verbs.safe import safe
 from recordings.errors import RecordingError
-from recordings.reader import Recording
+from recordings.file.reader import Recording
 from sim_fakes.accidents import ACCIDENTS
 from sim_fakes.faults import FAULTS
 from sim_fakes.rig import FakeRig

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from diagnosis.answer.result import Diagnosis
 from diagnosis.diagnose import Options, diagnose
-from diagnosis.result import Diagnosis
 
 from ..files.inputs import read_case
 

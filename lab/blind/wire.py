@@ -6,9 +6,9 @@ import itertools
 import time
 from pathlib import Path
 
+from recordings.campaign.replay import table_of
 from recordings.errors import RecordingError
-from recordings.reader import Recording
-from recordings.replay import table_of
+from recordings.file.reader import Recording
 from recordings.trials import Table
 from sim_fakes.rig import FakeRig
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.plausible import refuse
 from diagnosis.errors import DiagnosisError
-from diagnosis.plausible import refuse
 from model.condition import Condition, conditions
 from model.robot import Robot
-from recordings.campaign import campaigns, merged
-from recordings.reader import Recording
+from recordings.campaign.resumed import campaigns, merged
+from recordings.file.reader import Recording
 from recordings.table_file import read_csv
 from recordings.trials import Table, TrialRow
 
@@ -54,7 +54,7 @@ def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> Condition:
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
 
-    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.plausible`).
+    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.data.plausible`).
     """
     robots: list[tuple[str, Robot]] = []
     parts: list[tuple[str, Table]] = []

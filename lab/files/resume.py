@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from recordings.campaign import campaign_of, merged
-from recordings.journal import Progress, read
-from recordings.reader import Recording
+from recordings.campaign.journal import Progress, read
+from recordings.campaign.resumed import campaign_of, merged
+from recordings.file.reader import Recording
 from recordings.trials import Table
 
 from .config import ConfigError

@@ -8,8 +8,16 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
-from drivers import alicat, dynamixel, ft300s, natnet_mocap, numato, pfeiffer, smc_itv, tmcl, ur5
+from drivers.alicat import driver as alicat
+from drivers.dynamixel import driver as dynamixel
+from drivers.ft300s import driver as ft300s
 from drivers.interfaces import Vector3
+from drivers.natnet import driver as natnet_mocap
+from drivers.numato import driver as numato
+from drivers.pfeiffer import driver as pfeiffer
+from drivers.smc_itv import driver as smc_itv
+from drivers.tmcl import driver as tmcl
+from drivers.ur5 import driver as ur5
 
 from .config import ConfigError, check, read_yaml
 

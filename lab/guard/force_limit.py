@@ -10,7 +10,7 @@ import math
 import time
 from statistics import median
 
-from drivers import ft300s
+from drivers.ft300s import driver as ft300s
 from drivers.interfaces import WrenchSample
 
 from ..files.rig_file import Limits, RigFile

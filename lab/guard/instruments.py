@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivers import alicat, dynamixel, numato, pfeiffer, smc_itv, tmcl, ur5
+from drivers.alicat import driver as alicat
+from drivers.dynamixel import driver as dynamixel
 from drivers.interfaces import Clock
+from drivers.numato import driver as numato
+from drivers.pfeiffer import driver as pfeiffer
+from drivers.smc_itv import driver as smc_itv
+from drivers.tmcl import driver as tmcl
+from drivers.ur5 import driver as ur5
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     "pressure": ("set", "read", "vent"),

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from diagnosis.levels import levels
-from diagnosis.result import Diagnosis
+from diagnosis.answer.result import Diagnosis
+from diagnosis.data.levels import levels
 
 from .figures import STYLE, colours, save
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.answer.result import Diagnosis
 from diagnosis.compare_campaigns import Change
-from diagnosis.result import Diagnosis
 
 from . import diagnosis_figures as draw
 from .diagnosis_attribution import apart as draw_apart

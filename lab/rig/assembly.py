@@ -9,13 +9,15 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
 
-from drivers import ft300s, natnet_mocap, ur5_state
 from drivers.chambers import ChamberMap
 from drivers.errors import InstrumentError
+from drivers.ft300s import driver as ft300s
 from drivers.interfaces import Identity, WrenchSample
+from drivers.natnet import driver as natnet_mocap
+from drivers.ur5 import state as ur5_state
 from protocols.bench import Bench, Narrator, StandFrame
 from recordings.errors import RecordingError
-from recordings.writer import Recorder
+from recordings.file.writer import Recorder
 
 from ..files.rig_file import RigFile
 from ..guard.force_limit import ForceLimit

@@ -17,9 +17,9 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
-from drivers import ur5_state
 from drivers.errors import InstrumentError, NotReady, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, Identity, Sink
+from drivers.ur5 import state as ur5_state
 
 from ..files.clock import RigClock
 

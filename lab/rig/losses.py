@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from recordings.info import StreamInfo, info
+from recordings.campaign.info import StreamInfo, info
 from recordings.messages import STREAMS
 
 HEAD = [
@@ -27,7 +27,7 @@ def newly_lost(before: int, now: int) -> int:
 
 
 def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
-    """A sentence, and head and rows of the table. Raises what `recordings.info.info` raises."""
+    """A sentence, and head and rows of the table. Raises what `recordings.campaign.info.info` raises."""
     rows, gone, total, anew = [], 0, 0, 0
     for file in files:
         for topic, stream in info(file).streams.items():

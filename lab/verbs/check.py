@@ -17,7 +17,7 @@ from drivers.interfaces import Identity
 from model.robot import Robot
 from protocols.bench import Setup
 from protocols.errors import ProtocolError, Stopped
-from recordings.writer import Recorder
+from recordings.file.writer import Recorder
 
 from ..console import Screen, err, out, styled
 from ..files.config import ConfigError, load

@@ -11,12 +11,12 @@ from pathlib import Path
 import yaml
 from rich.table import Table as Sheet
 
+from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.compare_campaigns import Change, compare_campaigns
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
-from diagnosis.effort import Effort
 from diagnosis.errors import BadHoldout, DiagnosisError
-from diagnosis.result import Diagnosis, Proposal, Ranked
+from diagnosis.inference.effort import Effort
 from model.errors import ModelError
 from recordings.errors import RecordingError
 

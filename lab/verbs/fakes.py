@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from drivers.alicat_wire import UNITS
+from drivers.alicat.wire import UNITS
 from sim_fakes.rig import FakeRig, Regulators
 from sim_fakes.virtual_robot import list_effects
 

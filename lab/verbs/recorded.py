@@ -13,13 +13,13 @@ from pathlib import Path
 
 from rich.table import Table as Sheet
 
-from recordings.campaign import tables
-from recordings.export import export_case, export_streams
-from recordings.info import info as summary
-from recordings.player import play as played
-from recordings.reader import Recording
-from recordings.replay import Comparison, replay_states
-from recordings.replay import compare as hold_against
+from recordings.campaign.export import export_case, export_streams
+from recordings.campaign.info import info as summary
+from recordings.campaign.replay import Comparison, replay_states
+from recordings.campaign.replay import compare as hold_against
+from recordings.campaign.resumed import tables
+from recordings.file.player import play as played
+from recordings.file.reader import Recording
 from recordings.trials import Table, TrialRow
 
 from ..console import note, out

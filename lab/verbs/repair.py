@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from recordings.recover import recover as rescue
-from recordings.verify import verify as inspect
+from recordings.file.recover import recover as rescue
+from recordings.file.verify import verify as inspect
 
 from ..console import out
 

@@ -19,11 +19,11 @@ from protocols.catalog import EXPERIMENTS, Experiment
 from protocols.errors import Stopped
 from protocols.experiment import Trials
 from protocols.parameters import Parameters
-from recordings.campaign import metadata as campaign
+from recordings.campaign.journal import Journal
+from recordings.campaign.resumed import metadata as campaign
 from recordings.errors import RecordingError
-from recordings.journal import Journal
+from recordings.file.writer import Recorder
 from recordings.trials import Table
-from recordings.writer import Recorder
 
 from ..console import Screen, clock, err, out
 from ..files.config import ConfigError, Source, check, load, parse_yaml, read_yaml

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.table import Table as Sheet
 
-from recordings.shelf import runs as recorded
+from recordings.campaign.shelf import runs as recorded
 
 from ..console import clock, out
 from ..files.config import ConfigError

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from model.effects import actuation, measurement, structure, surroundings
+from model.effects.laws import actuation, measurement, structure, surroundings
 from model.effects.spec import STAGES, EffectSpec
 from model.errors import BadEffect
 

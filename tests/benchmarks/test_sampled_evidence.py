@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from benchmarks.sampled import Hypothetical, hypothetical
-from diagnosis.evidence import DOMINANT
-from diagnosis.problem import Problem
+from diagnosis.inference.evidence import DOMINANT
+from diagnosis.inference.problem import Problem
 from tests.diagnosis.toy import toy_problem
 
 POINTS = 120

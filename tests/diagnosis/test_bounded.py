@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from diagnosis.bounded import bounded
+from diagnosis.inference.bounded import bounded
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.case import states
+from diagnosis.data.case import states
 from diagnosis.errors import BadCase
 from model.robot import Robot, load_robot
 from recordings.trials import Table, TrialRow

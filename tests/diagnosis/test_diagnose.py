@@ -12,10 +12,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
-from diagnosis.prepare import prepare
-from diagnosis.result import FACTORS, STAGES, Diagnosis
+from diagnosis.inference.prepare import prepare
 from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
 
 LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)

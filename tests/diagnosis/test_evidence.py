@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, uniform
 
-from diagnosis.evidence import DOMINANT, TOLERABLE, Grid, weigh
-from diagnosis.linear import Linear, Prior
-from diagnosis.problem import Parameters
+from diagnosis.inference.evidence import DOMINANT, TOLERABLE, Grid, weigh
+from diagnosis.inference.linear import Linear, Prior
+from diagnosis.inference.problem import Parameters
 
 WIDE = np.ones(3, bool)
 RNG = np.random.default_rng(7)

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from diagnosis.fit import fit
-from diagnosis.noise import Noise
-from diagnosis.problem import Parameters, Problem
+from diagnosis.data.noise import Noise
+from diagnosis.inference.fit import fit
+from diagnosis.inference.problem import Parameters, Problem
 
 Array = NDArray[np.float64]
 

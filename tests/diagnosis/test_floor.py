@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.floor import Components, Repeated, components, reading_rms
+from diagnosis.data.floor import Components, Repeated, components, reading_rms
 
 USUAL = Components({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.fit import fit
-from diagnosis.heldout import Model, left_out
-from diagnosis.noise import Noise
-from diagnosis.problem import Problem
-from diagnosis.search import Search
-from diagnosis.unknown import signs
+from diagnosis.criticism.unknown import signs
+from diagnosis.data.noise import Noise
+from diagnosis.inference.fit import fit
+from diagnosis.inference.heldout import Model, left_out
+from diagnosis.inference.problem import Problem
+from diagnosis.inference.search import Search
 from tests.diagnosis.toy import MM, Grid, toy_problem
 
 GRID = Grid()

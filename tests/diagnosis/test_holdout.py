@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.attribute import Found, attribute
-from diagnosis.case import states
+from diagnosis.answer.attribute import Found, attribute
+from diagnosis.answer.holdout import hold_out, unmet
+from diagnosis.answer.shrink import closed
+from diagnosis.answer.verdict import Decision
+from diagnosis.data.case import states
 from diagnosis.errors import BadHoldout
-from diagnosis.holdout import hold_out, unmet
-from diagnosis.prepare import prepare
-from diagnosis.quantify import closed
-from diagnosis.verdict import Decision
+from diagnosis.inference.prepare import prepare
 from recordings.trials import TrialRow
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.diagnosis.test_diagnose import measured

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.case import states
-from diagnosis.levels import levels, pressure_gap
+from diagnosis.data.case import states
+from diagnosis.data.levels import levels, pressure_gap
 from tests.diagnosis.test_case import case, row
 
 

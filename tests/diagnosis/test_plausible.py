@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.data.plausible import oddities, refuse
 from diagnosis.errors import BadCase
-from diagnosis.plausible import oddities, refuse
 from model.condition import conditions
 from model.robot import Robot, load_robot
 from model.rod import solve

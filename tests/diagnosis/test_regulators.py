@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.case import states
-from diagnosis.prepare import prepare, regulators
+from diagnosis.data.case import states
+from diagnosis.inference.prepare import prepare, regulators
 from tests.diagnosis.test_case import ROBOT, case, sweep
 
 ALL = tuple(range(9))

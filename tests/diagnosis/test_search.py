@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.effort import Effort
-from diagnosis.evidence import NONE, Hypothesis
-from diagnosis.fit import fit
-from diagnosis.posterior import posterior
-from diagnosis.problem import TOLERATED, Problem
-from diagnosis.search import Search
+from diagnosis.inference.effort import Effort
+from diagnosis.inference.evidence import NONE, Hypothesis
+from diagnosis.inference.fit import fit
+from diagnosis.inference.posterior import posterior
+from diagnosis.inference.problem import TOLERATED, Problem
+from diagnosis.inference.search import Search
 from tests.diagnosis.toy import IDS, Grid, ToyForward, toy_problem
 
 

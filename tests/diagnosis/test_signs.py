@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.problem import Problem
-from diagnosis.search import Search
-from diagnosis.tempering import TEMPERING
-from diagnosis.unknown import Signs, signs
+from diagnosis.criticism.calibration import TEMPERING
+from diagnosis.criticism.unknown import Signs, signs
+from diagnosis.inference.problem import Problem
+from diagnosis.inference.search import Search
 from tests.diagnosis.toy import Grid, toy_problem
 
 GRID = Grid()

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from diagnosis.case import enough, states
+from diagnosis.answer.result import FACTORS, Diagnosis
+from diagnosis.data.case import enough, states
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
-from diagnosis.prepare import prepare
-from diagnosis.result import FACTORS, Diagnosis
+from diagnosis.inference.prepare import prepare
 from recordings.trials import TrialRow
 from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot
 from tests.diagnosis.test_case import ROBOT, case, sweep

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from diagnosis.trend import _chance, _score
+from diagnosis.criticism.trend import _chance, _score
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5])

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.discrepancy import Settings, by_channel, columns, settings
-from diagnosis.noise import Noise
-from diagnosis.problem import Parameters, Problem
+from diagnosis.data.noise import Noise
+from diagnosis.inference.discrepancy import Settings, by_channel, columns, settings
+from diagnosis.inference.problem import Parameters, Problem
 
 Array = NDArray[np.float64]
 

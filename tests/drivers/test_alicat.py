@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from drivers.alicat import Alicat, Config
+from drivers.alicat.driver import Alicat, Config
 from drivers.errors import (
     BadReply,
     DeviceFault,

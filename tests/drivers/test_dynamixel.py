@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from drivers.dynamixel import Config, DynamixelSpine
+from drivers.dynamixel.driver import Config, DynamixelSpine
 from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import SpineSample
 from sim_fakes.clock import SimClock

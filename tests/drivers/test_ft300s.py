@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceFault, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
-from drivers.ft300s import FT300S, Config
+from drivers.ft300s.driver import FT300S, Config
 from drivers.interfaces import ForceSensor, WrenchSample
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.clock import SimClock

@@ -6,7 +6,7 @@ import struct
 import pytest
 from pymodbus.framer import FramerRTU
 
-from drivers.ft300s_stream import FrameParser, GapCounter
+from drivers.ft300s.stream import FrameParser, GapCounter
 
 PERIOD = 0.01
 

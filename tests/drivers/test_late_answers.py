@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 
-from drivers import dynamixel, tmcl
-from drivers.dynamixel_bus import Register, Servo
+from drivers.dynamixel import driver as dynamixel
+from drivers.dynamixel.bus import Register, Servo
 from drivers.errors import DeviceFault, InstrumentError, NoReply
-from drivers.tmcl_bus import Axis
+from drivers.tmcl import driver as tmcl
+from drivers.tmcl.bus import Axis
 from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant

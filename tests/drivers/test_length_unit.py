@@ -12,9 +12,10 @@ from typing import Any
 
 import pytest
 
-from drivers import dynamixel, tmcl
+from drivers.dynamixel import driver as dynamixel
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable
 from drivers.interfaces import LengthUnit, SpineSample
+from drivers.tmcl import driver as tmcl
 from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.numato import NumatoFake

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 from drivers.errors import DeviceFault, InstrumentError, NotReady, StaleReading, Unreachable, WrongDevice
 from drivers.frames import matrix_from_quaternion, rotation_from_vector
 from drivers.interfaces import BodySample, MotionCapture
-from drivers.natnet_mocap import Config, NatNetMocap, Pose
+from drivers.natnet.driver import Config, NatNetMocap, Pose
 from sim_fakes.clock import SimClock
 from sim_fakes.motive import MotiveFake
 from sim_fakes.plant import Plant

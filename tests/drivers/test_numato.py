@@ -13,7 +13,7 @@ import pytest
 
 from drivers.errors import BadReply, DeviceFault, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import JammingValve
-from drivers.numato import Config, NumatoValve
+from drivers.numato.driver import Config, NumatoValve
 from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake

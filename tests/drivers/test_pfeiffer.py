@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from drivers.errors import BadReply, DeviceFault, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import VacuumGauge
-from drivers.pfeiffer import ERROR_EVERY, Config, PfeifferGauge
+from drivers.pfeiffer.driver import ERROR_EVERY, Config, PfeifferGauge
 from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake

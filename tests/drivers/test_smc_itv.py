@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from drivers.errors import BadReply, DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import PressureRegulators
-from drivers.smc_itv import Config, SmcItv
+from drivers.smc_itv.driver import Config, SmcItv
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.clock import SimClock
 from sim_fakes.plant import Plant

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import SpineSample
-from drivers.tmcl import Config, TmclSpine
+from drivers.tmcl.driver import Config, TmclSpine
 from sim_fakes.clock import SimClock
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import MAX_DEVIATION, TmclFake

@@ -13,10 +13,10 @@ from ur5_rig import Rig, a_rig, discard, moves_the_arm, needs_the_fake, raised, 
 
 from drivers.errors import DeviceFault, LimitExceeded, NotReady, WrongDevice
 from drivers.interfaces import ArmSample
-from drivers.ur5 import UR5, Config
-from drivers.ur5_motion import Deadline, distance_between, turn_between
-from drivers.ur5_state import Config as StateConfig
-from drivers.ur5_state import UR5State
+from drivers.ur5.driver import UR5, Config
+from drivers.ur5.motion import Deadline, distance_between, turn_between
+from drivers.ur5.state import Config as StateConfig
+from drivers.ur5.state import UR5State
 from sim_fakes.clock import SimClock
 
 UP = 0.01

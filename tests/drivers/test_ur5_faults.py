@@ -15,9 +15,9 @@ import pytest
 from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised
 
 from drivers.errors import DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
-from drivers.ur5 import UR5, Config
-from drivers.ur5_state import Config as StateConfig
-from drivers.ur5_state import UR5State
+from drivers.ur5.driver import UR5, Config
+from drivers.ur5.state import Config as StateConfig
+from drivers.ur5.state import UR5State
 from sim_fakes.clock import SimClock
 from sim_fakes.ur.process import free_host
 

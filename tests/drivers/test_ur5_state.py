@@ -11,7 +11,7 @@ from ur5_rig import Rig, a_rig, needs_the_fake, wait_until
 
 from drivers.errors import NotReady, StaleReading
 from drivers.interfaces import ArmSample
-from drivers.ur5_state import Config, CycleCounter, UR5State
+from drivers.ur5.state import Config, CycleCounter, UR5State
 
 
 @pytest.fixture(scope="module")

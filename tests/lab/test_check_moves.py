@@ -15,7 +15,7 @@ from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.rig.checked import Moved, keep, last, place
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, write_rig
-from recordings.reader import Recording
+from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.rig import FakeRig, Regulators
 from sim_fakes.smc_itv import STEPS, SmcItvFake

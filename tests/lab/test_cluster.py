@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.effort import Effort
-from diagnosis.search import Search
+from diagnosis.inference.effort import Effort
+from diagnosis.inference.search import Search
 from lab.blind.workers import Crew, spread
 from lab.cluster import cluster
 from lab.files.config import ConfigError

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from diagnosed_case import ROBOT, Answered, answered_once, campaign, edited, folder
 
-from diagnosis.result import FACTORS, STAGES, Diagnosis
+from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from lab.cli import main
 from lab.files.example import paper_robot
 from model.effects import effects_from_file, with_effects

@@ -17,7 +17,7 @@ import pytest
 from diagnosed_case import Answered, answered_once
 from numpy.typing import NDArray
 
-from diagnosis.result import Diagnosis
+from diagnosis.answer.result import Diagnosis
 from lab.pages.diagnosis_report import write
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from lab.rig.losses import losses
-from recordings.writer import Recorder
+from recordings.file.writer import Recorder
 
 
 def test_what_was_dropped_and_what_never_came_is_told_for_each_stream(tmp_path: Path) -> None:

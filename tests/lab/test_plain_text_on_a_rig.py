@@ -16,7 +16,7 @@ from virtual_lab import VirtualLab
 
 from lab.cli import main
 from lab.verbs.fakes import PATIENT_SETTLE
-from recordings.reader import Recording
+from recordings.file.reader import Recording
 
 HOSTILE = "[/red] [bold]x[/] \x1b[2J <script>alert(1)</script>"
 SHOWN = "[/red] [bold]x[/]"

@@ -12,9 +12,9 @@ import pytest
 from diagnosed_case import ROBOT, campaign
 from virtual_lab import VirtualLab
 
-from diagnosis.case import states
-from diagnosis.menu import Experiment, columns, menu
-from diagnosis.result import Proposal
+from diagnosis.answer.menu import Experiment, columns, menu
+from diagnosis.answer.result import Proposal
+from diagnosis.data.case import states
 from lab.cli import main
 from lab.files.inputs import Case, read_case
 from lab.verbs.diagnose import write_protocols

@@ -17,8 +17,8 @@ from virtual_lab import VirtualLab
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT_SETTLE
-from recordings.journal import read
-from recordings.reader import Recording
+from recordings.campaign.journal import read
+from recordings.file.reader import Recording
 from recordings.trials import Table
 
 LATE = [word for setting in PATIENT_SETTLE[1:] for word in ("--set", setting)]

@@ -15,7 +15,7 @@ import pytest
 from virtual_lab import VirtualLab
 
 from lab.cli import main
-from recordings.reader import Recording
+from recordings.file.reader import Recording
 
 LIAR = "127.66.66.66"
 FRAME_OF_AN_OLD_SESSION = b"\x07\x00\x04\x00" + (10**6).to_bytes(4, "little")

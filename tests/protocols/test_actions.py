@@ -6,15 +6,15 @@ from typing import Any, cast
 
 import pytest
 
-from drivers.numato import Config as ValveConfig
-from drivers.numato import NumatoValve
-from drivers.pfeiffer import Config as GaugeConfig
-from drivers.pfeiffer import PfeifferGauge
+from drivers.numato.driver import Config as ValveConfig
+from drivers.numato.driver import NumatoValve
+from drivers.pfeiffer.driver import Config as GaugeConfig
+from drivers.pfeiffer.driver import PfeifferGauge
 from lab.files.clock import RigClock
 from protocols.actions import release
 from protocols.bench import Bench
 from protocols.parameters import Jam
-from recordings.writer import Recorder
+from recordings.file.writer import Recorder
 from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from synthetic_run import TARGETS
 
-from recordings.counts import counted
+from recordings.campaign.journal import read as read_journal
+from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import BadJournal, BadMessage, BadTable
-from recordings.journal import read as read_journal
+from recordings.file.counts import counted
 from recordings.json_text import read_json
-from recordings.shelf import INDEX, runs
-from recordings.states import Settled, State
+from recordings.states.rules import Settled, State
 from recordings.table_file import read_csv
 from recordings.trials import TrialRow
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from synthetic_run import TARGETS
 
-from recordings.campaign import metadata, tables
+from recordings.campaign.journal import Journal, read
+from recordings.campaign.resumed import metadata, tables
 from recordings.errors import BadJournal, WriteFailed
-from recordings.journal import Journal, read
-from recordings.reader import Recording
-from recordings.states import State, Window
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
+from recordings.states.rules import State, Window
 from recordings.trials import TrialRow
-from recordings.writer import Recorder
 
 WALL = 1_700_000_000 * 10**9
 

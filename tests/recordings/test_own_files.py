@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from recordings.campaign.journal import Journal
+from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import RecordingError, WriteFailed
-from recordings.journal import Journal
+from recordings.file.writer import Recorder
 from recordings.own_files import created, opened, replaced, replacing
-from recordings.shelf import INDEX, runs
-from recordings.writer import Recorder
 
 
 @pytest.fixture

@@ -15,13 +15,13 @@ import zstandard
 from mcap.opcode import Opcode
 from test_recording_hostile import chunk, definitions, index, record, whole
 
-from recordings.budget import SMALL_CHUNK, Budget, Cost, largest_chunk
-from recordings.container import MAGIC
 from recordings.errors import Damaged, OtherVersion, Oversized
+from recordings.file.budget import SMALL_CHUNK, Budget, Cost, largest_chunk
+from recordings.file.container import MAGIC
+from recordings.file.reader import Recording
+from recordings.file.recover import recover
+from recordings.file.verify import verify
 from recordings.messages import PRESSURE
-from recordings.reader import Recording
-from recordings.recover import recover
-from recordings.verify import verify
 
 MB = 2**20
 

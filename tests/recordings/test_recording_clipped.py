@@ -9,14 +9,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from recordings.concluding import conclude
+from recordings.campaign.replay import compare, table_of
 from recordings.errors import BadTable
-from recordings.reader import Recording
-from recordings.replay import compare, table_of
-from recordings.states import State, Window
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
+from recordings.states.concluding import conclude
+from recordings.states.rules import State, Window
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
-from recordings.writer import Recorder
 
 STATE = State(
     trial=1, step=1, protocol="bending", repeat=1, branch="load", rule=Window(0.0, 0.5, 3), t_start=0.0, ramp_end=0.0,

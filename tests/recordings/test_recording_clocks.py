@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_run import TARGETS
 
-from recordings.clocks import aligned, clocks, fit
-from recordings.concluding import conclude
 from recordings.errors import MissingStream
-from recordings.reader import Recording
-from recordings.states import State, Window
-from recordings.writer import Recorder
+from recordings.file.clocks import aligned, clocks, fit
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
+from recordings.states.concluding import conclude
+from recordings.states.rules import State, Window
 
 
 @settings(max_examples=25, deadline=None)

@@ -19,10 +19,10 @@ from typing import Any
 import pytest
 from synthetic_run import Run
 
+from recordings.file.player import messages
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 from recordings.messages import STREAMS
-from recordings.player import messages
-from recordings.reader import Recording
-from recordings.writer import Recorder
 
 HERE = Path(__file__).parent
 PACKAGES = ("@mcap/core@2", "@mcap/support@1", "protobufjs@8")

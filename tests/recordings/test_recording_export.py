@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from synthetic_run import Run
 
+from recordings.campaign.export import export_case, export_streams
 from recordings.errors import BadTable, MissingPackage
-from recordings.export import export_case, export_streams
-from recordings.reader import Recording
-from recordings.writer import Recorder
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 
 without_pyarrow = find_spec("pyarrow") is None
 COLUMNS = {

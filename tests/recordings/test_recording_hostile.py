@@ -16,8 +16,8 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
-from recordings.budget import MAX_CHUNK
-from recordings.container import MAGIC
+from recordings.file.budget import MAX_CHUNK
+from recordings.file.container import MAGIC
 from recordings.messages import PRESSURE
 
 HUGE = 2**62

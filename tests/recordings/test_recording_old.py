@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings import protobuf_runtime
+from recordings.campaign.info import info
+from recordings.campaign.replay import compare, replay_states
 from recordings.errors import OtherVersion
-from recordings.info import info
+from recordings.file import protobuf_runtime
+from recordings.file.reader import Recording
+from recordings.file.verify import verify
 from recordings.messages import TIP, VACUUM, Field
-from recordings.reader import Recording
-from recordings.replay import compare, replay_states
 from recordings.trials import Table
-from recordings.verify import verify
 
 OLD = Path(__file__).parent / "data" / "bending-schema-1.mcap"
 ROWS = "da6d84d895c56a82090180ffc0f5f7c9d00ac08e6b23e46202a8829fd361d3a4"

@@ -13,15 +13,15 @@ from mcap.writer import CompressionType, Writer
 from synthetic_run import TARGETS, Run
 
 from recordings import events
-from recordings.info import info
-from recordings.player import messages
-from recordings.reader import Recording
-from recordings.recover import recover
-from recordings.replay import compare, replay_states, table_of
-from recordings.states import Settled, State
+from recordings.campaign.info import info
+from recordings.campaign.replay import compare, replay_states, table_of
+from recordings.file.player import messages
+from recordings.file.reader import Recording
+from recordings.file.recover import recover
+from recordings.file.verify import verify
+from recordings.file.writer import Recorder
+from recordings.states.rules import Settled, State
 from recordings.trials import TrialRow
-from recordings.verify import verify
-from recordings.writer import Recorder
 
 OLD = Path(__file__).parent / "data" / "bending-schema-1.mcap"
 STREAMS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm")

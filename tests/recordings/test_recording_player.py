@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from synthetic_run import TARGETS, Run
 
-from recordings.buffer import Buffers
-from recordings.concluding import conclude
+from recordings.campaign.replay import replay_states
+from recordings.file.player import Played, play
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 from recordings.messages import streams
-from recordings.player import Played, play
-from recordings.reader import Recording
-from recordings.replay import replay_states
-from recordings.states import Settled, State
-from recordings.writer import Recorder
+from recordings.states.buffer import Buffers
+from recordings.states.concluding import conclude
+from recordings.states.rules import Settled, State
 
 ASKED = State(
     trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=2.0, ramp_end=2.0, rate=1.0, targets=TARGETS,

@@ -14,11 +14,11 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_run import Run
 
-from recordings import protobuf_runtime
+from recordings.campaign.info import info
 from recordings.errors import Damaged, MissingStream, NotARecording, OtherVersion, RecordingError, Truncated
-from recordings.info import info
-from recordings.reader import Recording
-from recordings.writer import Recorder
+from recordings.file import protobuf_runtime
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 
 
 @pytest.fixture(scope="module")

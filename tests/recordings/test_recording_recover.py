@@ -11,14 +11,14 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from synthetic_run import Run
 
-from recordings.container import walk
+from recordings.campaign.info import info
 from recordings.errors import NotARecording, WriteFailed
-from recordings.info import info
-from recordings.reader import Recording
-from recordings.recover import Recovery, recover
-from recordings.scan import messages, scan
-from recordings.verify import verify
-from recordings.writer import Recorder
+from recordings.file.container import walk
+from recordings.file.reader import Recording
+from recordings.file.recover import Recovery, recover
+from recordings.file.scan import messages, scan
+from recordings.file.verify import verify
+from recordings.file.writer import Recorder
 
 Key = tuple[str, int, int, bytes]
 

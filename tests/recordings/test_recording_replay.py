@@ -13,18 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_run import TARGETS, Message, Run
 
-from recordings.averaging import from_rotation_vector, mean_quaternion, turned_back
-from recordings.buffer import Buffers
-from recordings.concluding import conclude
+from recordings.campaign.export import export_case, export_streams
+from recordings.campaign.replay import compare, replay, table_of
 from recordings.errors import BadMessage, NotSettled
-from recordings.export import export_case, export_streams
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 from recordings.messages import streams
-from recordings.reader import Recording
-from recordings.replay import compare, replay, table_of
-from recordings.states import Crossing, Probe, Settled, State, Window
+from recordings.states.averaging import from_rotation_vector, mean_quaternion, turned_back
+from recordings.states.buffer import Buffers
+from recordings.states.concluding import conclude
+from recordings.states.rules import Crossing, Probe, Settled, State, Window
 from recordings.table_file import read_csv
 from recordings.trials import TrialRow
-from recordings.writer import Recorder
 
 REST = Settled(band=1500.0, still=0.8, still_distance=0.8e-3, smooth=8, average=0.5, min_samples=4, timeout=20.0)
 PROBE = Probe(direction=(0.0, 0.0, -1.0), origin=(0.4, 0.1, 0.31))

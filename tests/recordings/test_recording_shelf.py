@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from synthetic_run import TARGETS
 
-from recordings.shelf import INDEX, runs
-from recordings.states import State, Window
-from recordings.writer import Recorder
+from recordings.campaign.shelf import INDEX, runs
+from recordings.file.writer import Recorder
+from recordings.states.rules import State, Window
 
 
 def record(path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed") -> None:

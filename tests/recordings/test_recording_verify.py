@@ -10,10 +10,10 @@ import pytest
 from mcap.writer import Writer
 from synthetic_run import Run
 
-from recordings.container import walk
 from recordings.errors import NotARecording, RecordingError
-from recordings.verify import Verification, verify
-from recordings.writer import Recorder
+from recordings.file.container import walk
+from recordings.file.verify import Verification, verify
+from recordings.file.writer import Recorder
 
 
 @pytest.fixture(scope="module")

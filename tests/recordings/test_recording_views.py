@@ -9,9 +9,9 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from recordings.reader import Recording
-from recordings.recover import recover
-from recordings.writer import Recorder
+from recordings.file.reader import Recording
+from recordings.file.recover import recover
+from recordings.file.writer import Recorder
 
 
 def test_pose_markers_and_joints_come_at_thirty_a_second_of_rig_time(tmp_path: Path) -> None:

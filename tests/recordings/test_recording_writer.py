@@ -21,8 +21,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from synthetic_run import Run
 
 from recordings.errors import BadMessage, RecordingError, WriteFailed
-from recordings.reader import Recording
-from recordings.writer import Recorder
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 
 WALL = 1_700_000_000_000_000_123
 

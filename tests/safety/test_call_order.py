@@ -17,8 +17,14 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
-from drivers import alicat, dynamixel, ft300s, numato, pfeiffer, smc_itv, tmcl
+from drivers.alicat import driver as alicat
+from drivers.dynamixel import driver as dynamixel
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
+from drivers.ft300s import driver as ft300s
+from drivers.numato import driver as numato
+from drivers.pfeiffer import driver as pfeiffer
+from drivers.smc_itv import driver as smc_itv
+from drivers.tmcl import driver as tmcl
 from lab.files.clock import RigClock
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.clock import SimClock

@@ -17,8 +17,10 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
-from drivers import natnet_mocap, ur5, ur5_state
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
+from drivers.natnet import driver as natnet_mocap
+from drivers.ur5 import driver as ur5
+from drivers.ur5 import state as ur5_state
 from lab.files.clock import RigClock
 from sim_fakes.clock import SimClock
 from sim_fakes.motive import MOCAP_TO_BASE, MotiveFake

@@ -10,9 +10,9 @@ from house import House, until
 
 from lab.verbs.run import _finish
 from recordings.errors import WriteFailed
-from recordings.reader import Recording
-from recordings.recover import recover
-from recordings.writer import Recorder
+from recordings.file.reader import Recording
+from recordings.file.recover import recover
+from recordings.file.writer import Recorder
 
 MORE = 30_000
 """Bytes that the file may still grow by; about a second's worth."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers import ft300s
+from drivers.ft300s import driver as ft300s
 from drivers.interfaces import Vector6, WrenchSample
 from lab.files.rig_file import RigFile
 from lab.guard.force_limit import AGREE, ForceLimit, overload

@@ -12,10 +12,10 @@ from benchmarks.faults.fuzz import EXPECTED, sources
 from lab.files.config import ConfigError, read_yaml
 from lab.files.inputs import read_case
 from lab.files.resume import find
+from recordings.campaign.journal import read as read_journal
 from recordings.errors import BadJournal, BadTable
-from recordings.journal import read as read_journal
+from recordings.file.writer import Recorder
 from recordings.table_file import read_csv
-from recordings.writer import Recorder
 
 RECORDING = Path(__file__).parent.parent / "recordings" / "data" / "bending-schema-1.mcap"
 KINDS = sources(RECORDING)

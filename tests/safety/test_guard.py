@@ -25,8 +25,8 @@ from lab.guard.messages import RigLanded
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
 from protocols.actions import ramp
-from recordings.reader import Recording
-from recordings.writer import Recorder
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 
 
 @pytest.fixture

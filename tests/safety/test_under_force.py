@@ -17,8 +17,8 @@ from test_pauses import STIFFNESS, during, lab
 from drivers.errors import DeviceFault, StaleReading
 from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
-from recordings.reader import Recording
-from recordings.writer import Recorder
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
 
 FAR, SLOW, STILL = 0.28, 6e-3, 1e-3
 """m, and m/s of rig time: more than two host seconds at the speed of these fakes; a standing arm is slower than STILL."""

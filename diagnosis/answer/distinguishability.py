@@ -1,0 +1,89 @@
+"""Which effects this data cannot tell apart.
+
+T_ij is the misfit (chi-square) that would be left if effect i were at work with size t and effect j were fitted
+instead, everything else refitted too: T = t (H_ii - H_ij (H_jj + I)^-1 H_ji) t. Below 9 the two are tied: the right one
+would lead by less than three standard deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..inference.linear import Reduced
+from ..inference.problem import Parameters
+
+Array = NDArray[np.float64]
+
+TIED = 9.0
+
+
+@dataclass(frozen=True)
+class Apart:
+    """Separations between single effects."""
+
+    effects: tuple[str, ...]
+    separation: Array
+    """(e, e) T of row's effect against column's; the diagonal holds T against no effect at all."""
+
+    def rivals(self, effect: str) -> tuple[str, ...]:
+        """Effects that could pass for this one."""
+        i = self.effects.index(effect)
+        return tuple(e for j, e in enumerate(self.effects) if j != i and self.separation[i, j] < TIED)
+
+    def detectable(self, effect: str) -> bool:
+        """Whether the effect would be seen at all."""
+        i = self.effects.index(effect)
+        return bool(self.separation[i, i] >= TIED)
+
+
+def apart(
+    reduced: Reduced,
+    parameters: Parameters,
+    effects: Sequence[str],
+    size: Array,
+    spike: float,
+    reach: Array | None = None,
+) -> Apart:
+    """Separations of `effects`, each with its parameters at `size` (p,) in units of the scale.
+
+    `reduced` at the honest floor: with the discrepancy that the data ask for integrated out; the other effects are
+    free within `spike` of their scale, their looks as `reach` (p,) allows (see `Parameters.prior`).
+    """
+    n = len(effects)
+    out = np.zeros((n, n))
+    for i, one in enumerate(effects):
+        for j, other in enumerate(effects):
+            if j >= i:
+                pair = (one,) if i == j else (one, other)
+                information, mask = _information(reduced, parameters, pair, spike, reach)
+                own = parameters.mask((one,))[mask]
+                rest = ~own
+                out[i, j] = _left(information, own, rest, size[mask])
+                out[j, i] = _left(information, rest, own, size[mask]) if i != j else out[i, j]
+    return Apart(tuple(effects), out)
+
+
+def _information(
+    reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float, reach: Array | None
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Information about the parameters of `pair`, all other effects integrated out within their spikes."""
+    mask = p.mask(pair)
+    other = ~mask
+    root = np.sqrt(p.prior(mask, spike, reach).variance[other])
+    full = reduced.information
+    inner = np.eye(int(other.sum())) + root[:, None] * full[np.ix_(other, other)] * root[None, :]
+    across = full[np.ix_(mask, other)] * root
+    return full[np.ix_(mask, mask)] - across @ np.linalg.solve(inner, across.T), mask
+
+
+def _left(information: Array, own: NDArray[np.bool_], rest: NDArray[np.bool_], size: Array) -> float:
+    """Misfit left of `own` at `size` when `rest` is fitted under its prior."""
+    at = size[own]
+    among = information[np.ix_(rest, rest)] + np.eye(int(rest.sum()))
+    across = information[np.ix_(own, rest)]
+    left = information[np.ix_(own, own)] - across @ np.linalg.solve(among, across.T)
+    return float(at @ left @ at)

@@ -1,0 +1,148 @@
+"""A campaign that the fit never sees: what the named effect does to the tip error there.
+
+Both models were fitted to the diagnosed data alone. The calibrated baseline and the best hypothesis predict the other
+campaign with all they learned of the robot; what belongs to a trial is at its expectation. The share closed counts from
+the noise floor of the diagnosed campaign; its interval comes from drawing the other campaign's trials anew, within each
+spine length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import design_from_columns
+from recordings.trials import TrialRow
+
+from ..data.case import CaseLike, states
+from ..data.levels import SPINE_GAP, levels
+from ..data.states import States
+from ..errors import BadCase, BadHoldout
+from ..inference.prepare import Prepared, table_columns
+from .attribute import Found
+from .result import LengthShrink
+from .shrink import by_length, closed, rms
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+SURE = 0.5
+"""Share of the gap that must be closed, at the interval's lower end, for a cause to be called confirmed."""
+
+Word = Literal["confirmed", "contradicted", "open"]
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """Tip errors on the campaign held out."""
+
+    states: int
+    trials: int
+    unsolved: int
+    """States left out because one of the models has no equilibrium there."""
+    hypothesis: tuple[str, ...]
+    """The effects that `after` has; none where no effect leads."""
+    named: bool
+    """Whether the diagnosis names them as the cause; else they are only what comes nearest."""
+    before_mm: float
+    after_mm: float
+    floor_mm: float
+    share_closed: float | None
+    """As in `Shrink`."""
+    ci95: tuple[float, float] | None
+    by_spine_length: tuple[LengthShrink, ...]
+    verdict: Word
+    """confirmed: at least half of the gap is closed, surely; contradicted: it surely grows; open: neither."""
+
+    @property
+    def statement(self) -> str:
+        """The finding in a sentence."""
+        errors = f"{self.before_mm:.2f} mm rms before, {self.after_mm:.2f} mm after"
+        lost = f", {self.unsolved} more without equilibrium" if self.unsolved else ""
+        head = f"On the campaign held out ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
+        if not self.hypothesis:
+            return f"{head}; no effect leads, so nothing is put to the test."
+        if self.share_closed is None:
+            return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so nothing can be closed there."
+        sure = "" if self.ci95 is None else f" (95 %: {round(100 * self.ci95[0])} .. {round(100 * self.ci95[1])} %)"
+        named = " and ".join(self.hypothesis)
+        closed = f"{head}: {round(100 * self.share_closed)} % of what can be closed{sure}"
+        if not self.named:
+            return f"{closed}. That is with {named}, which comes nearest but was not named, so nothing is confirmed."
+        word = {
+            "confirmed": f"{named} confirmed",
+            "contradicted": f"{named} contradicted: it makes the prediction worse",
+            "open": f"this neither confirms nor contradicts {named}",
+        }[self.verdict]
+        return f"{closed}; {word}."
+
+
+def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
+    """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
+    if diagnosed.robot != other.robot:
+        raise BadHoldout(
+            f"measured on robot {other.robot.name!r} with another robot.yaml than the diagnosed {diagnosed.robot.name!r}; "
+            "hold out a campaign of the same robot, or give both one with --robot"
+        )
+    try:
+        own, _ = states(other)
+    except BadCase as e:
+        raise BadHoldout(str(e)) from e
+    own = own.take(~own.pushed)
+    if not len(own) or all(r.tip is None or r.protocol == "stiffness" for r in diagnosed.table):
+        which = "the campaign held out" if not len(own) else "what is diagnosed"
+        raise BadHoldout(
+            f"an answer is tried on tips, and {which} has none: stiffness trials alone cannot be held out, "
+            "nor be tried on a bending run; diagnose and hold out bending or elongation runs"
+        )
+    known = {_key(r) for r in diagnosed.table}
+    again = sum(_key(r) in known for r in own.rows)
+    if again:
+        raise BadHoldout(
+            f"{again} of its {len(own)} states are among those diagnosed, so the fit saw them; "
+            "give a campaign that is not among the inputs"
+        )
+    return own
+
+
+def _key(row: TrialRow) -> tuple[object, ...]:
+    """What no two readings share."""
+    return row.tip, row.pressures, row.spine_length
+
+
+def hold_out(f: Found, own: States) -> Holdout:
+    """Predict the states `own` of another campaign with what was found; raises `BadHoldout`."""
+    before, after = (_missed(f.prepared, own, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
+    seen = np.isfinite(before) & np.isfinite(after)
+    if not seen.any():
+        raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
+    before, after, kept = before[seen], after[seen], own.take(seen)
+    share, interval = closed(before, after, f.prepared.reading, kept.trial, levels(kept.spine_length, SPINE_GAP))
+    sure = f.decision.verdict == "effect"
+    return Holdout(
+        len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, sure, rms(before) * MM, rms(after) * MM,
+        f.prepared.reading * MM, share, interval, by_length(kept.spine_length, before, after), _word(sure, interval),
+    )  # fmt: skip
+
+
+def _missed(p: Prepared, own: States, theta: Array) -> Array:
+    """Tip distance (n,) m between measured and predicted; NaN where the rod has no equilibrium."""
+    forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
+    known = dict(zip(p.problem.parameters.names, p.shared(theta), strict=True))
+    there = np.array([0.0 if "[trial=" in i.name else known.get(i.name, 0.0) for i in forward.parameters])
+    predicted = forward.predict(there)
+    tip = np.full((len(own), 3), np.nan)
+    for axis, name in enumerate("xyz"):
+        rows = forward.observations.channel == name
+        tip[forward.observations.row[rows], axis] = predicted[rows]
+    out: Array = np.linalg.norm(own.tip - tip, axis=1)
+    return out
+
+
+def _word(named: bool, interval: tuple[float, float] | None) -> Word:
+    if not named or interval is None:
+        return "open"
+    return "confirmed" if interval[0] >= SURE else "contradicted" if interval[1] < 0 else "open"

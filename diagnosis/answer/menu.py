@@ -1,0 +1,174 @@
+"""What the rig could do next: experiments as protocol parameters, and the states they would give.
+
+Each is a bending or elongation run with one thing changed, short enough to be worth its time: three spine lengths,
+three pressures, two repeats. Costs are minutes of the rig plus minutes of a person's hands.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.robot import Robot
+
+from ..data.states import States
+
+Columns = dict[str, NDArray[np.generic]]
+
+RATE = 25e3
+"""Pa/s, the usual ramp."""
+FAST = 100e3
+HOLDS = (2.0, 10.0, 30.0)
+"""s, readings of a hold experiment."""
+PER_TRIAL, PER_STATE = 25.0, 6.0
+"""s: release, grow, jam and vent; ramp's end until a reading is settled and averaged."""
+SETTLED = 3.0
+"""s from the ramp's end to the middle of a settled reading."""
+TURN, MASS = 90.0, 0.1
+"""deg the body is turned, kg hung on in addition."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One thing to do."""
+
+    id: str
+    do: str
+    parameters: Mapping[str, Any]
+    """Protocol parameters, SI, with the protocol's name under `protocol`."""
+    hands: float
+    """Minutes of a person's work before it can run."""
+    channels: tuple[str, ...] = ()
+    """Channels that are measured in addition to those of the campaign."""
+
+    @property
+    def minutes(self) -> float:
+        """Cost in minutes."""
+        rig = sum(PER_TRIAL for _ in _sweeps(self.parameters)) + sum(s.seconds for s in _states(self.parameters))
+        return round(self.hands + rig / 60, 1)
+
+
+@dataclass(frozen=True)
+class _State:
+    spine_length: float
+    pressure: float
+    branch: str
+    repeat: int
+    vacuum: float
+    hold: float
+    seconds: float = field(default=PER_STATE)
+
+
+def menu(robot: Robot, s: States) -> list[Experiment]:
+    """Experiments that the campaign does not hold yet."""
+    lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > s.pressure_gap], s.pressure_gap)
+    chambers = _inflated(s)
+    others = [(c - 1 + len(robot.chambers.azimuths_deg) // 3) % len(robot.chambers.azimuths_deg) + 1 for c in chambers]
+    mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
+    vacuum = float(np.median([80e3 if r.vacuum is None else r.vacuum for r in s.rows]))
+    base: dict[str, Any] = {
+        "protocol": "bending", "spine_lengths": lengths, "pressures": pressures, "chambers": chambers, "unload": False,
+        "repeats": 2, "rate": RATE, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
+    }  # fmt: skip
+    low = [round(0.6 * p, -3) for p in pressures]
+    vacuums = [round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)]
+    every = list(range(1, len(robot.chambers.azimuths_deg) + 1))
+    stretch = {**base, "protocol": "elongation", "pressures": low, "chambers": every}
+    hold = {**base, "reading": "hold", "hold_times": list(HOLDS)}
+    fast = {**base, "reading": "sweep", "rate": FAST, "unload": True}
+    heavy = {**base, "tip_mass": round(mass + MASS, 4)}
+    quaternion = ("qw", "qx", "qy", "qz")
+    offered = [
+        Experiment("unload", "read the unload branch too", {**base, "unload": True}, 0.0),
+        Experiment("orientation", "track the tip's orientation (rigid body in motion capture)", base, 5.0, quaternion),
+        Experiment("elongation", "inflate all chambers together", stretch, 0.0),
+        Experiment("other_chambers", f"inflate chambers {others} instead", {**base, "chambers": others}, 0.0),
+        Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
+        Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", heavy, 3.0),
+        Experiment("hold", "hold each pressure and read again and again", hold, 0.0),
+        Experiment("vacuum", "sweep the vacuum", {**base, "vacuums": vacuums}, 0.0),
+        Experiment("rate", "read on the fly on a fast ramp, up and down", fast, 0.0),
+    ]
+    if robot.markers:
+        names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
+        offered.append(Experiment("markers", "put markers along the body", base, 20.0, names))
+    return [e for e in offered if not _done(e.id, s)]
+
+
+def _done(id: str, s: States) -> bool:
+    """Whether the campaign holds such states already."""
+    rows = s.rows
+    has = {
+        "unload": any(r.branch == "unload" for r in rows),
+        "orientation": any(r.orientation is not None for r in rows),
+        "markers": any(r.markers for r in rows),
+        "elongation": any(min(r.pressures) > s.pressure_gap for r in rows),
+        "roll": len({round(r.roll_deg or 0.0) for r in rows}) > 1,
+        "tip_mass": len({round(r.tip_mass or 0.0, 3) for r in rows}) > 1,
+        "vacuum": len({round((r.vacuum or 0.0) / 10e3) for r in rows if r.spine_length > 0.01}) > 2,
+        "rate": any(r.hold is not None and r.hold <= 0 for r in rows),
+    }
+    return has.get(id, False)
+
+
+def columns(e: Experiment, chambers: int, channels: tuple[str, ...]) -> Columns:
+    """The table of trials the experiment would give; measured channels hold zeros (orientation: no turn)."""
+    p, states = e.parameters, list(_states(e.parameters))
+    n = len(states)
+    trial = {key: i + 1 for i, key in enumerate(dict.fromkeys((s.repeat, s.vacuum, s.spine_length) for s in states))}
+    out: Columns = {
+        "trial": np.array([trial[s.repeat, s.vacuum, s.spine_length] for s in states]),
+        "repeat": np.array([s.repeat for s in states]),
+        "protocol": np.array([p["protocol"]] * n),
+        "branch": np.array([s.branch for s in states]),
+        "t": np.cumsum([s.seconds for s in states]),
+        "rate": np.full(n, p["rate"]),
+        "hold": np.array([s.hold for s in states]),
+        "spine_length": np.array([s.spine_length for s in states]),
+        "vacuum": np.array([s.vacuum for s in states]),
+        "tip_mass": np.full(n, p["tip_mass"]),
+        "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
+    }
+    for c in range(1, chambers + 1):
+        out[f"p{c}"] = np.array([s.pressure if c in p["chambers"] else 0.0 for s in states])
+    for name in dict.fromkeys((*channels, *e.channels)):
+        out[name] = np.full(n, 1.0 if name == "qw" else 0.0)
+    return out
+
+
+def _sweeps(p: Mapping[str, Any]) -> Iterator[tuple[int, float, float]]:
+    return itertools.product(range(1, p["repeats"] + 1), p["vacuums"], p["spine_lengths"])
+
+
+def _states(p: Mapping[str, Any]) -> Iterator[_State]:
+    """The states in the order in which the protocol visits them."""
+    up = [(x, "load") for x in [0.0, *p["pressures"]]]
+    down = [(x, "unload") for x in [*p["pressures"][-2::-1], 0.0]] if p["unload"] else []
+    reading = p.get("reading", "settled")
+    holds = {"settled": [SETTLED], "sweep": [0.0], "hold": p.get("hold_times", [])}[reading]
+    for repeat, vacuum, length in _sweeps(p):
+        before = 0.0
+        for pressure, branch in up + down:
+            climb, before, waited = abs(pressure - before) / p["rate"], pressure, 0.0
+            for hold in holds:
+                yield _State(length, pressure, branch, repeat, vacuum, hold, climb + max(hold - waited, 0.0) + 1.0)
+                climb, waited = 0.0, hold
+
+
+def _three(values: NDArray[np.float64], gap: float) -> list[float]:
+    """Lowest, middle and highest of the settings used, rounded to the setting's grain."""
+    known = np.unique(np.round(values / gap) * gap)
+    picked = np.unique(known[[0, len(known) // 2, -1]]) if known.size else known
+    return [float(np.round(x, 6)) for x in picked]
+
+
+def _inflated(s: States) -> list[int]:
+    """Numbers of the chambers inflated in the state with the highest pressure of the main sweep."""
+    main = np.flatnonzero(s.kind == 0)
+    row = s.pressure[main[np.argmax(s.highest[main])]]
+    return [int(i) + 1 for i in np.flatnonzero(row > 0.5 * row.max())]

@@ -1,0 +1,220 @@
+"""The answer, as frozen data and as diagnosis.json ("diagnosis/1").
+
+Lengths are mm where the name says so, otherwise SI. `Diagnosis.detail` holds what the figures of the report need beyond
+the contract; everything else is fixed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from recordings.json_text import read_json
+
+from ..errors import BadCase
+
+SCHEMA = "diagnosis/1"
+FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
+"""What the gap is split by; with stiffness trials also by "stiffness": specimen and spine length."""
+STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement")
+
+Verdict = Literal["effect", "none", "unknown"]
+
+
+@dataclass(frozen=True)
+class Data:
+    """What was diagnosed."""
+
+    rows: int
+    trials: int
+    channels: tuple[str, ...]
+    noise_mm: float
+    """White noise of a tip coordinate, or of stiffness trials alone of a deflection, mm."""
+    noise_from: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The gap in one part of the data."""
+
+    value: float | str
+    """Spine length m, pressure Pa, axis, branch, time s, arc length m, or specimen."""
+    rmse_mm: float
+    bias_mm: float
+    """Mean of measured minus model: along x for all factors but axis."""
+    n: int
+    low95_mm: float
+    high95_mm: float
+    significant: bool
+    """Above the noise floor, with the share of false alarms over all cells held to 5 %."""
+
+
+@dataclass(frozen=True)
+class Locate:
+    """Where the gap lies."""
+
+    gap_rmse_mm: float
+    noise_floor_mm: float
+    significant: bool
+    by: Mapping[str, tuple[Cell, ...]]
+    stage: Mapping[str, float]
+    numerical_error_mm: float
+    """Root mean square tip error that the paper's Euler integration alone would add to its model."""
+    of: Literal["tip", "deflection"] = "tip"
+    """What the gap is of: the tip's position; of stiffness trials alone the deflection, a missed force over the specimen's
+    stiffness. Beside tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter with its standard deviation."""
+
+    value: float
+    sd: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One hypothesis."""
+
+    effects: tuple[str, ...]
+    """Empty for none, `("unknown",)` for a cause outside the catalogue."""
+    probability: float
+    log_evidence: float
+    heldout_rmse_mm: float | None
+    """Not computed for hypotheses of little weight."""
+    parameters: Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Attribute:
+    """Which effect."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    probability: float
+    credible_set: tuple[tuple[str, ...], ...]
+    ranking: tuple[Ranked, ...]
+    cannot_tell_apart: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class LengthShrink:
+    """The gap at one spine length, on data the fit did not see."""
+
+    value: float
+    before_mm: float
+    after_mm: float
+    n: int
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """How far the gap shrinks, on data the fit did not see."""
+
+    how: str
+    before_mm: float
+    after_mm: float
+    floor_mm: float
+    share_closed: float | None
+    """1 - (after^2 - floor^2) / (before^2 - floor^2); negative where it gets worse, None where nothing can be closed."""
+    ci95: tuple[float, float] | None
+    by_spine_length: tuple[LengthShrink, ...]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An experiment that would tell candidates apart."""
+
+    id: str
+    do: str
+    separates: tuple[tuple[str, ...], ...]
+    expected_bits: float
+    cost_min: float
+    protocol: Mapping[str, Any] = field(default_factory=dict)
+    """Protocol parameters as `lab run` takes them."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer."""
+
+    statement: str
+    """The verdict in a sentence."""
+    data: Data
+    locate: Locate
+    attribute: Attribute
+    shrink: Shrink | None
+    next_experiment: tuple[Proposal, ...]
+    concerns: tuple[str, ...] = ()
+    """What could not be concluded, and why."""
+    detail: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able, as diagnosis.json holds it."""
+        return {"schema": SCHEMA, **_plain(asdict(self))}
+
+    def to_json(self) -> str:
+        """The text of diagnosis.json."""
+        return json.dumps(self.as_dict(), indent=1, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Diagnosis:
+        """Read diagnosis.json; raises `BadCase` when it is none."""
+        try:
+            data = read_json(text)
+            if data["schema"] != SCHEMA:
+                raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
+            return _read(data)
+        except BadCase:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {str(error)[:200]}") from error
+
+
+def _plain(value: Any) -> Any:
+    """Tuples to lists, numbers of numpy to Python's, NaN and infinities to null."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _names(lists: list[list[str]]) -> tuple[tuple[str, ...], ...]:
+    return tuple(tuple(x) for x in lists)
+
+
+def _read(d: dict[str, Any]) -> Diagnosis:
+    where, which, far = d["locate"], d["attribute"], d["shrink"]
+    ranking = tuple(
+        Ranked(
+            **{**r, "effects": tuple(r["effects"]), "parameters": {k: Value(**v) for k, v in r["parameters"].items()}}
+        )
+        for r in which["ranking"]
+    )
+    shrink = None
+    if far is not None:
+        lengths = tuple(LengthShrink(**x) for x in far["by_spine_length"])
+        shrink = Shrink(**{**far, "ci95": tuple(far["ci95"]) if far["ci95"] else None, "by_spine_length": lengths})
+    return Diagnosis(
+        statement=d["statement"],
+        data=Data(**{**d["data"], "channels": tuple(d["data"]["channels"])}),
+        locate=Locate(**{**where, "by": {k: tuple(Cell(**c) for c in v) for k, v in where["by"].items()}}),
+        attribute=Attribute(
+            which["verdict"], tuple(which["effects"]), which["probability"], _names(which["credible_set"]), ranking,
+            _names(which["cannot_tell_apart"]),
+        ),
+        shrink=shrink,
+        next_experiment=tuple(Proposal(**{**p, "separates": _names(p["separates"])}) for p in d["next_experiment"]),
+        concerns=tuple(d["concerns"]),
+        detail=d["detail"],
+    )  # fmt: skip

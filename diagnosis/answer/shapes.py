@@ -1,0 +1,56 @@
+"""Shapes of the robot in the states that are missed most: measured, calibrated baseline, and with the best hypothesis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.levels import SPINE_GAP, levels
+from ..inference.prepare import Prepared
+
+Array = NDArray[np.float64]
+
+STATIONS = 25
+"""Points along a backbone."""
+MOST = 4
+"""States shown."""
+
+
+def worst(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
+    """The worst state of each spine length, at most four, by spine length; m, base frame.
+
+    `calibrated` and `explained` are parameters (k,); what each trial has of its own is left out of both.
+    """
+    models = {"calibrated": p.shared(calibrated), "explained": p.shared(explained)}
+    tips = {name: p.tip(p.problem.forward.predict(theta)) for name, theta in models.items()}
+    missed = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)
+    shown = _picked(p, missed)
+    if not shown:
+        return []
+    # A fitted robot may be a little longer than its description: beyond the tip stands for the tip.
+    arcs = np.append(np.linspace(0.0, p.robot.length, STATIONS - 1), 2 * p.robot.length)
+    curves = {name: p.forward.shapes(theta, arcs) for name, theta in models.items()}
+    return [
+        {
+            "trial": int(p.states.trial[i]),
+            "step": p.states.rows[i].step,
+            "spine_length": float(p.states.spine_length[i]),
+            "pressure": float(p.states.highest[i]),
+            "branch": p.states.rows[i].branch,
+            "measured_tip": p.states.tip[i].tolist(),
+            "measured_markers": [list(m) for m in p.states.rows[i].markers or ()],
+        }
+        | {name: {"tip": tips[name][i].tolist(), "backbone": curves[name][i].tolist()} for name in models}
+        for i in shown
+    ]
+
+
+def _picked(p: Prepared, missed: Array) -> list[int]:
+    """Indices of the states to show."""
+    length = levels(p.states.spine_length, SPINE_GAP)
+    of_length = [np.flatnonzero((length == k) & np.isfinite(missed)) for k in np.unique(length)]
+    each = [int(own[np.argmax(missed[own])]) for own in of_length if own.size]
+    most = sorted(each, key=lambda i: -missed[i])[:MOST]
+    return sorted(most, key=lambda i: float(p.states.spine_length[i]))

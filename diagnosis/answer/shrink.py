@@ -1,0 +1,146 @@
+"""How far the gap shrinks, on data that no fit saw.
+
+Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within
+the tolerance that the data ask for. Each spine length is predicted by a fit to the others (each trial, when there is one
+length only); the share closed counts from the noise floor, its interval comes from drawing trials anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.levels import SPINE_GAP, levels
+from ..inference.fit import Fit
+from ..inference.heldout import Model, left_out
+from ..inference.prepare import Prepared
+from ..inference.search import Candidate
+from .result import LengthShrink, Shrink
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MM = 1e3
+DRAWS = 500
+SEED = 31337
+CLOSABLE = 1.1
+"""Before must exceed the floor by this factor, or there is nothing to close."""
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Errors (n,) m of states, each predicted without its fold."""
+
+    before: Array
+    after: Array
+    how: str
+    stand_before: Array
+    """(n,) m of deflection, of stiffness trials; NaN elsewhere."""
+    stand_after: Array
+
+
+def folds(p: Prepared) -> tuple[Ints, str]:
+    """What is left out together (states,), and its name."""
+    length = levels(p.states.spine_length, SPINE_GAP)
+    if len(np.unique(length)) >= 3:
+        return length, "leave one spine length out"
+    pressure = levels(p.states.highest, p.states.pressure_gap)
+    if len(np.unique(pressure[~p.states.pushed])) >= 3:
+        return pressure, "leave one pressure out"
+    return np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64), "leave one trial out"
+
+
+def baseline_model(p: Prepared, calibrated: Fit) -> Model:
+    """The calibrated baseline without any effect."""
+    return Model(p.problem.parameters.absent(), 0.0, calibrated)
+
+
+def candidate_model(p: Prepared, c: Candidate) -> Model:
+    """The model of a hypothesis: named effects wide, the others within their tolerance."""
+    return Model(c.prior(p.problem.parameters), c.cell.size, c.fit)
+
+
+def unseen_error(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:
+    """Distance (states,) m between measured and predicted, each state predicted without its fold (states,).
+
+    The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections.
+    """
+    missed = left_out(p.problem, model, fold[p.labels.state])
+    gap: Array = np.linalg.norm(p.gap(missed), axis=1)
+    return gap, np.abs(p.deflection(missed))
+
+
+def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen] | tuple[None, None]:
+    """Before and after for the named hypothesis; nothing where there is but one part, of which none can be left out."""
+    fold, how = folds(p)
+    if len(np.unique(fold)) < 2:
+        return None, None
+    before, stand_before = unseen_error(p, baseline_model(p, calibrated), fold)
+    after, stand_after = unseen_error(p, candidate_model(p, best), fold)
+    seen = np.isfinite(before) & np.isfinite(after)
+    share, interval = closed(before[seen], after[seen], p.reading, p.states.trial[seen])
+    by = by_length(p.states.spine_length[seen], before[seen], after[seen])
+    made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.reading * MM, share, interval, by)
+    return made, Unseen(before, after, how, stand_before, stand_after)
+
+
+def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:
+    """Errors (n,) m of states by their spine length (n,) m."""
+    level = levels(spine_length, SPINE_GAP)
+    parts = (level == k for k in np.unique(level))
+    return tuple(
+        LengthShrink(float(np.round(spine_length[i].mean(), 6)), rms(before[i]) * MM, rms(after[i]) * MM, int(i.sum()))
+        for i in parts
+    )
+
+
+def share_closed(before: float, after: float, floor: float) -> float | None:
+    """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
+    if before <= CLOSABLE * floor:
+        return None
+    return 1 - (after**2 - floor**2) / (before**2 - floor**2)
+
+
+def closed(
+    before: Array, after: Array, floor: float, trial: Ints, kind: Ints | None = None
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials.
+
+    Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
+    """
+    share = share_closed(rms(before), rms(after), floor)
+    if share is None:
+        return None, None
+    names, first, index = np.unique(trial, return_index=True, return_inverse=True)
+    if len(names) < 2:
+        return share, None
+    count = np.bincount(index).astype(float)
+    worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
+    drawn = _drawn(np.zeros(len(names), np.int64) if kind is None else kind[first])
+    n = count[drawn].sum(axis=1)
+    top = better[drawn].sum(axis=1) / n - floor**2
+    bottom = worse[drawn].sum(axis=1) / n - floor**2
+    shares = 1 - top[bottom > 0] / bottom[bottom > 0]
+    if not shares.size:
+        return share, None
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return share, (float(low), float(high))
+
+
+def _drawn(kind: Ints) -> Ints:
+    """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
+    _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
+    alone = count[kind] < 2
+    rng = np.random.default_rng(SEED)
+    out = np.empty((DRAWS, len(kind)), np.int64)
+    for group in (np.flatnonzero(np.where(alone, -1, kind) == k) for k in (-1, *range(len(count)))):
+        if group.size:
+            out[:, group] = group[rng.integers(0, group.size, (DRAWS, group.size))]
+    return out
+
+
+def rms(values: Array) -> float:
+    """Root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -1,0 +1,98 @@
+"""How large the named effects are: what the data say of each size, within what is physically possible.
+
+Around the fit the problem is linear and its posterior normal, averaged over the grid of what is tolerated; a size that cannot
+be (a negative stiffness, more than the whole of a law) is cut off. One parameter at a time, the others integrated out and
+not cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+from scipy.stats import truncnorm
+
+from ..inference.evidence import KNOWN
+from ..inference.prepare import Prepared
+from ..inference.search import Candidate
+from .result import Value
+
+Array = NDArray[np.float64]
+
+LIGHT = 0.02
+"""Points of the grid with less weight are left out."""
+SIGMAS = 2.0
+"""Standard deviations beyond a bound from which on the data speak against the effect itself."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """One parameter of a named effect, in its unit."""
+
+    name: str
+    unit: str
+    fitted: float
+    """At the most probable point, within the bounds."""
+    mean: float
+    """Of the normal posterior before it is cut."""
+    sd: float
+    low: float
+    high: float
+    """Physical bounds."""
+    low90: float
+    high90: float
+    """90 % interval of the cut posterior."""
+
+    @property
+    def impossible(self) -> bool:
+        """The data ask for a value well beyond the bounds."""
+        return self.mean < self.low - SIGMAS * self.sd or self.mean > self.high + SIGMAS * self.sd
+
+
+def sizes(p: Prepared, c: Candidate, spread: float) -> tuple[Size, ...]:
+    """The parameters of the effects that a hypothesis names; none for no effect and for the unknown.
+
+    `spread` widens the standard deviation of the linear problem (see tempering).
+    """
+    parameters = p.problem.parameters
+    if c.unknown or not c.named:
+        return ()
+    mean, sd = (x * parameters.scale for x in _averaged(p, c))
+    sd = spread * sd
+    rows = np.flatnonzero(parameters.of_effect)
+    return tuple(
+        _size(p, int(i), float(c.fit.theta[i]), float(mean[j]), float(sd[j]))
+        for j, i in enumerate(rows)
+        if parameters.effects[i] in c.named
+    )
+
+
+def values(found: tuple[Size, ...]) -> dict[str, Value]:
+    """The same as parameter name -> fitted value with its standard deviation."""
+    return {s.name: Value(s.fitted, s.sd, s.unit) for s in found}
+
+
+def _averaged(p: Prepared, c: Candidate) -> tuple[Array, Array]:
+    """Posterior mean and standard deviation (p,) of the effects' parameters, in units of their scale, over the grid."""
+    parameters, grid, cells = p.problem.parameters, KNOWN.part(c.loose), c.weighed.cells
+    weights = np.exp(cells - logsumexp(cells))
+    named = parameters.mask(c.named)
+    moments, total = np.zeros((2, len(parameters.scale))), 0.0
+    for j, k in np.argwhere(weights.max(axis=0) > LIGHT):
+        reduced = c.fit.linear.reduced(float(grid.sizes[j]), float(grid.forms[k]))
+        for i in np.flatnonzero(weights[:, j, k] > LIGHT):
+            mean, covariance = reduced.posterior(parameters.prior(named, float(grid.spikes[i]), c.fit.linear.reach))
+            moments += weights[i, j, k] * np.array([mean, np.diag(covariance) + mean**2])
+            total += float(weights[i, j, k])
+    mean, square = moments / total
+    return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
+
+
+def _size(p: Prepared, i: int, fitted: float, mean: float, sd: float) -> Size:
+    parameters = p.problem.parameters
+    low, high = float(parameters.lower[i]), float(parameters.upper[i])
+    cut = truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd)
+    at = [float(np.clip(cut.ppf(q), low, high)) for q in (0.05, 0.95)]
+    return Size(parameters.names[i], parameters.units[i], fitted, mean, sd, low, high, *at)

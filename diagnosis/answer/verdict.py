@@ -1,0 +1,81 @@
+"""The verdict and its wording.
+
+    best supported     one cause leads; called confirmed only after an experiment that the fit did not see agrees
+    tied with ..       others explain the data as well; what would break the tie is named
+    outside the catalogue
+    below the floor    nothing significant
+
+Probabilities are given with the bench that they were calibrated on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..criticism.calibration import Tempering
+from ..inference.evidence import NONE
+from ..inference.posterior import UNKNOWN, Posterior
+from .result import Locate, Shrink, Verdict
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What is answered."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    probability: float
+
+
+def decide(posterior: Posterior, tempering: Tempering, enough: bool) -> Decision:
+    """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits."""
+    outside = posterior.probability(UNKNOWN)
+    named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
+    if not enough or outside >= tempering.flagged:
+        return Decision("unknown", (), outside)
+    if named == NONE:
+        return Decision("none", (), probability)
+    return Decision("effect", named, probability)
+
+
+def statement(
+    d: Decision, posterior: Posterior, where: Locate, shrunk: Shrink | None, rivals: Sequence[str], breaker: str | None,
+    odd_trial: int | None, bench: str,
+) -> str:  # fmt: skip
+    """The verdict in a few sentences; `breaker` is the experiment that would separate the candidates best."""
+    gap, floor = where.gap_rmse_mm, where.noise_floor_mm
+    # Deflections at the stand are small.
+    what, digits = ("the tip", 2) if where.of == "tip" else ("the deflections of the stiffness trials", 3)
+    head = f"The calibrated model misses {what} by {gap:.{digits}f} mm rms; the noise floor is {floor:.{digits}f} mm."
+    sure = f"p = {d.probability:.2f}, {bench}"
+    if d.verdict == "none":
+        return f"{head} Below the floor: no effect of the catalogue is supported ({sure})."
+    if d.verdict == "unknown":
+        odd = f" Trial {odd_trial} does not fit with the others: look at it first." if odd_trial is not None else ""
+        near = next((h for h, _ in posterior.ranking if h not in (NONE, UNKNOWN)), None)
+        alike = f" What comes nearest is {' and '.join(near)}, which does not explain it." if near else ""
+        return f"{head} No cause can be named: outside the catalogue, or too little data ({sure}).{alike}{odd}"
+    tied = f", tied with {', '.join(rivals)}" if rivals else ""
+    broken = f", broken by: {breaker}" if rivals and breaker else ""
+    text = f"{head} Best supported cause: {' and '.join(d.effects)} ({sure}){tied}{broken}."
+    if shrunk is None:
+        return text
+    closed = (
+        f", {min(shrunk.share_closed, 1.0) * 100:.0f} % of what can be closed"
+        if shrunk.share_closed is not None
+        else ""
+    )
+    return f"{text} With it {shrunk.after_mm:.{digits}f} mm are left on data that the fit did not see{closed}."
+
+
+def beside(pushes: Mapping[str, Any], d: Decision) -> str:
+    """A sentence about the stiffness trials beside tips; `pushes` is the diagnosis' detail of them."""
+    missed, floor = pushes["waterfall_mm"], pushes["floor_mm"]
+    text = (
+        f"Of the stiffness trials it misses the deflections by {missed['calibrated']:.3f} mm rms (floor {floor:.3f} mm)"
+    )
+    if d.verdict != "effect":
+        return f"{text}."
+    return f"{text}, with the cause by {missed['explained']:.3f} mm."

@@ -1,0 +1,173 @@
+"""From a table of trials to arrays, and what such a table can and cannot be asked.
+
+Nothing is guessed: rows that cannot be used are left out and counted, a table that cannot be used at all is refused,
+and what a sound but small table does not hold is said as a concern that travels with the result.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.robot import Robot
+from recordings.trials import Table, TrialRow
+
+from ..errors import BadCase
+from . import plausible, pushes
+from .levels import SPINE_GAP, VACUUM_GAP, levels, pressure_gap
+from .states import States
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+RATE_GAP = 1e3
+"""Pa/s: ramps that differ by less were meant to be the same."""
+HOLD_GAP = 0.4
+"""Of log(1 + hold / s): settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ."""
+FEWEST_REPEATS = 3
+
+
+class CaseLike(Protocol):
+    """A robot and its table of trials."""
+
+    @property
+    def robot(self) -> Robot: ...
+
+    @property
+    def table(self) -> Table: ...
+
+
+def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
+    """The states with a tip and those of stiffness trials, and what is to be said about the table; raises `BadCase`."""
+    robot = case.robot
+    of_robot = [r for r in case.table if r.protocol != "stiffness" and r.tip is not None]
+    of_stand = pushes.rows(case.table)
+    if not of_robot and not of_stand:
+        raise BadCase(
+            f"{len(case.table)} rows, none with a tip position and no stiffness row with force and deflection: a bending, "
+            "elongation or stiffness run is needed to see a gap"
+        )
+    sound = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
+    held = [r for r in of_stand if np.isfinite((r.spine_length, r.force, r.deflection)).all()]  # type: ignore[arg-type]
+    concerns = []
+    if len(sound) + len(held) < len(of_robot) + len(of_stand):
+        every = len(of_robot) + len(of_stand)
+        bad = every - len(sound) - len(held)
+        concerns.append(f"{bad} of {every} states hold values that are not finite and are left out")
+    if not sound and not held:
+        raise BadCase(
+            f"all {len(of_robot) + len(of_stand)} states hold values that are not finite: nothing can be compared"
+        )
+    plausible.refuse(robot, sound + held)
+    pushes.refuse_strange(robot, held)
+    made = _arrays(sound, held, len(robot.chambers.azimuths_deg))
+    return made, tuple(concerns + (_concerns(made) if sound else []) + pushes.concerns(held, made, bool(sound)))
+
+
+def _arrays(of_robot: list[TrialRow], of_stand: list[TrialRow], chambers: int) -> States:
+    rows = of_robot + of_stand
+    gap = pressure_gap(of_robot)
+    trial = np.array([r.trial for r in rows], np.int64)
+    spine = np.clip([r.spine_length for r in rows], 0.0, None)
+    none = (0.0,) * chambers
+    pressure = np.array([r.pressures for r in of_robot] + [none] * len(of_stand)).reshape(len(rows), chambers)
+    branch = np.array([-1.0 if r.branch == "unload" else 1.0 for r in rows])
+    n = len(of_robot)
+    kind = np.concatenate([_kinds(of_robot, spine[:n], pressure[:n], gap), pushes.kinds(of_stand)])
+    kind[n:] += kind[:n].max(initial=-1) + 1
+    condition = np.concatenate(
+        [
+            _conditions(of_robot, spine[:n], pressure[:n], branch[:n], kind[:n], gap),
+            pushes.conditions(of_stand, spine[n:]),
+        ]
+    )
+    condition[n:] += condition[:n].max(initial=-1) + 1
+    time = np.array([np.nan if r.t is None else r.t for r in rows])
+    tip = np.array([r.tip for r in of_robot] + [(np.nan,) * 3] * len(of_stand))
+    return States(
+        tuple(rows), trial, spine, pressure, branch, time, tip, condition, kind, np.arange(len(rows)) >= n, gap
+    )
+
+
+def _conditions(rows: list[TrialRow], spine: Array, pressure: Array, branch: Array, kind: Ints, gap: float) -> Ints:
+    """Number of each row's condition."""
+    if not rows:
+        return np.zeros(0, np.int64)
+    level = levels(pressure.max(axis=1), gap)
+    held = levels(np.log1p([r.hold or 0.0 for r in rows]), HOLD_GAP)
+    keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind, held])
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def _kinds(rows: list[TrialRow], spine: Array, pressure: Array, gap: float) -> Ints:
+    """Number of each row's kind of experiment: protocol, chambers inflated, tip mass, roll, vacuum, rate and hold."""
+    if not rows:
+        return np.zeros(0, np.int64)
+    inflated = (pressure > 0.5 * pressure.max(axis=1, keepdims=True)) & (pressure > gap)
+    on_the_fly = np.array([r.hold is not None and r.hold <= 0 for r in rows])
+    rate = np.array([abs(r.rate or 0.0) for r in rows])
+    speed = np.zeros(len(rows))
+    trials = np.array([r.trial for r in rows])
+    for t in np.unique(trials):
+        # A trial is of one kind: near zero pressure no chamber stands out, and at its ends a sweep stands still.
+        own = trials == t
+        inflated[own] = inflated[own][np.argmax(pressure[own].max(axis=1))]
+        speed[own] = rate[own].max() if on_the_fly[own].any() else 0.0
+    columns = [
+        np.unique([r.protocol for r in rows], return_inverse=True)[1],
+        np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
+        levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
+        levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
+        _vacuums(np.array([r.vacuum or 0.0 for r in rows]), spine),
+        levels(speed, RATE_GAP),
+    ]
+    _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
+    rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
+    return rank[index.reshape(-1)].astype(np.int64)
+
+
+def _vacuums(vacuum: Array, spine: Array) -> Ints:
+    """Number of each row's vacuum, from the strongest on, among rows of its spine length: a leak takes more from a longer one,
+    and a weaker vacuum at one length may read like a stronger one at another."""
+    out = np.zeros(len(vacuum), np.int64)
+    length = levels(spine, SPINE_GAP)
+    for one in np.unique(length):
+        own = length == one
+        out[own] = levels(-vacuum[own], VACUUM_GAP)
+    return out
+
+
+def enough(s: States) -> bool:
+    """Whether a cause may be named at all: states were repeated, and the robot is bent at two pressures, or a specimen is
+    pushed to two deflections at two lengths."""
+    own = s.take(~s.pushed)
+    if len(own) and own.repeats >= 2:
+        bent = own.highest.max() > s.pressure_gap
+        return bool(bent and len(np.unique(levels(own.highest, s.pressure_gap))) > 1)
+    return pushes.enough(s.take(s.pushed))
+
+
+def _concerns(s: States) -> list[str]:
+    said = []
+    own = s.take(s.main)
+    lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))
+    pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
+    if lengths < 2:
+        said.append(
+            "one spine length only: what the spine does cannot be told from what the body does; record at least two lengths"
+        )
+    if pressures < 2:
+        said.append("one pressure only: no cause can be told from the chambers' area; record at least two pressures")
+    if s.highest.max() < s.pressure_gap:
+        said.append("no state is bent: nothing can be said about chambers, spine or material; record a bending sweep")
+    if s.repeats < FEWEST_REPEATS:
+        word = "no state was repeated" if s.repeats < 2 else "states were read twice only"
+        said.append(
+            f"{word}: the noise floor is taken from the spread of settled readings and misses what differs from trial to "
+            "trial, so no cause can be named with confidence; repeat the sweep three times"
+        )
+    if not (own.branch < 0).any():
+        said.append("no unload branch: friction, creep and a shift in time look alike; read the way down too")
+    return said

@@ -1,0 +1,209 @@
+"""Whether a table can have been measured on this robot, in the units and the frame that a table of trials has.
+
+Tables come from other tools in kPa, mm, rad, g, upside down, or with quaternions that begin with x. Such numbers are no
+noise: they miss what a robot of this size can do by the factor between two units, or by half a turn. Only what cannot
+be explained otherwise is refused, with the column, the value, what it looks like and what to write; what might also be
+right is left alone or said as a doubt.
+
+    tips            at rest near `length` from the base, along +z
+    orientation     unit quaternions, near qw = 1 at rest
+    pressures       what the tip's way needs, by beam theory, within a factor of 30 (see `plausible_pressures`)
+    spine, masses   against length and tip_mass of robot.yaml
+    pushes          against the cantilever's length and stiffness (see `plausible_pushes`)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.robot import Robot
+from model.section import body_area, body_second_moment
+from recordings.trials import TrialRow
+
+from ..errors import BadCase
+from .plausible_pressures import Pressures, pressure_oddities, roll_oddities
+from .plausible_pushes import push_oddities
+from .plausible_units import LENGTH_UNITS, nearest
+
+Array = NDArray[np.float64]
+
+FARTHEST = 1.5
+"""Robot lengths: no tip of a rod that stretches by less than half is further from its base."""
+NEAREST_AT_REST = 0.05
+"""Robot lengths: a body curled up so far is no soft arm at rest."""
+STRAIGHT, TURNED = 0.9, 75.0
+"""Robot lengths and degrees: a body bent along an arc so that its tip lies 75 degrees off its axis is 0.74 lengths away."""
+LIMP = 30.0
+"""Weight against bending stiffness (q L^3 / EI) beyond which a body may hang down from its base in any direction."""
+BESIDE_ONE = 0.05
+"""Of a quaternion's length from 1: more than rounding to two digits makes."""
+LAST_COMPONENT = 0.8
+"""Of qz at rest: bending and sagging turn about x and y, not about z."""
+OTHER_UNIT = 4.0
+"""Robot lengths of a spine from which on it is another unit rather than another robot."""
+
+
+def refuse(robot: Robot, rows: Iterable[TrialRow], name: str = "") -> None:
+    """Raises `BadCase`, one line for each thing that is wrong, each beginning with `name` (file or files)."""
+    found = oddities(robot, rows)
+    if found:
+        raise BadCase("\n".join(f"{name}: {text}" if name else text for text in found))
+
+
+def oddities(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
+    """What cannot be right, each with column, value, what it looks like and what to write; empty when all can be."""
+    every = list(rows)
+    tips = [r for r in every if r.protocol != "stiffness" and r.tip is not None]
+    tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
+    found = [*_spines(robot, every), *_masses(robot, every)]
+    if tips:
+        chambers = list(_chambers(robot, tips))
+        found += chambers
+        factor, said = _distances(robot, tips)
+        found += said
+        if factor and not chambers:
+            found += _of_the_robot(robot, [replace(r, tip=_scaled(r, factor)) for r in tips])
+    return (*found, *push_oddities(robot, every))
+
+
+def _of_the_robot(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+    """Checks of rows whose tips are in m."""
+    pressures = Pressures.of(robot, rows)
+    yield from pressure_oddities(robot, pressures)
+    yield from roll_oddities(robot, pressures)
+    resting = [r for r, rests in zip(rows, pressures.resting, strict=True) if rests]
+    if resting:
+        yield from _frame(robot, resting)
+    yield from _orientation(rows, resting)
+
+
+def _scaled(row: TrialRow, factor: float) -> tuple[float, float, float]:
+    x, y, z = row.tip or (np.nan,) * 3
+    return (x / factor, y / factor, z / factor)
+
+
+def where(row: TrialRow) -> str:
+    """How messages call a row."""
+    return f"trial {row.trial} step {row.step}"
+
+
+def _chambers(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+    there, expected = {len(r.pressures) for r in rows}, len(robot.chambers.azimuths_deg)
+    if there != {expected}:
+        yield (
+            f"rows with {', '.join(map(str, sorted(there)))} pressures for a robot with {expected} chambers: tables of "
+            "different robots cannot be used together; write one column p1.. for each of robot.yaml's azimuths_deg"
+        )
+
+
+# ------------------------------------------------------------------ lengths
+def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ...]]:
+    """The tips' unit in m (0: not to be told), and what is to be said about it."""
+    distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
+    worst = int(np.argmax(distance))
+    if distance[worst] <= FARTHEST * robot.length:
+        return 1.0, ()
+    far = int((distance > FARTHEST * robot.length).sum())
+    head = (
+        f"{where(rows[worst])}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
+        f"{robot.length:g} m long ({far} of {len(rows)} states)"
+    )
+    unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
+    if unit is None:
+        return 0.0, (f"{head}: check the unit (m) and the frame (base of the robot)",)
+    return unit.per_si, (f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}",)
+
+
+def _spines(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+    lengths = np.array([r.spine_length for r in rows])
+    if not len(lengths) or not np.nanmax(lengths) > 1.001 * robot.length:
+        return
+    worst = int(np.nanargmax(lengths))
+    head = f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m is beyond the robot's {robot.length:g} m"
+    times = float(lengths[worst]) / robot.length
+    if times < OTHER_UNIT:
+        yield f"{head}: check the unit (m), or the length in robot.yaml"
+        return
+    # What fits the robot in cm may be a short spine in mm as well.
+    looks = "cm or mm" if times <= 100 else "mm"
+    yield f"{head}: looks like {looks}; lengths are in m: divide by {'100 or 1000' if times <= 100 else '1000'}"
+
+
+# ------------------------------------------------------------------ masses
+def _masses(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+    """Grams: a thousand times robot.yaml's tip mass, or a weight under which the body would be twice as long."""
+    masses = np.array([r.tip_mass or 0.0 for r in rows])
+    if not len(masses) or not masses.max() > 0:
+        return
+    heaviest = int(np.argmax(masses))
+    mass = float(masses[heaviest])
+    told = robot.tip_mass
+    carried = robot.youngs_modulus * body_area(robot) / 9.81
+    if (told > 0 and abs(mass / told / 1000 - 1) < 0.05) or mass > carried:
+        beside = (
+            f"robot.yaml has {told:g} kg" if told > 0 else f"the body would be twice as long under {carried:.3g} kg"
+        )
+        yield (
+            f"{where(rows[heaviest])}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
+        )
+
+
+# ------------------------------------------------------------------ frame and orientation
+def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
+    """Where the tip is at rest, in robot lengths; `resting`: rows without pressure."""
+    tip = np.median([r.tip for r in resting], axis=0)  # type: ignore[arg-type]
+    away = float(np.linalg.norm(tip)) / robot.length
+    place = (
+        f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
+    )
+    meant = f"without pressure it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
+    if away < NEAREST_AT_REST:
+        yield f"{place}: looks like the way from the rest position; {meant}: add {robot.length:g} to z"
+        return
+    if away < STRAIGHT or _limp(robot):
+        return
+    off = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))
+    if off < TURNED:
+        return
+    if off > 180 - TURNED:
+        yield (
+            f"{place}: looks like z upside down; {meant}: change the sign of z and of y (half a turn about x, in "
+            "orientations and robot.yaml's gravity too)"
+        )
+        return
+    axis = "xy"[int(np.argmax(np.abs(tip[:2])))]
+    yield f"{place}: looks as if {axis} were the robot's axis; {meant}: turn the frame so that z points from base to tip"
+
+
+def _limp(robot: Robot) -> bool:
+    """Whether its weight may bend the body down from its base, wherever it points."""
+    weight = (robot.density * body_area(robot) * robot.length + robot.tip_mass) * float(np.linalg.norm(robot.gravity))
+    return weight * robot.length**2 > LIMP * robot.youngs_modulus * body_second_moment(robot)
+
+
+def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]:
+    turned = [r for r in rows if r.orientation is not None]
+    if not turned:
+        return
+    lengths = np.linalg.norm([r.orientation for r in turned], axis=1)  # type: ignore[arg-type]
+    worst = int(np.argmax(np.abs(lengths - 1)))
+    if abs(lengths[worst] - 1) > BESIDE_ONE:
+        yield (
+            f"{where(turned[worst])}, columns qw, qx, qy, qz: {_numbers(turned[worst])} has length {lengths[worst]:.3g}, a "
+            "rotation has 1: looks like angles or a rotation vector; write a unit quaternion, w first"
+        )
+        return
+    still = [r for r in resting if r.orientation is not None] or turned
+    if float(np.median([abs(r.orientation[3]) for r in still])) > LAST_COMPONENT:  # type: ignore[index]
+        yield (
+            f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the order "
+            "x, y, z, w; at rest the tip is turned like the base, (1, 0, 0, 0): write w, the last of the four, first"
+        )
+
+
+def _numbers(row: TrialRow) -> str:
+    return f"({', '.join(f'{c:.3g}' for c in row.orientation or ())})"

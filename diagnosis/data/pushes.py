@@ -1,0 +1,114 @@
+"""Rows of stiffness trials: which can be used, which were meant to be the same, and what they cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.robot import Robot
+from recordings.trials import TrialRow
+
+from ..errors import BadCase
+from .levels import SPINE_GAP, VACUUM_GAP, levels, step_gap
+from .states import States
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FARTHEST = 0.3
+"""Share of the cantilever's length beyond which its deflection is no small one."""
+SHORTEST = 0.01
+"""m; a shorter spine offers nothing to push on."""
+FEWEST_REPEATS = 3
+
+
+def rows(table: Iterable[TrialRow]) -> list[TrialRow]:
+    """Rows with a force and the deflection it belongs to."""
+    return [r for r in table if r.protocol == "stiffness" and r.force is not None and r.deflection is not None]
+
+
+def refuse_strange(robot: Robot, given: list[TrialRow]) -> None:
+    """Raises `BadCase` for rows that no stiffness trial of this robot gives."""
+    for r in given:
+        where = f"trial {r.trial} step {r.step}"
+        body = r.specimen == "body"
+        if not body and robot.spine is None:
+            raise BadCase(
+                f"{where}: pushes a spine, but robot {robot.name!r} has none: give robot.yaml its spine's moduli"
+            )
+        if r.spine_length > robot.length * 1.001:
+            raise BadCase(
+                f"{where}: spine length {r.spine_length:g} m is beyond the robot's {robot.length:g} m: check the unit (m)"
+            )
+        if not body and r.spine_length < SHORTEST:
+            raise BadCase(
+                f"{where}: pushes a spine of {r.spine_length:g} m: check spine_length (m), or write specimen body"
+            )
+        long = robot.length if body else r.spine_length
+        if abs(r.deflection or 0.0) > FARTHEST * long:
+            raise BadCase(
+                f"{where}: deflection {r.deflection:g} m of a cantilever of {long:g} m; beam theory holds to {FARTHEST:g} of its "
+                "length: check the unit (m), or leave the row out"
+            )
+
+
+def kinds(given: list[TrialRow]) -> Ints:
+    """Number of each row's kind of experiment, specimen and vacuum; 0 for most."""
+    if not given:
+        return np.zeros(0, np.int64)
+    columns = [
+        np.array([r.specimen == "body" for r in given], np.int64),
+        levels(np.array([r.vacuum or 0.0 for r in given]), VACUUM_GAP),
+    ]
+    _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
+    rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
+    return rank[index.reshape(-1)].astype(np.int64)
+
+
+def conditions(given: list[TrialRow], spine: Array) -> Ints:
+    """Number of each row's condition: kind, spine length, branch and step of deflection."""
+    if not given:
+        return np.zeros(0, np.int64)
+    deflection, trial = np.array([r.deflection for r in given], float), np.array([r.trial for r in given])
+    branch = np.array([r.branch == "unload" for r in given], np.int64)
+    keys = np.column_stack([kinds(given), levels(spine, SPINE_GAP), branch])
+    same = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    level = np.zeros(len(given), np.int64)
+    for one in np.unique(same):
+        own = same == one
+        level[own] = levels(deflection[own], step_gap(deflection[own], trial[own]))
+    return np.unique(np.column_stack([same, level]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def enough(s: States) -> bool:
+    """Whether pushes alone may name a cause: repeated, to two deflections, at two lengths or of two specimens."""
+    if not len(s) or s.repeats < 2:
+        return False
+    places = np.unique(np.column_stack([levels(s.spine_length, SPINE_GAP), s.kind]), axis=0)
+    return len(places) > 1 and len(np.unique(s.condition)) > len(places)
+
+
+def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
+    """What pushes cannot say; `beside` states of the robot."""
+    if not given:
+        return []
+    own = s.take(s.pushed)
+    said = []
+    if not beside:
+        said.append(
+            "stiffness trials only: nothing can be said about chambers, pressures, loads on the robot, base or cameras; only "
+            "effects that move these readings are weighed; record a bending sweep"
+        )
+        said.append("stiffness trials only: probabilities were tempered on bending campaigns, not on such data")
+    if own.repeats < FEWEST_REPEATS:
+        word = "no deflection was repeated" if own.repeats < 2 else "deflections were read twice only"
+        said.append(
+            f"stiffness trials: {word}: the usual scatter of touch, zero and jamming is taken; repeat them three times"
+        )
+    if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
+        said.append(
+            "stiffness trials at one spine length only: modulus, sensor zero and touch point look alike; push at two"
+        )
+    return said

@@ -1,0 +1,73 @@
+"""The states of a campaign as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.trials import TrialRow
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class States:
+    """n states in the order in which they happened, those of the robot before those of stiffness trials; SI, rad."""
+
+    rows: tuple[TrialRow, ...]
+    trial: Ints
+    spine_length: Array
+    pressure: Array
+    """(n, chambers) Pa gauge."""
+    branch: Array
+    """1 load, -1 unload."""
+    time: Array
+    """s; NaN where not recorded."""
+    tip: Array
+    """(n, 3) m, base frame; NaN for pushes."""
+    condition: Ints
+    """States of equal number were meant to be the same."""
+    kind: Ints
+    """States of equal number belong to the same kind of experiment; 0 is the sweep that most states belong to."""
+    pushed: NDArray[np.bool_]
+    """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
+    pressure_gap: float
+    """Pa within which pressures count as one setting."""
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, rows: NDArray[np.bool_]) -> States:
+        """The states picked by a mask."""
+        kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
+        return States(
+            kept, self.trial[rows], self.spine_length[rows], self.pressure[rows], self.branch[rows], self.time[rows],
+            self.tip[rows], self.condition[rows], self.kind[rows], self.pushed[rows], self.pressure_gap,
+        )  # fmt: skip
+
+    @cached_property
+    def main(self) -> NDArray[np.bool_]:
+        """(n,) states in which the gap is looked for: all with a tip; the pushes where there are no others."""
+        return ~self.pushed if (~self.pushed).any() else self.pushed
+
+    @cached_property
+    def deflection(self) -> Array:
+        """(n,) m; 0 for states of the robot."""
+        return np.array([(r.deflection or 0.0) if p else 0.0 for r, p in zip(self.rows, self.pushed, strict=True)])
+
+    @property
+    def highest(self) -> Array:
+        """(n,) Pa, pressure of the most inflated chamber."""
+        out: Array = self.pressure.max(axis=1)
+        return out
+
+    @property
+    def repeats(self) -> int:
+        """Trials in which a state was read, in the middle over all states in which the gap is looked for."""
+        # A state read twice in one trial is not repeated: what differs from trial to trial is not in it.
+        pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
+        return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))

@@ -1,0 +1,1 @@
+"""The joint model of a case and its fit: linearised problem, evidence, search, posterior."""

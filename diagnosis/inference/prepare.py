@@ -1,0 +1,335 @@
+"""From a case to the problem that is solved: forward model, measured values, noise floor, discrepancy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.parameters import ParameterInfo
+from model.effects.spec import EffectSpec
+from model.robot import Robot
+from recordings.trials import TEXTS
+
+from ..data.floor import Components, Repeated, components, reading_rms
+from ..data.noise import Noise
+from ..data.states import States
+from ..errors import BadCase
+from .discrepancy import Settings, by_channel, columns, settings
+from .labels import Labels
+from .problem import Parameters, Problem
+from .stand import OF_STAND, Stand, stand
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TIP = ("x", "y", "z")
+KINDS = ("tip", "turn", "marker", "force")
+USUAL = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
+"""Usual white noise of a reading: m, rad, m."""
+USUAL_PRESSURE = 500.0
+"""Pa."""
+STIFFNESS_ONLY = ("force_bias", "arm_compliance", "contact_offset")
+IDLE, IDLE_SHARE = 5e3, 0.025
+"""Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
+STEP = 500.0
+"""Pa by which pressures are moved for a derivative."""
+LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
+"""m, between which the unit of the discrepancy is kept."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A problem and what its values mean."""
+
+    robot: Robot
+    states: States
+    problem: Problem
+    labels: Labels
+    floor: Components
+    reading: float
+    """m, root mean square distance of a single tip reading from its condition's average; the noise floor."""
+    unit: float
+    """m, size 1 of the discrepancy."""
+    forward: ForwardModel
+    stand: Stand | None
+    """What is known of the stiffness trials; None where there are none."""
+
+    @property
+    def pushes_only(self) -> bool:
+        """Whether the gap is that of stiffness trials, as no state has a tip."""
+        return bool(self.states.pushed.all())
+
+    def shared(self, theta: Array) -> Array:
+        """Parameters (k,) with what each trial has of its own set to nothing: what a model can say of the next trial."""
+        by_trial = np.array(["[trial=" in name for name in self.problem.parameters.names])
+        return np.where(by_trial, self.problem.parameters.mean, theta)
+
+    def tip(self, values: Array) -> Array:
+        """(states, 3) the tip's values of (n,) values; NaN where not measured."""
+        out = np.full((len(self.states), 3), np.nan)
+        own = self.labels.kind == 0
+        out[self.labels.state[own], self.labels.axis[own]] = values[own]
+        return out
+
+    def deflection(self, values: Array) -> Array:
+        """(states,) m: forces among values (n,) as the deflection that each specimen gives way by under them, NaN elsewhere."""
+        out = np.full(len(self.states), np.nan)
+        if self.stand is not None:
+            own = self.labels.kind == 3
+            state = self.labels.state[own]
+            out[state] = values[own] / self.stand.stiffness[state]
+        return out
+
+    def gap(self, values: Array) -> Array:
+        """(states, 3) m where the gap is looked for: tips, or, of stiffness trials alone, the deflection along x."""
+        if not self.pushes_only:
+            return self.tip(values)
+        out = np.zeros((len(self.states), 3))
+        out[:, 0] = self.deflection(values)
+        return out
+
+
+class Kept:
+    """A forward model of which some values are not looked at."""
+
+    def __init__(self, forward: ForwardModel, kept: NDArray[np.bool_]) -> None:
+        self._forward, self._kept = forward, kept
+
+    def predict(self, theta: Array) -> Array:
+        """Predicted values that are kept; NaN where the rod has no equilibrium."""
+        try:
+            return self._forward.predict(theta)[self._kept]
+        except np.linalg.LinAlgError:
+            # A trial step that throws a rod far off: as good as no equilibrium.
+            return np.full(int(self._kept.sum()), np.nan)
+
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """Predicted values that are kept, and their derivatives."""
+        predicted, slope = self._forward.linearise(theta, columns)
+        return predicted[self._kept], slope[self._kept]
+
+
+def prepare(
+    robot: Robot,
+    states: States,
+    area: Literal["one", "per_length"] = "one",
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+) -> Prepared:
+    """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
+    table = table_columns(states)
+    design = design_from_columns(robot, table)
+    forward = ForwardModel(robot, design, area, seen_by(states, catalogue))
+    start = np.zeros(len(forward.parameters))
+    predicted, slope = forward.linearise(start)
+    if states.pushed.all():
+        forward = ForwardModel(robot, design, area, _moving(forward, slope))
+        start = np.zeros(len(forward.parameters))
+        predicted, slope = forward.linearise(start)
+    observed, sd = forward.observe(table)
+    kept = np.isfinite(sd) & np.isfinite(predicted)
+    if not kept.any():
+        raise BadCase(
+            "the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor"
+        )
+    labels = _labels(forward, states, kept)
+    made = parameters(forward.parameters)
+    missed, response = (observed - predicted)[kept], by_pressure(forward, states, made, slope)[kept]
+    floor, reading = _floor(states, labels, forward.parameters, missed, slope[kept], response)
+    held = stand(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
+    noise = _noise(states, labels, floor, held, response)
+    if held is not None and states.pushed.all():
+        known = held.reading
+    else:
+        known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
+    unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
+    smooth, alike, each = _smooth(robot, states, labels, unit, held)
+    problem = Problem(
+        Kept(forward, kept),
+        _scattered(made, forward.parameters, floor, held),
+        observed[kept],
+        noise,
+        smooth,
+        alike,
+        each,
+    )
+    return Prepared(robot, states, problem, labels, floor, known, unit, forward, held)
+
+
+def _moving(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
+    """The effects that move any value at all: those that the readings cannot bear on are not weighed."""
+    moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
+    return {id: spec for id, spec in forward.catalogue.items() if id in moved}
+
+
+def _noise(states: States, labels: Labels, floor: Components, held: Stand | None, response: Array) -> Noise:
+    """Of the robot's values, with their response (n, r) to the pressures' readings, and of the forces at the stand."""
+    usual = np.array([floor.channel.get(k, 1.0) for k in KINDS])
+    white = usual[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
+    shared = floor.pressure * response
+    if held is not None:
+        own = labels.kind == 3
+        white[own] = held.floor.channel["force"]
+        # No pressure is read there: the deflection's error, the state's own as well, takes the first column.
+        shared[own] = 0.0
+        shared[own, 0] = held.floor.pressure * held.stiffness[labels.state[own]]
+    return Noise(labels.state, white, shared)
+
+
+def seen_by(states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+    """A catalogue without the effects of stiffness trials, which states of the robot cannot show."""
+    return {id: spec for id, spec in catalogue.items() if states.pushed.any() or id not in STIFFNESS_ONLY}
+
+
+def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
+    """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
+    cells = [row.cells() for row in states.rows]
+    names = dict.fromkeys(name for row in cells for name in row)
+    table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in cells]) for name in names}
+    pressures = {f"p{i}": column for i, column in enumerate(vented(states).T, 1)}
+    return table | {"spine_length": states.spine_length} | pressures
+
+
+def vented(states: States) -> Array:
+    """(n, chambers) Pa, readings with those of vented chambers set to zero.
+
+    A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which
+    would otherwise bend the model.
+    """
+    out = states.pressure.copy()
+    idle = min(IDLE, IDLE_SHARE * float(out.max()))
+    for t in np.unique(states.trial):
+        own = np.flatnonzero(states.trial == t)
+        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < idle))] = 0.0
+    out[out.max(axis=1) < states.pressure_gap] = 0.0
+    return out
+
+
+def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
+    """The forward model's table as the diagnosis sees it."""
+    return Parameters(
+        names=tuple(p.name for p in infos),
+        effects=tuple(p.source if p.group == "effect" else "" for p in infos),
+        mean=np.zeros(len(infos)),
+        sd=np.array([p.sd for p in infos]),
+        lower=np.array([p.low for p in infos]),
+        upper=np.array([p.high for p in infos]),
+        units=tuple(p.unit for p in infos),
+        shapes=tuple(p.role == "shape" for p in infos),
+        calibration=tuple(p.group == "calibration" for p in infos),
+        starts=tuple(p.starts for p in infos),
+    )
+
+
+def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> Labels:
+    row = forward.observations.row[kept]
+    channel = forward.observations.channel[kept].astype(np.str_)
+    turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
+    axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
+    kind = np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
+    return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
+
+
+def _floor(
+    states: States, labels: Labels, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array, response: Array
+) -> tuple[Components, float]:
+    """Components of the noise of the robot's states, and the rms of a single tip reading (m)."""
+    names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
+    usual = Components(dict(USUAL), USUAL_PRESSURE, {}, 1.0, 0)
+    if not names:
+        return usual, float("nan")
+    of_robot = labels.kind < 3
+    column = np.array([names.index(c) for c in labels.channel[of_robot]])
+
+    def grid(values: Array) -> Array:
+        out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
+        out[labels.state[of_robot], column] = values[of_robot]
+        return out
+
+    residual = grid(missed)
+    whole = np.isfinite(residual).all(axis=1)
+    by_trial = {
+        source: slope[:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
+        for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name and p.source not in OF_STAND)
+    }
+    kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
+    data = Repeated(
+        residual[whole],
+        states.condition[whole],
+        states.trial[whole],
+        kinds,
+        grid(response)[whole],
+        {source: grid(values)[whole] for source, values in by_trial.items()},
+        resting(states)[whole],
+    )
+    trial = {source: next(p.sd for p in infos if p.source == source) for source in by_trial}
+    found = components(data, replace(usual, trial=trial))
+    return found, reading_rms(data, np.array([name in TIP for name in names]))
+
+
+def resting(states: States) -> NDArray[np.bool_]:
+    """(n,) states that were read at rest, not while ramping."""
+    return np.array([r.hold is None or r.hold > 0 for r in states.rows])
+
+
+def by_pressure(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
+    """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
+    row, pressure = forward.observations.row, vented(states)
+    together = regulators(pressure)
+    if "pressure_offset.offset" not in made.names:
+        return np.zeros((len(slope), len(together)))
+    inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
+    alone = inflated.sum(axis=1) == 1
+    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index("pressure_offset.offset")]]
+    several = (~alone & inflated.any(axis=1))[row]
+    if several.any():
+        for r, own in enumerate(together):
+            change = np.zeros(pressure.shape)
+            change[:, own] = STEP * inflated[:, [r]]
+            out[several, r] = forward.respond(change)[several] / STEP
+    return np.asarray(np.nan_to_num(out))
+
+
+def regulators(pressure: Array) -> list[Ints]:
+    """Chambers (indices) that are inflated together wherever they are (n, chambers) Pa: taken as fed by one regulator."""
+    pattern = np.unique(pressure > 0, axis=0).T
+    _, member = np.unique(pattern, axis=0, return_inverse=True)
+    groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
+    found = [own for own in groups if pattern[own[0]].any()]
+    return found or [np.arange(pressure.shape[1])]
+
+
+def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components, held: Stand | None) -> Parameters:
+    """The priors of what a trial has of its own as wide as the repeats show: those of the robot, those at the stand."""
+
+    def own(p: ParameterInfo) -> float:
+        at_stand = held is not None and p.name in held.names
+        trial = held.floor.trial if held is not None and at_stand else floor.trial
+        return trial.get(p.source, p.sd)
+
+    return replace(made, sd=np.array([own(p) for p in infos]))
+
+
+def _smooth(
+    robot: Robot, states: States, labels: Labels, unit: float, held: Stand | None
+) -> tuple[Array, Array, Array]:
+    """Columns of a discrepancy of size 1, and of a smooth factor over the states, for all channels and for each."""
+    load = states.highest if held is None else held.load(states)
+    where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
+    channels = sorted(set(labels.channel.tolist()))
+    number = np.array([channels.index(c) for c in labels.channel])
+    # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
+    size = np.array([2 * unit / robot.length if n.startswith("r") else 1.0 if n == "force" else unit for n in channels])
+    alike = columns(Settings(where.place, np.ones(len(states))))
+    each = by_channel(alike, labels.state, number, np.ones(len(channels)))
+    smooth = by_channel(alike * where.size[:, None], labels.state, number, size)
+    if held is not None:
+        force = labels.kind == 3
+        smooth[force] *= held.unit[labels.state[force], None]
+    return smooth, alike[labels.state], each

@@ -1,0 +1,102 @@
+"""The noise floor of stiffness trials, and their forces as deflections.
+
+A force that is missed by dF says as much as a deflection that is missed by dF / k, k the specimen's stiffness: so forces
+of specimens of all lengths can be compared, in the unit of the tip's gap. The floor comes from repeats as the robot's
+does: white noise of the force, the reading of the deflection (which takes the place of the pressure's), and what a trial
+has of its own: touch point, zero of the sensor, and the spine's length and stiffness.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.parameters import ParameterInfo
+
+from ..data.floor import Components, Repeated, components, reading_rms
+from ..data.states import States
+from .labels import Labels
+
+Array = NDArray[np.float64]
+
+OF_STAND = ("touch", "zero")
+"""What a stiffness trial has of its own besides its spine."""
+USUAL_FORCE = 0.03
+"""N, white noise of an averaged reading."""
+USUAL_DEFLECTION = 0.02e-3
+"""m, how well an arm repeats a small step."""
+
+
+@dataclass(frozen=True)
+class Stand:
+    """What is known of the stiffness trials of a case."""
+
+    floor: Components
+    """`channel` holds force (N), `pressure` the standard deviation of a deflection's reading (m)."""
+    reading: float
+    """m of deflection, rms distance of a single reading from its condition's average; the noise floor."""
+    stiffness: Array
+    """(states,) N/m of the specimen; NaN for states of the robot."""
+    unit: Array
+    """(states,) N, size 1 of the discrepancy: what a single reading errs by; NaN for states of the robot."""
+    names: frozenset[str]
+    """The parameters that a stiffness trial has of its own."""
+
+    def load(self, states: States) -> Array:
+        """(states,) how strongly each is loaded, as a pressure (Pa) where there are any: a push by its share of the largest
+        at this length."""
+        out = states.highest.copy()
+        top = max(float(out.max(initial=0.0)), 1.0)
+        for t in np.unique(states.trial[states.pushed]):
+            own = states.pushed & (states.trial == t)
+            out[own] = top * np.abs(states.deflection[own]) / max(float(np.abs(states.deflection[own]).max()), 1e-9)
+        return out
+
+
+def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array) -> Stand:
+    """From forces missed (n,) by the baseline and the slope (n, k) of all values there; other values are not looked at."""
+    own = np.flatnonzero(labels.kind == 3)
+    state, trial = labels.state[own], labels.trial[own]
+    by_source = {
+        source: slope[own][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
+        for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name)
+    }
+    stiff = np.zeros(len(own))
+    for t in np.unique(trial):
+        # A probe that does not touch yet feels nothing; the specimen is the same.
+        stiff[trial == t] = np.abs(by_source["touch"][trial == t]).max()
+    stiff = np.maximum(stiff, 1e-9)
+    data = Repeated(
+        missed[own, None],
+        states.condition[state],
+        trial,
+        ("force",),
+        stiff[:, None, None],
+        {source: values[:, None] for source, values in by_source.items()},
+        np.zeros(len(own), bool),
+    )
+    usual = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
+    floor = components(data, Components({"force": USUAL_FORCE}, USUAL_DEFLECTION, usual, 1.0, 0))
+    alone = np.hypot(floor.channel["force"], floor.pressure * stiff)
+    erring = np.sqrt(alone**2 + sum((floor.trial[k] * by_source[k]) ** 2 for k in by_source))
+    repeated = reading_rms(replace(data, residual=data.residual / stiff[:, None]), np.ones(1, bool))
+    reading = repeated if np.isfinite(repeated) else float(np.sqrt(np.mean((erring / stiff) ** 2)))
+
+    def spread(values: Array) -> Array:
+        out = np.full(len(states), np.nan)
+        out[state] = values
+        return out
+
+    trials = set(trial.tolist())
+    names = frozenset(p.name for p in infos if trial_of(p.name) in trials)
+    return Stand(floor, reading, spread(stiff), spread(erring), names)
+
+
+def trial_of(name: str) -> int | None:
+    """The trial whose own parameter this is; None for parameters common to all."""
+    found = re.search(r"\[trial=(\d+)", name)
+    return int(found[1]) if found else None

@@ -1,0 +1,1 @@
+"""Alicat pressure controllers on one RS-232/485 line."""

@@ -1,0 +1,1 @@
+"""The Dynamixel length unit of the spine."""

@@ -1,0 +1,231 @@
+"""One Dynamixel servo (Protocol 2.0) as registers that are read and written, by dynamixel-sdk.
+
+Every exchange is repeated a few times when the line was silent or noisy (register writes are absolute, so repeating one
+is harmless); what remains is one of the drivers' errors.
+
+An answer does not tell which question it belongs to, and one that was not in time may still come. A servo answers in
+order, so after a failure the line is caught up first: a read of a length that nothing else has is asked for, and what
+comes before its answer is thrown away.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeVar
+
+import serial
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
+
+from ..errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+
+ATTEMPTS = 3
+CRC_REFUSED = 3
+"""Error number of a servo that received a damaged instruction: worth repeating, unlike the other refusals."""
+ALERT = 0x80
+MARKS = (6, 7, 9, 10, 11, 12)
+"""Lengths (bytes) of a read from address 0 by which the line is caught up, used in turn; no other answer is so long."""
+CATCH_UP_WAITS = 3.0
+"""How many time-outs its answer may take: those that are owed come before it."""
+ID, LENGTH, ERROR, PARAMETERS = 4, 5, 8, 9
+"""Where they stand in a status packet."""
+REFUSALS = {
+    1: "it could not process the instruction",
+    2: "undefined instruction",
+    3: "the instruction arrived damaged (CRC)",
+    4: "value out of range",
+    5: "wrong data length",
+    6: "value beyond the limit set in the servo",
+    7: "register not accessible (read-only, undefined, or locked while torque is on)",
+}
+T = TypeVar("T")
+Exchange = tuple[T, int, int]
+"""Value, communication result, error byte: how the SDK answers."""
+
+
+class Register(NamedTuple):
+    """An entry of the control table."""
+
+    address: int
+    size: int
+    signed: bool = False
+
+
+class _Port(PortHandler):  # type: ignore[misc]
+    """The SDK's port with a time-out of our own (s), monotonic time, waits instead of spinning, and one owner."""
+
+    def __init__(self, port: str, timeout: float) -> None:
+        super().__init__(port)
+        self.timeout = timeout
+
+    def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802 (the SDK's name)
+        self.ser = serial.Serial(
+            self.port_name, cflag_baud, timeout=0.005, write_timeout=max(0.1, self.timeout), exclusive=True
+        )
+        self.is_open = True
+        self.tx_time_per_byte = 10_000.0 / cflag_baud
+        return True
+
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
+        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1000.0 * self.timeout)
+
+    def getCurrentTime(self) -> float:  # noqa: N802
+        return 1000.0 * time.monotonic()
+
+
+class Servo:
+    """The registers of one servo. `alert` is the hardware-error bit of the last answer."""
+
+    def __init__(self, name: str, port: str, baud: int, servo_id: int, timeout: float) -> None:
+        """`timeout` (s, host time) bounds each answer beyond its time on the line; an exchange is tried three times."""
+        self.name = name
+        self.id = servo_id
+        self.baud = baud
+        self.alert = False
+        self._path = port
+        self._timeout = timeout
+        self._port: _Port | None = None
+        self._packets = Protocol2PacketHandler()
+        self._marks = itertools.cycle(MARKS)
+        self._behind = True
+        """Whether answers to earlier questions may still come, those of an earlier program included."""
+        self._lock = threading.RLock()
+
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`."""
+        return self._port is not None
+
+    def open(self) -> None:
+        """Open the serial port. Raises `Unreachable`."""
+        port = _Port(self._path, self._timeout)
+        try:
+            port.setBaudRate(self.baud)
+        except (OSError, ValueError, termios.error) as e:
+            raise Unreachable(
+                self.name,
+                f"cannot open {self._path} at {self.baud} Bd ({e}); check the USB adapter, the port in rig.yaml, and "
+                "that no other program has it open",
+            ) from e
+        self._port, self._behind = port, True
+
+    def close(self) -> None:
+        """Close the serial port; never raises, may be called twice."""
+        port, self._port = self._port, None
+        if port is not None:
+            with contextlib.suppress(OSError, termios.error):
+                port.closePort()
+
+    def ping(self) -> int:
+        """The model number. Raises `NoReply` when nobody with this id answers."""
+        return self._exchange("ping", lambda port: self._packets.ping(port, self.id))
+
+    def read(self, register: Register) -> int:
+        """Value of a register, signed where it is defined so."""
+        data = self.read_block(register.address, register.size)
+        return int.from_bytes(data, "little", signed=register.signed)
+
+    def read_block(self, address: int, size: int) -> bytes:
+        """`size` bytes of neighbouring registers."""
+
+        def call(port: _Port) -> Exchange[list[int]]:
+            result = self._packets.readTx(port, self.id, address, size)
+            if result != COMM_SUCCESS:
+                return [], result, 0
+            data, result, error = self._status(port)
+            wrong = result == COMM_SUCCESS and not error & ~ALERT and len(data) != size
+            return data, COMM_RX_CORRUPT if wrong else result, error
+
+        return bytes(self._exchange(f"read of {size} bytes at {address}", call))
+
+    def write(self, register: Register, value: int) -> None:
+        """Write one register; a refusal raises `BadReply` with the servo's reason."""
+        self.write_block(register.address, value.to_bytes(register.size, "little", signed=register.signed))
+
+    def write_block(self, address: int, data: bytes) -> None:
+        """Write neighbouring registers with one instruction."""
+        self._exchange(
+            f"write of {data.hex(' ')} at {address}",
+            lambda port: (None, *self._packets.writeTxRx(port, self.id, address, len(data), list(data))),
+        )
+
+    def reboot(self) -> None:
+        """Restart the servo: clears a latched hardware error; torque goes off and the turn count is lost."""
+        self._exchange("reboot", lambda port: (None, *self._packets.reboot(port, self.id)), attempts=1)
+
+    def _exchange(self, what: str, call: Callable[[_Port], Exchange[T]], attempts: int = ATTEMPTS) -> T:
+        """Do one request and its answer, again after silence or noise."""
+        with self._guarded() as port:
+            value, result, error = None, COMM_RX_TIMEOUT, 0
+            for _ in range(attempts):
+                if self._behind and not self._catch_up(port):
+                    break
+                port.is_using = False  # the SDK leaves it set after an exception
+                try:
+                    value, result, error = call(port)
+                except IndexError:  # the SDK trips over an answer that is shorter than it should be
+                    value, result, error = None, COMM_RX_CORRUPT, 0
+                if result == COMM_SUCCESS and error & ~ALERT != CRC_REFUSED:
+                    break
+                self._behind = True
+                time.sleep(self._timeout)
+                port.clearPort()
+        where = f"id {self.id} on {self._path} at {self.baud} Bd"
+        if result == COMM_RX_CORRUPT:
+            raise BadReply(
+                self.name, f"damaged answer from {where} to a {what}, {attempts} times; check cable and baud rate"
+            )
+        if result != COMM_SUCCESS:
+            reason = self._packets.getTxRxResult(result)
+            raise NoReply(
+                self.name, f"no answer from {where} to a {what} ({reason}); check the servo's power, id and baud rate"
+            )
+        self.alert = bool(error & ALERT)
+        if refusal := error & ~ALERT:
+            raise BadReply(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
+        return value  # type: ignore[return-value]
+
+    def _catch_up(self, port: _Port) -> bool:
+        """Throw away what comes late; True once the answer to the question asked last has come."""
+        for _ in range(ATTEMPTS):
+            size = next(self._marks)
+            port.is_using = False
+            if self._packets.readTx(port, self.id, 0, size) != COMM_SUCCESS:
+                continue
+            port.setPacketTimeoutMillis(port.tx_time_per_byte * (size + 11) + 1000.0 * CATCH_UP_WAITS * self._timeout)
+            result = COMM_SUCCESS
+            while result != COMM_RX_TIMEOUT and not port.isPacketTimeout():
+                data, result, error = self._status(port)
+                if result == COMM_SUCCESS and len(data) == size and not error & ~ALERT:
+                    self._behind = False
+                    return True
+        return False
+
+    def _status(self, port: _Port) -> Exchange[list[int]]:
+        """The next status packet of this servo: its parameters, by the length that it gives."""
+        while True:
+            packet, result = self._packets.rxPacket(port, False)
+            if result != COMM_SUCCESS:
+                return [], result, 0
+            if packet[ID] == self.id:
+                count = packet[LENGTH] + 256 * packet[LENGTH + 1] - 4
+                return packet[PARAMETERS : PARAMETERS + count], result, packet[ERROR]
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[_Port]:
+        """The open port under the lock, with failures of the line as the drivers' errors."""
+        with self._lock:
+            if self._port is None:
+                raise NotReady(self.name, f"{self._path} is not open; call open() first")
+            try:
+                yield self._port
+            except (OSError, termios.error) as e:
+                if isinstance(e, InstrumentError):
+                    raise
+                raise Unreachable(
+                    self.name, f"lost {self._path} ({e}); check its plug and power, then open it again"
+                ) from e

@@ -1,0 +1,420 @@
+"""Length unit driven by a Dynamixel X servo that winds the spine's cord on a drum, in current-based position mode.
+
+    length = direction * (counts - zero) / 4096 * metres_per_turn
+
+The servo counts turns only while it is powered, so the zero is found anew by `home`: it retracts with little current
+until the end stop holds the motor. Un-jam the spine first: jammed granules hold the motor just as the stop does.
+
+Faults, each latched until the call that answers it:
+- stall (the motor pushes and does not move): the driver holds where it is; answered by `move_to`, `stop`, `home`.
+- bus watchdog (the host was silent): the servo stopped by itself; answered by `stop` or `home`. Every read feeds it.
+- hardware error or restart of the servo: torque is off, the zero is lost; answered by `home`, which restarts the servo.
+  A restart is told by what the servo forgot: bus watchdog, torque and profile velocity, all three and read twice.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
+from ..interfaces import Clock, Identity, SpineSample
+from ..stall import StallWatch
+from . import table
+from .bus import Servo
+
+RESTARTED = "the servo has restarted (power lost?) and forgot its turns; check its supply, then home()"
+REBOOT_TIME = 2.0
+"""Longest wait for a restarted servo, s of host time."""
+
+
+class Config(BaseModel):
+    """Length unit by Dynamixel."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    port: str
+    baud: Literal[9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000] = Field(
+        default=57600, json_schema_extra={"unit": "Bd"}
+    )
+    id: int = Field(default=1, ge=0, le=252)
+    metres_per_turn: float = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Spine length per turn of the drum."""
+    direction: Literal[1, -1] = 1
+    """1 when the spine grows as the servo counts up."""
+    max_length: float = Field(default=0.35, gt=0, le=2, json_schema_extra={"unit": "m"})
+    max_speed: float = Field(default=0.05, gt=0, le=0.5, json_schema_extra={"unit": "m/s"})
+    current_limit: float = Field(default=1.0, gt=0, le=5, json_schema_extra={"unit": "A"})
+    homing_current: float = Field(default=0.3, gt=0, le=5, json_schema_extra={"unit": "A"})
+    homing_speed: float = Field(default=0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
+    homing_tolerance: float = Field(default=0.005, gt=0, le=0.1, json_schema_extra={"unit": "m"})
+    """How far the end stop may be found from where it was before."""
+    tolerance: float = Field(default=0.0005, gt=0, le=0.01, json_schema_extra={"unit": "m"})
+    """A motion has ended when the length is this near its goal."""
+    stall_time: float = Field(default=0.5, gt=0, le=10, json_schema_extra={"unit": "s"})
+    watchdog: float = Field(default=2.0, ge=0.1, le=2.54, json_schema_extra={"unit": "s"})
+    """The servo stops by itself after this long without a word from the host."""
+    timeout: float = Field(default=0.1, gt=0, le=1, json_schema_extra={"unit": "s"})
+    release_on_close: bool = False
+    """True: torque off at close, so that the spine can be moved by hand."""
+
+    @property
+    def homing_reach(self) -> float:
+        """How far to retract in search of the end stop, m: all there can be, and some slack."""
+        return 1.2 * self.max_length + 0.02
+
+    @model_validator(mode="after")
+    def _homing_is_gentle(self) -> Config:
+        if self.homing_current > self.current_limit:
+            raise ValueError(
+                f"homing_current {self.homing_current} A is above current_limit {self.current_limit} A; lower it"
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class _State:
+    """One reading of the servo: time (s), counts, counts/s, current (A)."""
+
+    t: float
+    counts: int
+    velocity: float
+    current: float
+
+
+class DynamixelSpine:
+    """Length unit by Dynamixel; see the module's text. Calls may come from several threads."""
+
+    def __init__(self, name: str, config: Config, clock: Clock) -> None:
+        self.name = name
+        self._config = config
+        self._clock = clock
+        self._servo = Servo(name, config.port, config.baud, config.id, config.timeout)
+        self._lock = threading.RLock()
+        self._ampere = 0.0
+        self._zero: int | None = None
+        self._end_stop: int | None = None
+        """Where the last reference run met the stop, as long as the servo kept counting."""
+        self._homing: int | None = None
+        """Counts at which the reference run under way gives up."""
+        self._goal = 0.0
+        self._stall = self._watch(config.current_limit)
+        self._fault = ""
+        self._lost = False
+
+    def open(self) -> Identity:
+        """Connect, check the model, set mode and watchdog; a motion left over from before is stopped.
+
+        Raises `Unreachable` when nobody answers, `WrongDevice` for a servo without current-based position mode.
+        """
+        with self._lock:
+            if not self._servo.is_open:
+                self._servo.open()
+            try:
+                return self._meet()
+            except NoReply as e:
+                self._servo.close()
+                raise Unreachable(self.name, e.message) from e
+            except BaseException:
+                self._servo.close()
+                raise
+
+    def close(self) -> None:
+        """Stop, release the torque if so configured, disconnect; the watchdog goes off, as holding is meant to last."""
+        with self._lock:
+            if self._servo.is_open:
+                with contextlib.suppress(InstrumentError):
+                    self.stop()
+                with contextlib.suppress(InstrumentError):
+                    self._servo.write(table.WATCHDOG, 0)
+                if self._config.release_on_close:
+                    with contextlib.suppress(InstrumentError):
+                        self._servo.write(table.TORQUE, 0)
+            self._servo.close()
+            self._homing = self._zero = self._end_stop = None
+
+    def home(self) -> None:
+        """Start the reference run into the retracted end stop; un-jam the spine before. `read` carries it on.
+
+        A servo with a hardware error is restarted first (up to 2 s). Raises `DeviceFault` when the error stays.
+        """
+        with self._lock:
+            if self._lost or self._servo.read(table.HARDWARE_ERROR):
+                self._restart()
+            self._zero = None
+            self._fault = ""
+            self._arm_watchdog()
+            start = self._servo.read(table.PRESENT_POSITION)
+            self._set_goal(start, self._config.homing_speed)  # before torque: the old goal may be far away
+            self._limit_current(self._config.homing_current)
+            self._servo.write(table.TORQUE, 1)
+            target = (
+                start - self._counts(1.2 * self._config.max_length) - self._config.direction * table.COUNTS_PER_TURN
+            )
+            self._set_goal(target, self._config.homing_speed)
+            self._homing = target
+            self._goal = 0.0
+
+    def move_to(self, length: float, speed: float) -> float:
+        """Start moving to `length` (m) at `speed` (m/s), both clipped; returns the goal that the servo confirmed.
+
+        Raises `NotReady` before `home` has found the zero and `LimitExceeded` for what is not a length or speed
+        (nothing is sent then), `DeviceFault` while the servo reports one.
+        """
+        with self._lock:
+            if not self._servo.is_open:
+                raise NotReady(self.name, "not open; call open() first")
+            if self._zero is None:
+                raise NotReady(self.name, "length unknown; call home() and wait until read().homed")
+            if not math.isfinite(length) or not (math.isfinite(speed) and speed > 0):
+                raise LimitExceeded(
+                    self.name, f"length {length} m at {speed} m/s is no motion; give a number and a speed above 0 m/s"
+                )
+            self._fault = ""
+            self._check(self._poll())
+            length = min(max(length, 0.0), self._config.max_length)
+            goal = self._zero + self._counts(length)
+            self._limit_current(self._config.current_limit)
+            self._set_goal(goal, min(speed, self._config.max_speed))
+            self._goal = self._length(goal)
+            return self._goal
+
+    def stop(self) -> None:
+        """Hold the present position; answers a watchdog trip or a stall, and ends a reference run without result."""
+        with self._lock:
+            self._homing = None
+            self._fault = ""
+            restarted = self._zero is not None and self._has_restarted()  # setting the watchdog would hide it
+            self._arm_watchdog()
+            counts = self._servo.read(table.PRESENT_POSITION)
+            self._set_goal(counts, self._config.max_speed)
+            self._goal = self._length(counts)
+            if restarted:
+                self._lose_zero(RESTARTED)
+
+    def read(self) -> SpineSample:
+        """Poll. Until homed, `length` counts from where the servo was switched on and says nothing about the spine."""
+        with self._lock:
+            state = self._poll()
+            self._check(state)
+            if self._homing is not None:
+                self._continue_homing(state, self._homing)
+            length = self._length(state.counts)
+            speed = self._config.direction * state.velocity / table.COUNTS_PER_TURN * self._config.metres_per_turn
+            arrived = abs(length - self._goal) <= self._config.tolerance and abs(speed) <= self._speed_step
+            moving = self._homing is not None or (self._zero is not None and not arrived)
+            return SpineSample(state.t, length, speed, self._goal, moving, homed=self._zero is not None)
+
+    # -- units
+    @property
+    def _speed_step(self) -> float:
+        """Spine speed of one unit of the velocity registers, m/s."""
+        return table.RPM / 60 * self._config.metres_per_turn
+
+    def _counts(self, length: float) -> int:
+        return round(self._config.direction * length / self._config.metres_per_turn * table.COUNTS_PER_TURN)
+
+    def _length(self, counts: int) -> float:
+        turns = (counts - (self._zero or 0)) / table.COUNTS_PER_TURN
+        return self._config.direction * turns * self._config.metres_per_turn
+
+    def _watch(self, current: float) -> StallWatch:
+        """Stalled: hardly any counts made while pushing with `current` (A)."""
+        return StallWatch(current, abs(self._counts(self._config.tolerance)), self._config.stall_time)
+
+    # -- talking to the servo
+    def _meet(self) -> Identity:
+        """Check who answers and bring its settings into the state this driver relies on."""
+        model = self._servo.ping()
+        if model not in table.MODELS:
+            known = ", ".join(name for name, _ in table.MODELS.values())
+            raise WrongDevice(
+                self.name,
+                f"id {self._config.id} on {self._config.port} is Dynamixel model number {model}, which has no "
+                f"current-based position mode known here; use one of {known}, or correct the id in rig.yaml",
+            )
+        name, self._ampere = table.MODELS[model]
+        firmware = self._servo.read(table.FIRMWARE)
+        allowed = self._servo.read(table.CURRENT_LIMIT) * self._ampere
+        if self._config.current_limit > allowed:
+            raise LimitExceeded(
+                self.name,
+                f"current_limit {self._config.current_limit} A is above the {allowed:.2f} A the servo allows (register "
+                "38); lower it in rig.yaml",
+            )
+        self._apply_modes()
+        self._arm_watchdog()
+        if self._servo.read(table.TORQUE):
+            self._set_goal(self._servo.read(table.PRESENT_POSITION), self._config.max_speed)
+        return Identity("ROBOTIS", name, firmware=str(firmware))
+
+    def _apply_modes(self) -> None:
+        """Modes live in EEPROM, which the servo locks while torque is on; written only when they differ."""
+        for register, value in (
+            (table.OPERATING_MODE, table.CURRENT_BASED_POSITION),
+            (table.DRIVE_MODE, table.PLAIN_DRIVE),
+        ):
+            if self._servo.read(register) != value:
+                self._servo.write(table.TORQUE, 0)
+                self._servo.write(register, value)
+
+    def _arm_watchdog(self) -> None:
+        """Clear a trip (0 does it) and set the time anew."""
+        self._servo.write(table.WATCHDOG, 0)
+        self._servo.write(table.WATCHDOG, self._watchdog_raw)
+
+    @property
+    def _watchdog_raw(self) -> int:
+        return round(self._config.watchdog / table.WATCHDOG_UNIT)
+
+    def _limit_current(self, current: float) -> None:
+        """Allow this current (A) and watch for stalls against it."""
+        self._servo.write(table.GOAL_CURRENT, round(current / self._ampere))
+        self._stall = self._watch(current)
+
+    def _set_goal(self, counts: int, speed: float) -> None:
+        """Profile velocity and goal, read back. Velocity 0 would mean "as fast as can be", so one step is the least."""
+        data = table.PROFILE_AND_GOAL.pack(max(1, round(speed / self._speed_step)), counts)
+        self._servo.write_block(table.PROFILE_VELOCITY, data)
+        echo = self._servo.read_block(table.PROFILE_VELOCITY, len(data))
+        if echo != data:
+            raise DeviceFault(
+                self.name,
+                f"asked for (velocity, goal) {table.PROFILE_AND_GOAL.unpack(data)} raw, the servo holds "
+                f"{table.PROFILE_AND_GOAL.unpack(echo)}; check that no other host writes to it",
+            )
+
+    def _relax(self) -> int:
+        """Hold where the motor stands and return that (counts).
+
+        While it was held, the servo's trajectory ran on; it starts from the present position only when torque comes on.
+        """
+        self._servo.write(table.TORQUE, 0)
+        counts = self._servo.read(table.PRESENT_POSITION)
+        self._set_goal(counts, self._config.max_speed)
+        try:
+            self._servo.write(table.TORQUE, 1)
+        except BadReply:
+            self._fault = ""
+            self._poll()
+            if self._fault:  # it has just failed, and says why
+                raise DeviceFault(self.name, self._fault) from None
+            raise
+        return counts
+
+    def _restart(self) -> None:
+        """Reboot the servo and wait for it; raises `DeviceFault` when its hardware error stays."""
+        with contextlib.suppress(NoReply):  # it may restart before its answer is out
+            self._servo.reboot()
+        deadline = time.monotonic() + REBOOT_TIME
+        while True:
+            try:
+                self._servo.ping()
+                break
+            except (NoReply, BadReply):
+                if time.monotonic() > deadline:
+                    raise
+        self._zero = self._end_stop = None
+        if bits := self._servo.read(table.HARDWARE_ERROR):
+            raise DeviceFault(
+                self.name,
+                f"hardware error stays after a restart: {table.hardware_errors(bits)}; check supply and motor",
+            )
+        self._apply_modes()
+        self._lost = False
+
+    # -- judging what was read
+    def _poll(self) -> _State:
+        """One reading; latches what the servo reports as wrong."""
+        block = self._servo.read_block(table.STATE_ADDRESS, table.STATE.size)
+        _, _, _, _, current, velocity, counts = table.STATE.unpack(block)
+        alert = self._servo.alert
+        watchdog = self._servo.read(table.WATCHDOG)
+        if watchdog not in (self._watchdog_raw, table.WATCHDOG_TRIPPED):
+            watchdog = self._servo.read(table.WATCHDOG)  # one odd answer is no proof of anything
+        if alert and (bits := self._servo.read(table.HARDWARE_ERROR)):
+            why = table.hardware_errors(bits)
+            self._lose_zero(f"hardware error: {why}; torque is off. Remove the cause (un-jam the spine), then home()")
+        elif watchdog == table.WATCHDOG_TRIPPED:
+            self._fault = (
+                f"stopped by its bus watchdog: the host was silent for {self._config.watchdog} s. "
+                "Call stop() to acknowledge, then move again"
+            )
+        elif watchdog != self._watchdog_raw and self._has_restarted():
+            self._lose_zero(RESTARTED)
+        elif watchdog != self._watchdog_raw:
+            self._fault = (
+                f"its bus watchdog was set to {watchdog * table.WATCHDOG_UNIT:g} s by another host, it should be "
+                f"{self._config.watchdog:g} s; disconnect that one, then call stop() to set it anew"
+            )
+        velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
+        return _State(self._clock.now(), counts, velocity_counts, current * self._ampere)
+
+    def _has_restarted(self) -> bool:
+        """Whether the servo has forgotten what it holds in memory only; looked at twice before it is believed."""
+        return all(
+            self._servo.read(table.WATCHDOG) == 0
+            and self._servo.read(table.TORQUE) == 0
+            and not any(self._servo.read_block(table.PROFILE_VELOCITY, 4))
+            for _ in range(2)
+        )
+
+    def _lose_zero(self, fault: str) -> None:
+        self._zero = self._end_stop = self._homing = None
+        self._lost = True
+        self._fault = fault
+
+    def _check(self, state: _State) -> None:
+        """Raise the latched fault, or a stall that this reading shows; a reference run is meant to stall."""
+        if not self._fault and self._homing is None and self._stall.update(state.t, state.counts, state.current):
+            goal = self._goal
+            here = self._goal = self._length(self._relax())
+            self._fault = (
+                f"stalled at {here:.4f} m on the way to {goal:.4f} m, current {abs(state.current):.2f} A of "
+                f"{self._config.current_limit} A for {self._config.stall_time} s; un-jam the spine or clear its way, "
+                "then move again"
+            )
+        if self._fault:
+            raise DeviceFault(self.name, self._fault)
+
+    def _continue_homing(self, state: _State, target: int) -> None:
+        """Zero the length where the end stop holds the motor."""
+        if abs(state.counts - target) <= abs(self._counts(self._config.tolerance)):
+            self._homing = None
+            self._fault = (
+                f"found no end stop within {self._config.homing_reach:.3f} m; check the cord, `direction` and "
+                "`metres_per_turn`, then home() again"
+            )
+        elif self._stall.update(state.t, state.counts, state.current):
+            self._homing = None
+            self._relax()
+            self._limit_current(self._config.current_limit)
+            self._judge_end_stop(state.counts)
+        if self._fault:
+            raise DeviceFault(self.name, self._fault)
+
+    def _judge_end_stop(self, counts: int) -> None:
+        """Take the stop as zero, unless an earlier run found it elsewhere: jammed granules held one of the two."""
+        before = self._end_stop
+        longer = 0.0 if before is None else self._config.direction * (counts - before) / table.COUNTS_PER_TURN
+        longer *= self._config.metres_per_turn
+        if longer > self._config.homing_tolerance:
+            self._fault = (
+                f"held {longer:.3f} m before the end stop that was found earlier (tolerance "
+                f"{self._config.homing_tolerance} m); un-jam the spine, then home() again"
+            )
+        elif longer < -self._config.homing_tolerance:
+            self._end_stop = None
+            self._fault = (
+                f"found the end stop {-longer:.3f} m beyond where an earlier run met it: lengths since then are wrong "
+                "by that much; discard them and home() again"
+            )
+        else:
+            self._zero = self._end_stop = counts
+            self._goal = 0.0

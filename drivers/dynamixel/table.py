@@ -1,0 +1,47 @@
+"""The part of the Dynamixel X series' control table (ROBOTIS) that the length unit uses, and its units."""
+
+from __future__ import annotations
+
+import struct
+
+from .bus import Register
+
+FIRMWARE = Register(6, 1)
+DRIVE_MODE = Register(10, 1)
+OPERATING_MODE = Register(11, 1)
+CURRENT_LIMIT = Register(38, 2)
+TORQUE = Register(64, 1)
+HARDWARE_ERROR = Register(70, 1)
+WATCHDOG = Register(98, 1)
+GOAL_CURRENT = Register(102, 2, signed=True)
+PROFILE_AND_GOAL = struct.Struct("<Ii")
+PROFILE_VELOCITY = 112
+"""Followed at once by the goal position: both are written and read back with one instruction."""
+PRESENT_POSITION = Register(132, 4, signed=True)
+STATE = struct.Struct("<HBBhhii")
+STATE_ADDRESS = 120
+"""Realtime tick, moving, moving status, PWM, current, velocity, position."""
+
+CURRENT_BASED_POSITION = 5
+PLAIN_DRIVE = 0
+"""Normal direction, velocity-based profile."""
+COUNTS_PER_TURN = 4096
+RPM = 0.229
+"""Unit of velocity registers, revolutions per minute."""
+WATCHDOG_UNIT = 0.02
+"""s"""
+WATCHDOG_TRIPPED = 255
+MODELS = {
+    1000: ("XH430-W350", 2.69e-3), 1010: ("XH430-W210", 2.69e-3), 1020: ("XM430-W350", 2.69e-3),
+    1030: ("XM430-W210", 2.69e-3), 1100: ("XH540-W270", 2.69e-3), 1110: ("XH540-W150", 2.69e-3),
+    1120: ("XM540-W270", 2.69e-3), 1130: ("XM540-W150", 2.69e-3), 1190: ("XL330-M077", 1e-3),
+    1200: ("XL330-M288", 1e-3), 1210: ("XC330-T181", 1e-3), 1220: ("XC330-T288", 1e-3),
+    1230: ("XC330-M181", 1e-3), 1240: ("XC330-M288", 1e-3),
+}  # fmt: skip
+"""Model number -> name and unit of current (A): the X servos with a current-based position mode."""
+HARDWARE_ERRORS = {0: "supply voltage", 2: "overheated", 3: "encoder", 4: "electrical shock", 5: "overload"}
+
+
+def hardware_errors(bits: int) -> str:
+    """The hardware error byte in words."""
+    return ", ".join(text for bit, text in HARDWARE_ERRORS.items() if bits >> bit & 1) or f"bits {bits:#04x}"

@@ -1,0 +1,1 @@
+"""The Robotiq FT300-S force sensor."""

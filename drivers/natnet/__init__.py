@@ -1,0 +1,1 @@
+"""Motion capture by OptiTrack Motive."""

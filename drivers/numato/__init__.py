@@ -1,0 +1,1 @@
+"""The jamming valve on a Numato relay module."""

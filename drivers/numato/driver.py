@@ -1,0 +1,129 @@
+"""Jamming valve on a relay of a Numato USB relay module: relay on = vacuum on the spine, relay off = vented.
+
+The module answers each command with its echo, the value if there is one, and a `>` prompt. What it reads back is the
+state of its coil: a welded contact or a stuck valve shows only in the gauge.
+Nothing switches off when the host dies; a valve that vents without power is the last resort.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import threading
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
+from ..interfaces import Clock, Identity, ValveSample
+from ..serial_line import SerialLine, show
+
+PROMPT = b">"
+RELAY_NAMES = "0123456789ABCDEFGHIJKLMNOPQRSTUV"
+"""Relays above 9 are called by letters."""
+
+
+class Config(BaseModel):
+    """Jamming valve by Numato relay module."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    port: str
+    baud: int = Field(default=19200, ge=1200, le=921600, json_schema_extra={"unit": "Bd"})
+    """Of no effect on the module's own USB port."""
+    relay: int = Field(default=0, ge=0, lt=len(RELAY_NAMES), json_schema_extra={"unit": ""})
+    on_close: Literal["release", "keep"] = "release"
+    """"keep" leaves the spine jammed when the program ends."""
+    timeout: float = Field(default=0.3, gt=0, le=2, json_schema_extra={"unit": "s"})
+
+
+class NumatoValve:
+    """Jamming valve; see the module's text."""
+
+    def __init__(self, name: str, config: Config, clock: Clock) -> None:
+        self.name = name
+        self._config = config
+        self._clock = clock
+        self._relay = RELAY_NAMES[config.relay]
+        self._line = SerialLine(name, config.port, config.baud, config.timeout)
+        self._lock = threading.RLock()
+
+    def open(self) -> Identity:
+        """Connect and check that a relay module answers; the relay stays as it is.
+
+        Raises `Unreachable` or `WrongDevice`.
+        """
+        with self._lock:
+            self._line.open()
+            try:
+                self._line.ask(b"\r", PROMPT)  # ends what an earlier program may have left half typed
+                firmware = self._value("ver", r"[0-9A-Fa-f]{8}")
+                serial = self._value("id get", r"\S{8}")
+                self._state()
+            except NoReply as e:
+                self._line.close()
+                raise Unreachable(self.name, e.message) from e
+            except BadReply as e:
+                self._line.close()
+                raise WrongDevice(self.name, f"{self._config.port} is no Numato relay module: {e.message}") from e
+            except InstrumentError:
+                self._line.close()
+                raise
+            return Identity("Numato", "USB relay module", serial, firmware)
+
+    def close(self) -> None:
+        """Un-jam unless configured to keep the vacuum, then disconnect."""
+        with self._lock:
+            if self._line.is_open and self._config.on_close == "release":
+                with contextlib.suppress(InstrumentError):
+                    self.set(False)
+            self._line.close()
+
+    def set(self, on: bool) -> bool:
+        """Switch the relay, read it back and return that; raises `DeviceFault` when it did not follow."""
+        with self._lock:
+            self._answer(f"relay {'on' if on else 'off'} {self._relay}", lines=0)
+            state = self._state()
+            if state != on:
+                raise DeviceFault(
+                    self.name,
+                    f"relay {self._relay} was told {_word(on)} and reads back {_word(state)}; check the module's "
+                    "supply and the relay number in rig.yaml",
+                )
+            return state
+
+    def read(self) -> ValveSample:
+        """Poll the state of the relay's coil."""
+        with self._lock:
+            return ValveSample(self._clock.now(), self._state())
+
+    def _state(self) -> bool:
+        return self._value(f"relay read {self._relay}", "on|off") == "on"
+
+    def _value(self, command: str, pattern: str) -> str:
+        """The one line a query returns, which must look like `pattern`."""
+        value = self._answer(command, lines=1)[0]
+        if not re.fullmatch(pattern, value):
+            raise BadReply(
+                self.name, f"answered {value!r} to {command!r}, which is not {pattern!r}; check the relay number"
+            )
+        return value
+
+    def _answer(self, command: str, lines: int) -> list[str]:
+        """Lines between echo and prompt. Every command may be repeated harmlessly, so noise gets a second try."""
+        try:
+            return self._exchange(command, lines)
+        except (NoReply, BadReply):
+            self._line.listen(self._config.timeout)  # an answer that is only late must not be taken for the next one's
+            return self._exchange(command, lines)
+
+    def _exchange(self, command: str, lines: int) -> list[str]:
+        raw = self._line.ask(command.encode() + b"\r", PROMPT)
+        said = [line for line in re.split(r"[\r\n]+", raw.decode("ascii", "replace")) if line]
+        if said[:1] != [command] or len(said) != 1 + lines:
+            raise BadReply(self.name, f"answered {show(raw)} to {command!r}; check that this port is the relay module")
+        return said[1:]
+
+
+def _word(on: bool) -> str:
+    return "on" if on else "off"

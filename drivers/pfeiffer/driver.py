@@ -1,0 +1,161 @@
+"""Vacuum gauge at the spine: a Pfeiffer CPT 100 or RPT 100 on RS-485, by pfeiffer-vacuum-protocol.
+
+Jamming happens between 10 kPa and ambient pressure; the other gauges of the family measure by Pirani, which hardly
+resolves anything there, and are refused.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+import pfeiffer_vacuum_protocol as protocol
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
+from ..interfaces import Clock, GaugeSample, Identity
+from ..serial_line import SerialLine, show
+
+PA_PER_BAR = 1e5
+SUITABLE = ("CPT 100", "RPT 100")
+ERROR_EVERY = 20
+"""Readings between two looks at the gauge's own error code."""
+T = TypeVar("T")
+Query = Callable[["_Wire", int], T]
+
+
+class Config(BaseModel):
+    """Vacuum gauge by Pfeiffer Vacuum Protocol."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    port: str
+    baud: int = Field(default=9600, ge=1200, le=115200, json_schema_extra={"unit": "Bd"})
+    address: int = Field(default=1, ge=1, le=255, json_schema_extra={"unit": ""})
+    lowest: float = Field(default=100.0, ge=0, le=1e5, json_schema_extra={"unit": "Pa"})
+    """Absolute pressure below which a reading is not believed."""
+    highest: float = Field(default=120e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    """Absolute pressure above which a reading is not believed."""
+    timeout: float = Field(default=0.3, gt=0, le=2, json_schema_extra={"unit": "s"})
+
+    @model_validator(mode="after")
+    def _range_is_one(self) -> Config:
+        if self.lowest >= self.highest:
+            raise ValueError(f"lowest {self.lowest} Pa is not below highest {self.highest} Pa; swap or correct them")
+        return self
+
+
+class _Wire:
+    """The serial line as the library wants it: one byte at a time, nothing on silence. Keeps what it heard."""
+
+    def __init__(self, line: SerialLine) -> None:
+        self._line = line
+        self.heard = b""
+
+    def write(self, data: bytes) -> None:
+        """Send one request; an answer that came too late for the last one is dropped."""
+        self._line.flush()
+        self.heard = b""
+        self._line.write(data)
+
+    def read(self, count: int) -> bytes:
+        """`count` bytes, or none when the line stays silent."""
+        try:
+            data = self._line.read_exactly(count)
+        except (NoReply, BadReply):
+            return b""
+        self.heard += data
+        return data
+
+
+class PfeifferGauge:
+    """Vacuum gauge; see the module's text."""
+
+    def __init__(self, name: str, config: Config, clock: Clock) -> None:
+        self.name = name
+        self._config = config
+        self._clock = clock
+        self._line = SerialLine(name, config.port, config.baud, config.timeout)
+        self._wire = _Wire(self._line)
+        self._lock = threading.RLock()
+        self._readings = 0
+
+    def open(self) -> Identity:
+        """Connect and check the gauge's type and health. Raises `Unreachable`, `WrongDevice` or `DeviceFault`."""
+        with self._lock:
+            self._line.open()
+            try:
+                return self._meet()
+            except NoReply as e:
+                self._line.close()
+                raise Unreachable(self.name, e.message) from e
+            except BadReply as e:
+                self._line.close()
+                raise WrongDevice(self.name, f"no Pfeiffer gauge known here: {e.message}") from e
+            except InstrumentError:
+                self._line.close()
+                raise
+
+    def close(self) -> None:
+        """Disconnect; the gauge only measures, so there is nothing to land."""
+        self._line.close()
+
+    def read(self) -> GaugeSample:
+        """Poll. Raises `DeviceFault` when the gauge reports an error or the reading cannot be true."""
+        with self._lock:
+            absolute = PA_PER_BAR * self._query("pressure", protocol.read_pressure)
+            t = self._clock.now()
+            plausible = self._config.lowest <= absolute <= self._config.highest
+            if not plausible or self._readings % ERROR_EVERY == 0:
+                self._check_error_code()
+            self._readings += 1
+            if not plausible:
+                raise DeviceFault(
+                    self.name,
+                    f"reads {absolute:.6g} Pa absolute, outside of {self._config.lowest:g} to "
+                    f"{self._config.highest:g} Pa; check the gauge's range and that it is connected to the spine",
+                )
+            return GaugeSample(t, absolute)
+
+    def _meet(self) -> Identity:
+        model = self._query("gauge type", protocol.read_gauge_type)
+        if model not in SUITABLE:
+            raise WrongDevice(
+                self.name,
+                f"{model} at address {self._config.address} does not resolve pressures near ambient; use one of "
+                f"{', '.join(SUITABLE)}",
+            )
+        version = self._query("software version", protocol.read_software_version)
+        self._check_error_code()
+        return Identity("Pfeiffer Vacuum", model, firmware=".".join(str(part) for part in version))
+
+    def _check_error_code(self) -> None:
+        code = self._query("error code", protocol.read_error_code)
+        if code is not protocol.ErrorCode.NO_ERROR:
+            what = code.name.lower().replace("_", " ")
+            raise DeviceFault(self.name, f"reports a {what}; power-cycle it, then replace it when the error stays")
+
+    def _query(self, what: str, query: Query[T]) -> T:
+        """Ask, once more after silence or noise."""
+        try:
+            return self._ask(what, query)
+        except (NoReply, BadReply):
+            self._line.listen(self._config.timeout)  # an answer that is only late must not be taken for the next one's
+            return self._ask(what, query)
+
+    def _ask(self, what: str, query: Query[T]) -> T:
+        try:
+            return query(self._wire, self._config.address)
+        except (ValueError, protocol.InvalidCharError) as e:
+            if isinstance(e, InstrumentError):
+                raise
+            where = f"address {self._config.address} on {self._config.port}"
+            if not self._wire.heard:
+                raise NoReply(
+                    self.name, f"no answer from {where} to a request for its {what}; check power, cable and address"
+                ) from e
+            raise BadReply(
+                self.name,
+                f"{where} answered {show(self._wire.heard)} to a request for its {what} ({e}); check the line",
+            ) from e

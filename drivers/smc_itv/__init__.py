@@ -1,0 +1,1 @@
+"""SMC ITV pressure regulators, one line each."""

@@ -1,0 +1,333 @@
+"""SMC ITV1050/2050/3050 electro-pneumatic regulators with RS-232C: one unit a port, no address.
+
+Commands end in CR LF: `SET n` and `REQ` answer the set-point, `MON` the measured pressure, all as n of 0..1023 over the
+full scale. That is coarse: 0.98 kPa on a 1 MPa unit, so a 100 kPa or 500 kPa model suits soft chambers better.
+The units hold their set-points: nothing expires when the host dies, so a rig needs a vent valve in hardware as well.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from ..chambers import ChamberMap
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
+from ..interfaces import Clock, Identity, PressureSample
+from ..pressure_limits import PressureLimits
+from ..serial_line import SerialLine, show
+from ..stop_first import StopFirst
+
+BAUD = 9600
+END = b"\r\n"
+STEPS = 1023
+"""Counts at full scale."""
+OUT_OF_RANGE, UNKNOWN_COMMAND = b"OUT OF RANGE", b"UNKNOWN COMMAND"
+MARK = b"WHO"
+"""Not a command: answered by UNKNOWN COMMAND, and by that known from every other answer."""
+QUIET = 1.2
+"""Host seconds of silence on a line after which answers that are owed no longer come."""
+VENTED = 5e3
+"""Pa; `close` waits for all channels to fall below this,"""
+VENT_WAIT = 0.5
+"""but not longer than this, s of host time."""
+
+
+class Config(BaseModel):
+    """How to reach the units, their range, and what may be asked of them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    ports: tuple[str, ...] = Field(min_length=1)
+    """Serial ports, in channel order."""
+    chambers: tuple[tuple[int, ...], ...] = ((1,), (2,), (3,), (4,), (5,), (6,), (7,), (8,), (9,))
+    """Chambers (1..9) on each channel."""
+    full_scale: float = Field(500e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    """Pressure at 1023 counts; the units cannot be asked for it."""
+    max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
+    time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
+    """Slowest that a chamber follows its set-point, through unit, tube and chamber: 63 % of a step in this time."""
+    timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
+    """How long a unit may take to answer, host time; a failed request is repeated once."""
+    poll_interval: float = Field(0.1, ge=0.0, le=5, json_schema_extra={"unit": "s"})
+    """Shortest time between two polls of one unit, host time."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Config:
+        ChamberMap(self.chambers)
+        if len(self.ports) != len(self.chambers):
+            raise ValueError(f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give a list a port")
+        if len(set(self.ports)) != len(self.ports):
+            raise ValueError(f"ports {', '.join(self.ports)}: one is named twice")
+        if self.max_pressure > self.full_scale:
+            raise ValueError(
+                f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
+            )
+        return self
+
+
+@dataclass
+class _Behind:
+    """A line on which an answer was not in time: it may still come, and would pass for that of a later request.
+
+    The next request is followed by a mark; the answer right before the mark's is its own. When that fails too, the line
+    is `held` until it has been quiet: a new set-point goes out, once, and counts as not confirmed; nothing else does.
+    """
+
+    held: bool = False
+    told: bytes = b""
+    """The set-point that went out last while it was held."""
+    last: float = 0.0
+    """When the line was last used, host time."""
+
+
+class SmcItv:
+    """Pressure regulators (see `PressureRegulators`), one channel a port."""
+
+    def __init__(self, name: str, config: Config, clock: Clock) -> None:
+        self.name = name
+        self.config = config
+        self.channels = len(config.ports)
+        self.chambers = ChamberMap(config.chambers)
+        self._clock = clock
+        self._lock = StopFirst(name)
+        self._lines = [SerialLine(name, port, BAUD, config.timeout, lock=self._lock) for port in config.ports]
+        self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
+        self._counts = [0] * self.channels
+        self._polled_at = 0.0
+        self._behind: dict[int, _Behind] = {}
+        self._highest = int(config.max_pressure / config.full_scale * STEPS)
+
+    @property
+    def step(self) -> float:
+        """What one count is worth, Pa."""
+        return self.config.full_scale / STEPS
+
+    def connect(self) -> None:
+        """Open those ports that can be opened and ask nothing: enough for `vent`, which must not wait for a dead unit.
+
+        Raises Unreachable when there is none.
+        """
+        with self._lock:
+            failed: list[Unreachable] = []
+            for line in self._lines:
+                try:
+                    line.open()
+                except Unreachable as e:
+                    failed.append(e)
+            if len(failed) == len(self._lines):
+                raise failed[0]
+
+    def open(self) -> Identity:
+        """Connect all units; raises `Unreachable` naming silent ports, `WrongDevice` for what answers otherwise.
+
+        The units tell neither model nor serial number: they are known by how they refuse an unknown command.
+        """
+        with self._lock:
+            try:
+                for line in self._lines:
+                    line.open()
+                self._recognise()
+                counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"REQ"))
+                self._raise_first(errors)
+            except InstrumentError:
+                self._disconnect()
+                raise
+            self._polled_at = time.monotonic()
+            self._counts = [counts[channel] for channel in range(self.channels)]
+            self._limits.start_from(self._confirmed())
+        return Identity("SMC", f"ITV, {self.channels} units")
+
+    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """Set all channels (Pa gauge), clipped to range and rate, in whole counts; returns the set-points confirmed.
+
+        Raises `BadReply`, `NoReply` or `DeviceFault` for the first channel that failed; the others have been set.
+        """
+        with self._lock:
+            self._need_open()
+            allowed = self._limits.allow(pressures)
+            counts = [min(round(p / self.step), self._highest) for p in allowed]
+            done, errors = self._send_setpoints(dict(enumerate(counts)))
+            for channel in done:
+                self._limits.sent(channel, allowed[channel])
+            self._raise_first(errors)
+            return self._confirmed()
+
+    def read(self) -> PressureSample:
+        """Poll the measured pressures, waiting first until `poll_interval` has passed since the last poll."""
+        with self._lock:
+            self._need_open()
+            self._lock.sleep(self._polled_at + self.config.poll_interval - time.monotonic())
+            counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"MON"))
+            self._polled_at = time.monotonic()
+            self._raise_first(errors)
+            measured = tuple(counts[channel] * self.step for channel in range(self.channels))
+            return PressureSample(self._clock.now(), self._confirmed(), measured)
+
+    def vent(self) -> None:
+        """All set-points to zero, not rate-limited; whatever else is under way gives way.
+
+        A unit that fails is tried again, and does not keep the others. Needs no more than `connect`. Raises
+        `InstrumentError` naming the ports that did not confirm zero.
+        """
+        with self._lock.stopping():
+            if not any(line.is_open for line in self._lines):
+                raise NotReady(self.name, "is not open; call open() first")
+            done, errors = self._send_setpoints(dict.fromkeys(range(self.channels), 0))
+            for channel in done:
+                self._limits.sent(channel, 0.0)
+            if errors:
+                ports = "; ".join(f"channel {channel + 1}: {e.message}" for channel, e in sorted(errors.items()))
+                raise InstrumentError(self.name, f"did not vent {ports}. Shut the supply and vent those by hand")
+
+    def close(self) -> None:
+        """Vent, wait shortly for the pressure to fall, disconnect."""
+        with self._lock:
+            if any(line.is_open for line in self._lines):
+                with contextlib.suppress(InstrumentError):
+                    self.vent()
+                with contextlib.suppress(InstrumentError):
+                    deadline = time.monotonic() + VENT_WAIT
+                    while time.monotonic() < deadline and max(self.read().measured) > VENTED:
+                        time.sleep(0.02)
+            self._disconnect()
+
+    # -- opening
+    def _recognise(self) -> None:
+        answers, errors = self._ask_each(dict.fromkeys(range(self.channels), MARK))
+        found = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
+        found |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
+        for channel, what in found.items():
+            raise WrongDevice(
+                self.name,
+                f"what answers on {self.config.ports[channel]} is no ITV: an unknown command should give "
+                f"{UNKNOWN_COMMAND!r}, it gave {what}; check the port in rig.yaml",
+            )
+        silent = [self.config.ports[channel] for channel in errors]
+        if silent:
+            raise Unreachable(
+                self.name,
+                f"no answer on {', '.join(silent)} at {BAUD} Bd; check the unit's power and the RS-232C cable",
+            )
+
+    def _disconnect(self) -> None:
+        for line in self._lines:
+            line.close()
+        self._behind.clear()
+
+    def _need_open(self) -> None:
+        if not all(line.is_open for line in self._lines):
+            raise NotReady(self.name, "is not open; call open() first")
+
+    # -- all channels at once
+    def _confirmed(self) -> tuple[float, ...]:
+        return tuple(count * self.step for count in self._counts)
+
+    @staticmethod
+    def _raise_first(errors: dict[int, InstrumentError]) -> None:
+        if errors:
+            raise errors[min(errors)]
+
+    def _send_setpoints(self, counts: dict[int, int]) -> tuple[list[int], dict[int, InstrumentError]]:
+        """Send set-points in counts; returns the channels that confirmed and the errors of the others."""
+        requests = {channel: b"SET %d" % n for channel, n in counts.items()}
+        answers, errors = self._numbers(requests)
+        for channel, answer in answers.items():
+            before, self._counts[channel] = self._counts[channel], answer
+            if answer != counts[channel]:
+                same = " as before: it ignores the line, take it out of local operation" if answer == before else ""
+                errors[channel] = DeviceFault(
+                    self.name,
+                    f"{self.config.ports[channel]} was asked for {counts[channel] * self.step / 1e3:.2f} kPa and holds "
+                    f"{answer * self.step / 1e3:.2f} kPa{same}; check its set-point limits",
+                )
+        return [channel for channel in answers if channel not in errors], errors
+
+    def _numbers(self, requests: dict[int, bytes]) -> tuple[dict[int, int], dict[int, InstrumentError]]:
+        """Ask for numbers 0..1023, twice where the first try fails."""
+        numbers: dict[int, int] = {}
+        errors: dict[int, InstrumentError] = {}
+        for attempt in range(2):
+            if attempt and errors:
+                self._lock.sleep(self.config.poll_interval)
+            answers, errors = self._ask_each({c: r for c, r in requests.items() if c not in numbers})
+            for channel, answer in answers.items():
+                if answer.isdigit() and int(answer) <= STEPS:
+                    numbers[channel] = int(answer)
+                else:
+                    errors[channel] = self._refusal(channel, requests[channel], answer)
+        return numbers, errors
+
+    def _ask_each(self, requests: dict[int, bytes]) -> tuple[dict[int, bytes], dict[int, InstrumentError]]:
+        """Send to all ports, then collect the answers: the units work at the same time."""
+        answers: dict[int, bytes] = {}
+        errors: dict[int, InstrumentError] = {}
+        for channel, request in requests.items():
+            try:
+                self._send(channel, request)
+            except InstrumentError as e:
+                errors[channel] = e
+        asked = sorted(requests.keys() - errors.keys())
+        self._mark([channel for channel in asked if channel in self._behind])
+        deadline = time.monotonic() + self.config.timeout
+        for channel in asked:
+            try:
+                answers[channel] = self._answer(channel, deadline)
+            except InstrumentError as e:
+                errors[channel] = e
+                self._behind[channel] = _Behind(held=channel in self._behind, last=time.monotonic())
+        return answers, errors
+
+    def _send(self, channel: int, request: bytes) -> None:
+        """Raises NoReply when the answer could not be told from others; a set-point goes out all the same."""
+        line, state = self._lines[channel], self._behind.get(channel)
+        if state is not None and state.held:
+            now = time.monotonic()
+            if line.read_some():
+                state.last = now
+            state.held = now - state.last < QUIET
+            if state.held:
+                if request.startswith(b"SET") and request != state.told:
+                    state.told = request
+                    line.write(request + END)
+                raise NoReply(
+                    self.name,
+                    f"answers on {self.config.ports[channel]} come late or not at all, and cannot be told apart until it "
+                    f"has been quiet for {QUIET:g} s; check its cable and adapter",
+                )
+        line.flush()
+        line.write(request + END)
+
+    def _mark(self, channels: Sequence[int]) -> None:
+        if channels:
+            with contextlib.suppress(NoReply):  # given up for a stop: reading tells
+                self._lock.sleep(self.config.poll_interval)  # a unit may not take two lines at once
+        for channel in channels:
+            with contextlib.suppress(InstrumentError):  # reading tells
+                self._lines[channel].write(MARK + END)
+
+    def _answer(self, channel: int, deadline: float) -> bytes:
+        """The answer to the last request. Raises NoReply, BadReply."""
+        line, answer = self._lines[channel], b""
+        while True:
+            text = line.read_until(END, max(0.01, deadline - time.monotonic()))
+            if channel not in self._behind:
+                return text
+            if text == UNKNOWN_COMMAND:
+                break
+            answer = text
+        if not answer:
+            raise NoReply(self.name, f"the answer on {self.config.ports[channel]} was lost; check its cable")
+        del self._behind[channel]
+        return answer
+
+    def _refusal(self, channel: int, request: bytes, answer: bytes) -> BadReply:
+        hint = {
+            OUT_OF_RANGE: "the unit allows less than full_scale in rig.yaml",
+            UNKNOWN_COMMAND: "it did not understand; check the cable",
+        }.get(answer, f"wanted a number of 0 to {STEPS}; check the cable and the port")
+        return BadReply(self.name, f"{self.config.ports[channel]} answers {show(request)} with {show(answer)}; {hint}")

@@ -1,0 +1,1 @@
+"""The TMCL length unit of the spine."""

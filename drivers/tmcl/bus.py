@@ -1,0 +1,207 @@
+"""One motor of a Trinamic module as parameters that are read and written, by pytrinamic.
+
+A TMCL frame is nine bytes with no mark at its start, so after any error the line is left alone for one time-out and
+flushed: both ends then agree again on where a frame begins. All commands used here are absolute and may be repeated.
+
+An answer tells its command but not its parameter, and one that was not in time may still come. A module answers in order,
+so after a failure the line is caught up first: the module's tick timer is set to a new value and asked for, and what
+comes before an answer near that value is thrown away. The timer counts milliseconds and starts from 0 without power.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import struct
+import termios
+import threading
+import time
+from collections.abc import Iterator
+
+import serial
+from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
+from pytrinamic.helpers import to_signed_32
+from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatusError, TMCLStatus
+
+from ..errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+
+ATTEMPTS = 2
+FRAME = struct.Struct(">BBBBi")
+TICK_TIMER = 132
+"""Global parameter: ms since the module started, or since it was set."""
+FIRST_TICK, LAST_TICK = 1_000_000, 2**30
+"""The timer is set to something between: a module just started shows less for a quarter of an hour."""
+NEAR = 60_000
+"""ms by which the timer may have gone on when it is read."""
+CATCH_UP_WAITS = 2.0
+"""How many time-outs the answers may take that are owed."""
+BINARY_VERSION = 1
+"""Type of the version command that answers with numbers instead of text."""
+
+
+class Axis:
+    """Motor `motor` of module `address`."""
+
+    def __init__(self, name: str, port: str, baud: int, address: int, host: int, motor: int, timeout: float) -> None:
+        """`timeout` (s, host time) bounds each answer; an exchange is tried twice."""
+        self.name = name
+        self._path, self._baud = port, baud
+        self._address, self._host, self._motor = address, host, motor
+        self._timeout = timeout
+        self._serial: serial.Serial | None = None
+        self._tmcl: SerialTmclInterface | None = None
+        self._lock = threading.RLock()
+        self._behind = False
+        """Whether answers to earlier questions may still come."""
+        self._tick = 0
+        """What the tick timer was set to last."""
+
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`."""
+        return self._tmcl is not None
+
+    def open(self) -> None:
+        """Open the serial port. Raises `Unreachable`."""
+        try:
+            self._serial = serial.Serial(
+                self._path, self._baud, timeout=self._timeout, write_timeout=self._timeout, exclusive=True
+            )
+        except (OSError, ValueError) as e:
+            raise Unreachable(
+                self.name,
+                f"cannot open {self._path} at {self._baud} Bd ({e}); check the adapter, the port in rig.yaml, and that "
+                "no other program has it open",
+            ) from e
+        self._tmcl = SerialTmclInterface(self._serial, host_id=self._host, module_id=self._address)
+
+    def close(self) -> None:
+        """Close the serial port; never raises, may be called twice."""
+        tmcl, self._tmcl = self._tmcl, None
+        if tmcl is not None:
+            with contextlib.suppress(OSError, termios.error):
+                tmcl.close()
+
+    def version(self) -> tuple[int, str]:
+        """Number of the module and version of its firmware."""
+        value = self._send(TMCLCommand.GET_FIRMWARE_VERSION, BINARY_VERSION, 0)
+        return value >> 16 & 0xFFFF, f"{value >> 8 & 0xFF}.{value & 0xFF:02d}"
+
+    def get(self, parameter: int) -> int:
+        """Axis parameter, signed."""
+        return self._send(TMCLCommand.GAP, parameter, 0)
+
+    def put(self, parameter: int, value: int) -> None:
+        """Set an axis parameter."""
+        self._send(TMCLCommand.SAP, parameter, value)
+
+    def put_global(self, parameter: int, value: int) -> None:
+        """Set a parameter of the module (bank 0)."""
+        self._send(TMCLCommand.SGP, parameter, value, bank=0)
+
+    def set_tick(self) -> None:
+        """Give the tick timer a new value; from now on `restarted` knows."""
+        self._tick = random.randrange(FIRST_TICK, LAST_TICK)
+        self._send(TMCLCommand.SGP, TICK_TIMER, self._tick, bank=0)
+
+    def restarted(self) -> bool:
+        """Whether the tick timer has gone back, which it does without power only; it is asked twice."""
+        return all(
+            self._send(TMCLCommand.GGP, TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
+        )
+
+    def move_to(self, position: int) -> None:
+        """Start moving to a position, microsteps."""
+        self._send(TMCLCommand.MVP, 0, position)
+
+    def stop(self) -> None:
+        """Decelerate now."""
+        self._send(TMCLCommand.MST, 0, 0)
+
+    def start_search(self) -> None:
+        """Start the module's reference search."""
+        self._send(TMCLCommand.RFS, 0, 0)
+
+    def stop_search(self) -> None:
+        """End the reference search."""
+        self._send(TMCLCommand.RFS, 1, 0)
+
+    def searching(self) -> bool:
+        """Whether the reference search is under way."""
+        return self._send(TMCLCommand.RFS, 2, 0) != 0
+
+    def _send(self, command: int, kind: int, value: int, bank: int | None = None) -> int:
+        """One request and its answer, again after silence or noise."""
+        what = f"{TMCLCommand.get_name(command)} {kind}, {value}"
+        where = f"module {self._address} on {self._path} at {self._baud} Bd"
+        failure: InstrumentError = NoReply(
+            self.name, f"no answer of {where} before {what}; check its power, address and baud rate"
+        )
+        with self._guarded() as (tmcl, line):
+            for _ in range(ATTEMPTS):
+                if self._behind and not self._catch_up(tmcl, line):
+                    break
+                try:
+                    reply = tmcl.send(command, kind, self._motor if bank is None else bank, value)
+                    if reply.module_address == self._address and reply.command == command:
+                        return int(to_signed_32(reply.value))
+                    failure = BadReply(
+                        self.name,
+                        f"to {what}, {where}, came an answer of module {reply.module_address} to command "
+                        f"{reply.command}; check the addresses on the bus",
+                    )
+                except TMCLReplyStatusError as e:
+                    reason = TMCLStatus.get_name(e.status_code)
+                    failure = BadReply(self.name, f"{where} refuses {what}: status {e.status_code}, {reason}")
+                    if e.status_code != TMCLStatus.WRONG_CHECKSUM:
+                        break
+                except TMCLReplyChecksumError:
+                    failure = BadReply(self.name, f"damaged answer of {where} to {what}; check cable and baud rate")
+                except RuntimeError:  # how pytrinamic tells a time-out
+                    failure = NoReply(
+                        self.name, f"no answer of {where} to {what}; check its power, address and baud rate"
+                    )
+                self._behind = True
+                time.sleep(self._timeout)
+                line.reset_input_buffer()
+            raise failure
+
+    def _catch_up(self, tmcl: SerialTmclInterface, line: serial.Serial) -> bool:
+        """Throw away what comes late; True once the answer to the question asked last has come."""
+        for _ in range(ATTEMPTS):
+            tick = random.randrange(FIRST_TICK, LAST_TICK)
+            line.reset_input_buffer()
+            tmcl.send(TMCLCommand.SGP, TICK_TIMER, 0, tick, no_reply=True)
+            if self._await(line, TMCLCommand.SGP, range(-(2**31), 2**31)):
+                self._tick = tick
+                tmcl.send(TMCLCommand.GGP, TICK_TIMER, 0, 0, no_reply=True)
+                if self._await(line, TMCLCommand.GGP, range(tick, tick + NEAR)):
+                    self._behind = False
+                    return True
+        return False
+
+    def _await(self, line: serial.Serial, command: int, values: range) -> bool:
+        """Read answers until one to this command has one of these values; False when they cease before."""
+        give_up = time.monotonic() + CATCH_UP_WAITS * self._timeout
+        while time.monotonic() < give_up:
+            frame = line.read(9)
+            if len(frame) == 9 and sum(frame[:8]) & 0xFF == frame[8]:
+                _, module, _, answered, value = FRAME.unpack(frame[:8])
+                if module == self._address and answered == command and value in values:
+                    return True
+        return False
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[tuple[SerialTmclInterface, serial.Serial]]:
+        """The open line under the lock, with its failures as the drivers' errors."""
+        with self._lock:
+            if self._tmcl is None or self._serial is None:
+                raise NotReady(self.name, f"{self._path} is not open; call open() first")
+            try:
+                yield self._tmcl, self._serial
+            except (OSError, termios.error) as e:
+                if isinstance(e, InstrumentError):
+                    raise
+                raise Unreachable(
+                    self.name, f"lost {self._path} ({e}); check its plug and power, then open it again"
+                ) from e

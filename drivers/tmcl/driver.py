@@ -1,0 +1,339 @@
+"""Length unit driven by a Trinamic TMCM-1260 stepper module with encoder (TMCL).
+
+    length = direction * encoder / microsteps_per_turn * metres_per_turn
+
+The encoder must be scaled to microsteps in the module. `home` runs the module's own search for the limit switch at the
+retracted end. A spine that does not follow is noticed by the module: it stops when steps and encoder differ too much.
+
+Faults, each latched until the call that answers it:
+- deviation stop, and a motion that ended short of its goal (the module's heartbeat stops it when the host was silent):
+  the zero is kept, since the encoder has seen everything; answered by `move_to`, `stop`, `home`.
+- restart of the module, driver errors: the zero is lost; answered by `home`.
+
+Parameter numbers: TMCM-1260 as named in pytrinamic; other modules number some of them differently and are refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
+from ..interfaces import Clock, Identity, SpineSample
+from .bus import Axis
+
+MODULE = 1260
+RESTARTED = "the module has restarted (power lost?) and forgot its position; check its supply"
+TARGET_POSITION, ACTUAL_POSITION, ACTUAL_SPEED, MAX_SPEED = 0, 1, 3, 4
+SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
+ERROR_FLAGS, DRIVER_STATUS, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
+HEARTBEAT = 68
+"""Global parameter: ms of silence on the serial line after which the motor stops; 0 = never."""
+SEARCH_LEFT_SWITCH, SEARCH_RIGHT_SWITCH = 1, 65
+STALLED, DEVIATED = 1, 2
+"""Bits of ERROR_FLAGS; some firmware clears them when they are read, hence the latch here."""
+DRIVER_ERRORS = {1: "overheated", 3: "short to ground, coil A", 4: "short to ground, coil B"}
+"""Bits of DRIVER_STATUS that mean damage; the others are warnings or states."""
+SWITCH_SHARE = 0.25
+"""Speed for the exact position of the switch, as a share of the homing speed."""
+
+
+class Config(BaseModel):
+    """Length unit by Trinamic module."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    port: str
+    baud: Literal[9600, 19200, 38400, 57600, 115200] = Field(115200, json_schema_extra={"unit": "Bd"})
+    address: int = Field(default=1, ge=1, le=255, json_schema_extra={"unit": ""})
+    host: int = Field(default=2, ge=1, le=255, json_schema_extra={"unit": ""})
+    motor: int = Field(default=0, ge=0, le=5, json_schema_extra={"unit": ""})
+    metres_per_turn: float = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    microsteps_per_turn: int = Field(default=51200, ge=200, le=10_000_000, json_schema_extra={"unit": ""})
+    direction: Literal[1, -1] = 1
+    """1 when the spine grows as the module counts up."""
+    max_length: float = Field(default=0.35, gt=0, le=2, json_schema_extra={"unit": "m"})
+    max_speed: float = Field(default=0.05, gt=0, le=0.5, json_schema_extra={"unit": "m/s"})
+    homing_speed: float = Field(default=0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
+    max_deviation: float = Field(default=0.003, gt=0, le=0.05, json_schema_extra={"unit": "m"})
+    """Difference of steps and encoder at which the module stops itself."""
+    tolerance: float = Field(default=0.0005, gt=0, le=0.01, json_schema_extra={"unit": "m"})
+    """A motion has ended when the length is this near its goal."""
+    settle_time: float = Field(default=0.5, gt=0, le=10, json_schema_extra={"unit": "s"})
+    """A motor that stands this long away from its goal has stopped short of it."""
+    heartbeat: float = Field(default=2.0, ge=0, le=60, json_schema_extra={"unit": "s"})
+    """The module stops the motor after this long without a word from the host; 0 leaves its own setting alone."""
+    timeout: float = Field(default=0.15, gt=0, le=2, json_schema_extra={"unit": "s"})
+
+
+@dataclass(frozen=True)
+class _State:
+    """One reading of the module: time (s), encoder (microsteps), speed (microsteps/s)."""
+
+    t: float
+    encoder: int
+    speed: int
+
+
+class TmclSpine:
+    """Length unit by Trinamic module; see the module's text. Calls may come from several threads."""
+
+    def __init__(self, name: str, config: Config, clock: Clock) -> None:
+        self.name = name
+        self._config = config
+        self._clock = clock
+        self._axis = Axis(name, config.port, config.baud, config.address, config.host, config.motor, config.timeout)
+        self._lock = threading.RLock()
+        self._homed = False
+        self._homing_until: float | None = None
+        self._goal = 0.0
+        self._standing_since: float | None = None
+        self._fault = ""
+
+    def open(self) -> Identity:
+        """Connect, check the module, switch deviation stop and heartbeat on; a motion left over is stopped.
+
+        Raises `Unreachable` when nobody answers, `WrongDevice` for another module.
+        """
+        with self._lock:
+            if not self._axis.is_open:
+                self._axis.open()
+            try:
+                return self._meet()
+            except NoReply as e:
+                self._axis.close()
+                raise Unreachable(self.name, e.message) from e
+            except BadReply as e:
+                self._axis.close()
+                raise WrongDevice(self.name, f"no TMCM-{MODULE}: {e.message}") from e
+            except InstrumentError:
+                self._axis.close()
+                raise
+
+    def close(self) -> None:
+        """Stop and disconnect; the motor holds with its standby current."""
+        with self._lock:
+            if self._axis.is_open:
+                with contextlib.suppress(InstrumentError):
+                    self.stop()
+            self._axis.close()
+            self._homed = False
+
+    def home(self) -> None:
+        """Start the search for the switch at the retracted end; un-jam the spine before. `read` follows it."""
+        with self._lock:
+            self._homed = False
+            self._fault = ""
+            self._axis.put(MAX_DEVIATION, 0)
+            self._axis.stop()
+            far = self._config.direction * self._microsteps(2 * self._search_reach)
+            self._axis.put(ACTUAL_POSITION, far)  # a search that ends without the switch cannot end near 0
+            self._axis.put(ENCODER, far)
+            self._prepare()
+            self._goal = 0.0
+            self._standing_since = None
+            left = self._config.direction > 0
+            self._axis.put(SEARCH_MODE, SEARCH_LEFT_SWITCH if left else SEARCH_RIGHT_SWITCH)
+            self._axis.put(SEARCH_SPEED, self._microsteps(self._config.homing_speed))
+            self._axis.put(SWITCH_SPEED, self._microsteps(SWITCH_SHARE * self._config.homing_speed))
+            self._axis.start_search()
+            self._homing_until = self._clock.now() + self._search_reach / self._config.homing_speed
+
+    def move_to(self, length: float, speed: float) -> float:
+        """Start moving to `length` (m) at `speed` (m/s), both clipped; returns the goal that the module confirmed.
+
+        Raises `NotReady` before `home` has found the zero and `LimitExceeded` for what is not a length or speed
+        (nothing is sent then), `DeviceFault` while the module reports a fault.
+        """
+        with self._lock:
+            if not self._axis.is_open:
+                raise NotReady(self.name, "not open; call open() first")
+            if not self._homed:
+                raise NotReady(self.name, "length unknown; call home() and wait until read().homed")
+            if not math.isfinite(length) or not (math.isfinite(speed) and speed > 0):
+                raise LimitExceeded(
+                    self.name, f"length {length} m at {speed} m/s is no motion; give a number and a speed above 0 m/s"
+                )
+            if self._fault:
+                self._follow_encoder()
+                self._fault = ""
+            self._poll()
+            self._raise_fault()
+            goal = self._config.direction * self._microsteps(min(max(length, 0.0), self._config.max_length))
+            self._set_goal(goal, max(1, self._microsteps(min(speed, self._config.max_speed))))
+            self._goal = self._length(goal)
+            self._standing_since = None
+            return self._goal
+
+    def stop(self) -> None:
+        """Stop and hold; answers a deviation stop, and ends a reference run without result."""
+        with self._lock:
+            if self._homing_until is not None:
+                self._homing_until = None
+                self._axis.stop_search()
+            self._axis.stop()
+            self._fault = ""
+            restarted = self._homed and self._has_restarted(self._axis.get(MAX_DEVIATION))
+            self._prepare()
+            self._follow_encoder()
+            if restarted:
+                self._lose_zero(RESTARTED)
+
+    def read(self) -> SpineSample:
+        """Poll. Until homed, `length` counts from where the module was switched on and says nothing about the spine."""
+        with self._lock:
+            state = self._poll()
+            if self._homing_until is not None and not self._fault:
+                self._continue_homing(state, self._homing_until)
+                state = self._poll()
+            length = self._length(state.encoder)
+            arrived = abs(length - self._goal) <= self._config.tolerance and state.speed == 0
+            if self._homed:
+                self._watch_for_end(state, length, arrived)
+            self._raise_fault()
+            speed = self._config.direction * state.speed / self._per_metre
+            moving = self._homing_until is not None or (self._homed and not arrived)
+            return SpineSample(state.t, length, speed, self._goal, moving, self._homed)
+
+    # -- units
+    @property
+    def _per_metre(self) -> float:
+        """Microsteps per metre of spine."""
+        return self._config.microsteps_per_turn / self._config.metres_per_turn
+
+    @property
+    def _search_reach(self) -> float:
+        """How far to retract in search of the switch, m: all there can be, and some slack."""
+        return 1.2 * self._config.max_length + 0.02
+
+    def _microsteps(self, length: float) -> int:
+        """Of a length (m) or a speed (m/s)."""
+        return round(length * self._per_metre)
+
+    def _length(self, microsteps: int) -> float:
+        return self._config.direction * microsteps / self._per_metre
+
+    # -- talking to the module
+    def _meet(self) -> Identity:
+        module, firmware = self._axis.version()
+        if module != MODULE:
+            raise WrongDevice(
+                self.name,
+                f"module {self._config.address} on {self._config.port} is a TMCM-{module}; this driver knows the "
+                f"parameters of the TMCM-{MODULE} only",
+            )
+        self._prepare()
+        self._axis.stop()
+        self._follow_encoder()
+        return Identity("Trinamic", f"TMCM-{module}", firmware=firmware)
+
+    def _prepare(self) -> None:
+        """What a restarted module has forgotten."""
+        self._axis.put(MAX_DEVIATION, self._microsteps(self._config.max_deviation))
+        self._axis.set_tick()
+        if self._config.heartbeat:
+            self._axis.put_global(HEARTBEAT, round(1000 * self._config.heartbeat))
+        self._axis.get(ERROR_FLAGS)  # clears what was flagged before
+
+    def _follow_encoder(self) -> None:
+        """Take the encoder's position for the steps' too, and hold there: steps made in vain are forgotten."""
+        self._axis.stop()
+        encoder = self._axis.get(ENCODER)
+        self._axis.put(ACTUAL_POSITION, encoder)
+        self._axis.put(TARGET_POSITION, encoder)
+        self._axis.get(ERROR_FLAGS)  # what was flagged until now is answered
+        self._goal = self._length(encoder)
+        self._standing_since = None
+
+    def _set_goal(self, goal: int, speed: int) -> None:
+        """Speed, then goal, both read back."""
+        self._axis.put(MAX_SPEED, speed)
+        self._axis.move_to(goal)
+        echo = (self._axis.get(MAX_SPEED), self._axis.get(TARGET_POSITION))
+        if echo != (speed, goal):
+            raise DeviceFault(
+                self.name,
+                f"asked for (speed, goal) {(speed, goal)} microsteps, the module holds {echo}; check its limits and "
+                "that no other host writes to it",
+            )
+
+    # -- judging what was read
+    def _poll(self) -> _State:
+        """One reading; latches what the module reports as wrong."""
+        encoder = self._axis.get(ENCODER)
+        speed = self._axis.get(ACTUAL_SPEED)
+        t = self._clock.now()
+        flags = self._axis.get(ERROR_FLAGS)
+        status = self._axis.get(DRIVER_STATUS)
+        damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
+        deviation = self._microsteps(self._config.max_deviation)
+        found = self._axis.get(MAX_DEVIATION)
+        if self._has_restarted(found):
+            self._lose_zero(RESTARTED)
+        elif found != deviation:
+            self._fault = (
+                f"its deviation stop was set to {found} microsteps by another host, it should be {deviation}; disconnect "
+                "that one, then call stop() to set it anew"
+            )
+        elif damage:
+            self._lose_zero(f"motor driver: {', '.join(damage)}; check motor and cable")
+        elif flags & (STALLED | DEVIATED):
+            # Without a zero it can only have been homing, also where the search was found ended a moment ago.
+            homing, self._homing_until = not self._homed, None
+            where = "while homing" if homing else f"at {self._length(encoder):.4f} m on the way to {self._goal:.4f} m"
+            self._fault = (
+                f"stopped itself {where}: the spine did not follow (limit {self._config.max_deviation} m). Un-jam it "
+                f"or clear its way, then {'home()' if homing else 'move'} again"
+            )
+        return _State(t, encoder, speed)
+
+    def _has_restarted(self, max_deviation: int) -> bool:
+        """By its tick timer; and by a deviation stop that is off, asked again, since catching up sets the timer anew."""
+        return self._axis.restarted() or (max_deviation == 0 and self._axis.get(MAX_DEVIATION) == 0)
+
+    def _lose_zero(self, fault: str) -> None:
+        self._homed = False
+        self._homing_until = None
+        self._fault = f"{fault}, then home()"
+
+    def _continue_homing(self, state: _State, until: float) -> None:
+        """The module zeroes its steps at the switch; the encoder is zeroed here."""
+        if not self._axis.searching():
+            self._homing_until = None
+            zeroed = self._axis.get(ACTUAL_POSITION)
+            if abs(zeroed) > self._microsteps(self._config.tolerance):
+                self._axis.stop()
+                self._fault = (
+                    f"the search ended without the switch: the host was silent for {self._config.heartbeat} s "
+                    "(heartbeat), or another host stopped it; home() again"
+                )
+                return
+            self._axis.put(ENCODER, zeroed)
+            self._homed = True
+        elif state.t > until:
+            self._homing_until = None
+            self._axis.stop_search()
+            self._axis.stop()
+            self._fault = "found no switch at the retracted end; check the switch and `direction`, then home() again"
+
+    def _watch_for_end(self, state: _State, length: float, arrived: bool) -> None:
+        """A motor that stands away from its goal, with no error flag, was stopped by the heartbeat or by a switch."""
+        if arrived or state.speed != 0 or self._fault:
+            self._standing_since = None
+            return
+        if self._standing_since is None:
+            self._standing_since = state.t
+        elif state.t - self._standing_since > self._config.settle_time:
+            self._fault = (
+                f"stands at {length:.4f} m, short of {self._goal:.4f} m: the host was silent for "
+                f"{self._config.heartbeat} s (heartbeat) or a limit switch is pressed. Call stop(), then move again"
+            )
+
+    def _raise_fault(self) -> None:
+        if self._fault:
+            raise DeviceFault(self.name, self._fault)

@@ -1,0 +1,154 @@
+"""The one thread that owns ur_rtde's control object: one call at a time, each bounded, and watchdog kicks in between.
+
+Two threads in that object would overwrite each other's command registers: a watchdog kick clears a command that the
+controller has not read yet, and the caller then waits for 300 s. After a lost connection the library reconnects by
+itself, for ever, and uploads its program anew each time; so a lost connection is final here, and its first cause is
+raised again by every later call.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import rtde_control
+
+from ..errors import InstrumentError, NoReply, NotReady, Unreachable
+
+T = TypeVar("T")
+FLAGS = rtde_control.RTDEControlInterface.FLAG_UPLOAD_SCRIPT | rtde_control.RTDEControlInterface.FLAG_NO_EXT_FT
+"""Send the library's program; leave out the external force input, which not every CB3 offers and nobody here uses."""
+CONNECT_TIMEOUT = 15.0
+"""s of host time; the library has time-outs of 2.5, 5 and 6 s of its own in there."""
+KICKS_PER_LIMIT = 5
+"""Watchdog kicks within the time after which the watchdog bites."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """An asynchronous motion as the controller numbers it (0..127)."""
+
+    number: int
+    running: bool
+
+
+@dataclass
+class _Job:
+    do: Callable[[Any], Any]
+    done: Future[Any]
+
+
+class ControlThread:
+    """Owner of one connection; used once."""
+
+    def __init__(self, name: str, host: str, timeout: float) -> None:
+        """`timeout` bounds each call, s of host time."""
+        self.name, self.host, self.timeout = name, host, timeout
+        self._jobs: queue.Queue[_Job | None] = queue.Queue()
+        self._ready: Future[None] = Future()
+        self._broken: InstrumentError | None = None
+        self._kick_interval: float | None = None
+        self._thread = threading.Thread(target=self._run, name=f"{name} control", daemon=True)
+
+    def start(self) -> None:
+        """Connect and upload the program. Raises Unreachable, NotReady."""
+        self._thread.start()
+        try:
+            self._ready.result(CONNECT_TIMEOUT)
+        except TimeoutError as error:
+            raise Unreachable(self.name, f"{self.host} let nobody take control within {CONNECT_TIMEOUT:g} s") from error
+        except RuntimeError as error:
+            raise self._explained(str(error)) from error
+
+    def _explained(self, reason: str) -> InstrumentError:
+        if "remote control" in reason:
+            return NotReady(self.name, "the pendant is in local mode; switch it to remote control")
+        if "in use" in reason.lower():
+            return NotReady(
+                self.name,
+                "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off",
+            )
+        return Unreachable(self.name, f"cannot take control of {self.host}: {reason}; see the log on the pendant")
+
+    @property
+    def alive(self) -> bool:
+        """True while the library may still hold the connection."""
+        return self._thread.is_alive()
+
+    def call(self, do: Callable[[Any], T]) -> T:
+        """Run `do(control object)` in the owner's thread. Raises NoReply when it takes longer than the time-out."""
+        if self._broken is not None:
+            raise self._broken
+        job = _Job(do, Future())
+        self._jobs.put(job)
+        try:
+            result: T = job.done.result(self.timeout)
+        except TimeoutError as error:
+            raise self.give_up(f"no answer within {self.timeout:g} s") from error
+        return result
+
+    def give_up(self, why: str) -> InstrumentError:
+        """Declare the connection lost and return the error; the kicks end, so that the watchdog stops the arm."""
+        if self._broken is None:
+            self._broken = NoReply(
+                self.name,
+                f"lost control of {self.host} ({why}); its watchdog stops the arm. Check it, close it, open it",
+            )
+            self._jobs.put(None)
+        return self._broken
+
+    def watch(self, frequency: float) -> bool:
+        """Turn the controller's watchdog on: it stops the program when kicks come less often than `frequency` (Hz)."""
+        accepted = self.call(lambda control: control.setWatchdog(frequency))
+        self._kick_interval = 1.0 / frequency / KICKS_PER_LIMIT
+        return bool(accepted)
+
+    def operation(self) -> Operation:
+        """The newest asynchronous motion."""
+
+        def read(control: Any) -> Operation:
+            status = control.getAsyncOperationProgressEx()
+            return Operation(status.operationId(), status.isAsyncOperationRunning())
+
+        return self.call(read)
+
+    def finish(self, timeout: float) -> bool:
+        """End the program and disconnect; False when that takes longer than `timeout` (s of host time)."""
+        if self._broken is None:
+            self._jobs.put(_Job(lambda control: control.stopScript(), Future()))
+            self._jobs.put(None)
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    # -- the owner's thread
+    def _run(self) -> None:
+        try:
+            control = rtde_control.RTDEControlInterface(self.host, -1.0, FLAGS)
+        except RuntimeError as error:
+            self._ready.set_exception(error)
+            return
+        self._ready.set_result(None)
+        next_kick = 0.0
+        while True:
+            now = time.monotonic()
+            if not control.isConnected():
+                self.give_up("connection lost")
+            elif self._kick_interval is not None and self._broken is None and now >= next_kick:
+                control.kickWatchdog()
+                next_kick = now + self._kick_interval
+            try:
+                job = self._jobs.get(timeout=self._kick_interval or 0.1)
+            except queue.Empty:
+                continue
+            if job is None:
+                break
+            try:
+                job.done.set_result(job.do(control))
+            except Exception as error:  # whatever the library raises belongs to the caller
+                job.done.set_exception(error)
+        control.disconnect()

@@ -1,0 +1,363 @@
+"""Motion of a UR5 through ur_rtde: straight, watched, never blocking.
+
+Every motion runs asynchronously on the controller (a blocking one cannot be stopped from here), with limits in front of
+it and a deadline computed from its length. The controller's watchdog stops the arm when this process dies or hangs.
+
+ur_rtde may hang or crash when the controller goes away under it. Calls are bounded as far as Python can do that; the
+process that holds this driver should be one that can be killed and started anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, WrongDevice
+from ..interfaces import ArmSample, Clock, Identity, Vector3, Vector6
+from . import motion as ur5_motion
+from . import wire as ur5_wire
+from .control import ControlThread
+from .motion import Deadline
+from .state import Config as StateConfig
+from .state import UR5State
+
+RUNNING = 7
+"""robot_mode of an arm that is powered with its brakes released."""
+PROTECTIVE_STOP, SAFEGUARD_STOP = 1 << 2, 1 << 4
+EMERGENCY_STOP = 1 << 5 | 1 << 6 | 1 << 7
+SAFETY_FAULT = 1 << 8 | 1 << 9 | 1 << 10
+"""Bits of safety_status_bits: violation, fault, stopped due to safety."""
+STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
+"""m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
+STILL_SAMPLES = 3
+DEADLINE_FACTOR = 2.0
+"""A motion may take this many times as long as computed: the speed slider may stand at 50 %."""
+STOP_ALLOWANCE = 0.2
+"""s the arm may take to stop beyond speed/deceleration."""
+STATE_LAG = 0.1
+"""s of host time by which the state may be behind the command connection; it is one or two cycles."""
+LOOK_INTERVAL = 0.002
+"""s of host time between looks at the state while waiting."""
+FINISH_TIMEOUT = 3.0
+"""s of host time for ending the program and disconnecting; the library sleeps 0.5 s in there, twice."""
+
+
+class Config(BaseModel):
+    """How to reach the arm and what may be asked of it. Lengths in its base frame."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    host: str
+    """Address of the controller; the ports (29999, 30003, 30004) are fixed by the library."""
+    model: str = "UR5"
+    """What the dashboard must call the arm, where it can tell."""
+    serial: str = ""
+    """Serial number the controller must have; any when empty."""
+    workspace_min: Vector3 = Field((-0.75, -0.75, 0.02), json_schema_extra={"unit": "m"})
+    workspace_max: Vector3 = Field((0.75, 0.75, 0.90), json_schema_extra={"unit": "m"})
+    """Box in which each target must lie."""
+    max_step: float = Field(0.3, gt=0, le=1.7, json_schema_extra={"unit": "m"})
+    """How far one motion may go."""
+    max_turn: float = Field(0.8, gt=0, le=3.2, json_schema_extra={"unit": "rad"})
+    """How far one motion may turn the TCP."""
+    max_speed: float = Field(0.1, gt=0, le=1.0, json_schema_extra={"unit": "m/s"})
+    max_acceleration: float = Field(0.5, gt=0, le=5.0, json_schema_extra={"unit": "m/s^2"})
+    stop_deceleration: float = Field(2.0, gt=0, le=10.0, json_schema_extra={"unit": "m/s^2"})
+    position_tolerance: float = Field(0.5e-3, ge=1e-5, le=0.01, json_schema_extra={"unit": "m"})
+    """How near to its target a motion must end,"""
+    turn_tolerance: float = Field(5e-3, ge=1e-4, le=0.1, json_schema_extra={"unit": "rad"})
+    """and how near in orientation."""
+    tcp: Vector6 | None = None
+    """TCP in the flange frame (m, rotation vector rad), set at `open`; when not given, the pendant's setting holds."""
+    watchdog_frequency: float = Field(5.0, ge=2.0, le=50.0, json_schema_extra={"unit": "Hz"})
+    """The controller ends the motion when it hears from this driver less often, host time."""
+    timeout: float = Field(1.0, ge=0.2, le=10, json_schema_extra={"unit": "s"})
+    """How long the controller may take for an answer, host time."""
+
+    @model_validator(mode="after")
+    def _box_has_room(self) -> Config:
+        for axis, low, high in zip("xyz", self.workspace_min, self.workspace_max, strict=True):
+            if not low < high:
+                raise ValueError(f"workspace_min {axis} = {low:g} m must be below workspace_max {axis} = {high:g} m")
+        return self
+
+
+@dataclass
+class _Move:
+    goal: Vector6
+    operation: int
+    deadline: Deadline
+    ended: float | None = None
+    """Host time (s) at which the controller called it ended, before the read-back confirmed it."""
+
+
+class UR5:
+    """The arm (see `Arm`)."""
+
+    def __init__(self, name: str, config: Config, clock: Clock) -> None:
+        self.name = name
+        self.config = config
+        self._clock = clock
+        max_age = max(0.3, config.timeout / 2)
+        state = StateConfig(host=config.host, poll_interval=0.002, max_age=max_age, timeout=config.timeout)
+        self._state = UR5State(name, state, clock, lambda sample: None)
+        self._control: ControlThread | None = None
+        self._move: _Move | None = None
+
+    def open(self) -> Identity:
+        """Connect, check arm and state, take control, start the watchdog.
+
+        Raises Unreachable, WrongDevice, DeviceFault (stopped), NotReady (powered off, local mode, another in control).
+        """
+        if self._control is not None and self._control.alive:
+            raise NotReady(self.name, "is open, or its last connection has not ended; close it, or restart its process")
+        config = self.config
+        seen = ur5_wire.snapshot(self.name, config.host, config.timeout)
+        identity = ur5_wire.identify(self.name, config.host, config.timeout)
+        self._check_identity(identity)
+        self._check_safety(seen.safety_bits)
+        if seen.robot_mode != RUNNING:
+            raise NotReady(
+                self.name, f"robot mode {seen.robot_mode}; power the arm on at the pendant and release its brakes"
+            )
+        try:
+            self._state.open()
+            self._control = ControlThread(self.name, config.host, config.timeout)
+            self._control.start()
+            self._set_tcp(self._control)
+            if not self._control.watch(config.watchdog_frequency):
+                raise BadReply(self.name, "the controller refused the watchdog; see the log on the pendant")
+            self._await_program(self._control)
+        except InstrumentError:
+            self.close()
+            raise
+        return identity
+
+    def close(self) -> None:
+        """Stop the arm, end the program, disconnect. Bounded in time also when the controller is gone."""
+        if self._control is not None:
+            if self._move is not None:
+                with contextlib.suppress(InstrumentError):
+                    self.stop()
+            self._move = None
+            if self._control.finish(FINISH_TIMEOUT):
+                self._control = None
+        self._state.close()
+
+    def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
+        """Start a straight motion of the TCP to a pose (m, rotation vector rad, base frame) at m/s and m/s^2.
+
+        Raises LimitExceeded and NotReady (still moving, not open) with nothing sent; DeviceFault, NoReply, BadReply.
+        """
+        goal = ur5_motion.check_request(self.name, self.config, pose, speed, acceleration)
+        control = self._opened()
+        here = self._healthy(control).tcp_pose
+        ur5_motion.check_step(self.name, self.config, here, goal)
+        if self._move is not None and self.moving():
+            raise NotReady(self.name, "still moving; wait until moving() is False, or call stop()")
+        before = control.operation().number
+        if not control.call(lambda library: library.moveL(list(goal), speed, acceleration, True)):
+            self._raise_cause(control)
+            raise BadReply(self.name, f"the controller refused {_millimetres(goal)}; see the log on the pendant")
+        allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
+        deadline = Deadline.after(self._clock, allowed, self.config.timeout)
+        self._move = _Move(goal, self._started(control, before), deadline)
+
+    def moving(self) -> bool:
+        """True until the last started motion has ended at its goal.
+
+        Raises DeviceFault after a protective or emergency stop, when the program on the controller ended, when it
+        came to rest elsewhere or takes too long (it is stopped then); NoReply when the controller is gone.
+        """
+        control = self._opened()
+        operation = control.operation()
+        sample = self._healthy(control)
+        move = self._move
+        if move is None:
+            return False
+        if operation.number != move.operation:
+            self._move = None
+            raise DeviceFault(
+                self.name, "the motion was replaced by another one; is a second program in control of the arm?"
+            )
+        if operation.running:
+            if move.deadline.expired:
+                self._take_too_long(move)
+            return True
+        off = ur5_motion.distance_between(sample.tcp_pose, move.goal)
+        turned = ur5_motion.turn_between(sample.tcp_pose, move.goal)
+        if off <= self.config.position_tolerance and turned <= self.config.turn_tolerance and _still(sample):
+            self._move = None
+            return False
+        # The state comes over a connection of its own and may be some cycles behind.
+        move.ended = move.ended or time.monotonic()
+        if time.monotonic() - move.ended > self.config.timeout:
+            self._move = None
+            raise DeviceFault(
+                self.name,
+                f"motion ended {off * 1e3:.2f} mm and {turned:.4f} rad from its target {_millimetres(move.goal)}, "
+                f"tolerance {self.config.position_tolerance * 1e3:g} mm and {self.config.turn_tolerance:g} rad; "
+                "was the arm stopped or pushed?",
+            )
+        return True
+
+    def stop(self) -> None:
+        """Decelerate now; returns when the state shows the arm standing.
+
+        Raises DeviceFault when it does not stop, NoReply when that cannot be known.
+        """
+        control = self._opened()
+        sample = self._fresh(control)
+        self._move = None
+        if sample.program_running and not self._fault(sample.safety_bits):
+            # Asynchronous, because only then does the program decelerate along the straight line.
+            control.call(lambda library: library.stopL(self.config.stop_deceleration, True))
+        travel = self.config.max_speed / self.config.stop_deceleration + STOP_ALLOWANCE
+        deadline = Deadline.after(self._clock, travel, self.config.timeout)
+        still, last = 0, sample.device_time
+        while still < STILL_SAMPLES:
+            sample = self._fresh(control)
+            if sample.device_time != last:
+                last = sample.device_time
+                still = still + 1 if _still(sample) else 0
+            if deadline.expired:
+                speed = max(abs(v) for v in sample.tcp_speed[:3])
+                raise DeviceFault(self.name, f"does not stop: still {speed:.3f} m/s; press the emergency stop")
+            time.sleep(LOOK_INTERVAL)
+
+    def standing(self) -> bool:
+        """True when the newest state shows the arm standing, whatever else is wrong with it.
+
+        Raises NotReady before `open`, NoReply when no state comes.
+        """
+        try:
+            return _still(self._state.latest())
+        except StaleReading as error:
+            raise NoReply(self.name, f"{error.message}; look whether the arm stands") from error
+
+    def glance(self) -> bool:
+        """True when one look at the controller's state shows the arm standing; needs no `open` and takes no control.
+
+        Raises Unreachable, WrongDevice.
+        """
+        return _slow(ur5_wire.snapshot(self.name, self.config.host, self.config.timeout).tcp_speed)
+
+    # -- checks
+    def _opened(self) -> ControlThread:
+        if self._control is None:
+            raise NotReady(self.name, "not open; call open() first")
+        return self._control
+
+    def _check_identity(self, identity: Identity) -> None:
+        for what, wanted, found in (
+            ("model", self.config.model, identity.model),
+            ("serial number", self.config.serial, identity.serial),
+        ):
+            if wanted and found and wanted != found:
+                raise WrongDevice(
+                    self.name,
+                    f"{what} at {self.config.host} is {found!r}, not {wanted!r}; check address and configuration",
+                )
+
+    def _fault(self, bits: int) -> str:
+        """What the safety bits say, and what to do; empty when there is no fault."""
+        if bits & EMERGENCY_STOP:
+            return "emergency stop; make the rig safe, release the button, power on, then close and open the arm again"
+        if bits & PROTECTIVE_STOP:
+            return "protective stop; clear what was hit, enable the robot at the pendant, close and open the arm"
+        if bits & SAFEGUARD_STOP:
+            return "safeguard stop; close the guard and reset it, then close and open the arm"
+        if bits & SAFETY_FAULT:
+            return f"safety fault (bits {bits:#x}); see the log on the pendant, restart the controller"
+        return ""
+
+    def _check_safety(self, bits: int) -> None:
+        fault = self._fault(bits)
+        if fault:
+            raise DeviceFault(self.name, fault)
+
+    def _fresh(self, control: ControlThread) -> ArmSample:
+        """The newest state; NoReply when there is none, or when the connection was lost, which no program survives."""
+        if self._state.interruptions:
+            raise control.give_up("connection interrupted")
+        try:
+            return self._state.latest()
+        except StaleReading as error:
+            raise NoReply(self.name, f"{error.message}; the controller's watchdog stops the arm") from error
+
+    def _healthy(self, control: ControlThread) -> ArmSample:
+        """The newest state, of an arm that can go on moving."""
+        sample = self._fresh(control)
+        if self._fault(sample.safety_bits):
+            self._move = None
+        self._check_safety(sample.safety_bits)
+        if not sample.program_running:
+            self._move = None
+            raise DeviceFault(
+                self.name,
+                "the program on the controller has ended (target out of reach, watchdog, or stopped at the pendant); "
+                "see the log there, then close and open the arm again",
+            )
+        return sample
+
+    def _raise_cause(self, control: ControlThread) -> None:
+        """Raise what the state shows to be wrong; it may come some cycles after the command's refusal."""
+        give_up = time.monotonic() + STATE_LAG
+        while time.monotonic() < give_up:
+            self._healthy(control)
+            time.sleep(LOOK_INTERVAL)
+
+    def _await_program(self, control: ControlThread) -> None:
+        """Wait until the state, which comes over its own connection, shows the program running."""
+        give_up = time.monotonic() + self.config.timeout
+        while not self._fresh(control).program_running and time.monotonic() < give_up:
+            time.sleep(LOOK_INTERVAL)
+        self._healthy(control)
+
+    def _set_tcp(self, control: ControlThread) -> None:
+        tcp = self.config.tcp
+        if tcp is None:
+            return
+        if not control.call(lambda library: library.setTcp(list(tcp))):
+            raise BadReply(self.name, f"the controller refused the TCP {tcp}; see the log on the pendant")
+        found = control.call(lambda library: library.getTCPOffset())
+        if ur5_motion.distance_between(found, tcp) > 1e-6 or ur5_motion.turn_between(found, tcp) > 1e-6:
+            raise BadReply(self.name, f"TCP read back as {found} instead of {tcp}; see the log on the pendant")
+
+    def _started(self, control: ControlThread, before: int) -> int:
+        """Number of the motion that was just sent, once the controller counts it; a quick one may be over by then."""
+        give_up = time.monotonic() + self.config.timeout
+        while (number := control.operation().number) == before:
+            self._healthy(control)
+            if time.monotonic() > give_up:
+                raise NoReply(
+                    self.name, "the controller took the motion but does not start it; see the log on the pendant"
+                )
+            time.sleep(LOOK_INTERVAL)
+        return number
+
+    def _take_too_long(self, move: _Move) -> None:
+        with contextlib.suppress(DeviceFault):
+            self.stop()
+        raise DeviceFault(
+            self.name,
+            f"motion to {_millimetres(move.goal)} not done after {move.deadline.rig_allowed:.1f} s and was stopped; "
+            "is the speed slider at 100 %?",
+        )
+
+
+def _still(sample: ArmSample) -> bool:
+    return _slow(sample.tcp_speed)
+
+
+def _slow(speed: Vector6) -> bool:
+    """A number that is none is not slow."""
+    return all(abs(v) < STILL_SPEED for v in speed[:3]) and all(abs(v) < STILL_TURNING for v in speed[3:])
+
+
+def _millimetres(pose: Vector6) -> str:
+    return "(" + ", ".join(f"{x * 1e3:.1f}" for x in pose[:3]) + ") mm"

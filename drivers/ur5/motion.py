@@ -1,0 +1,126 @@
+"""What a straight motion of the arm may ask for, how long it may take, and whether two poses are the same.
+
+Poses are (x, y, z [m], rotation vector [rad]) in the arm's base frame. Rotation vectors are never subtracted: near a
+half turn the same orientation has two of them with opposite signs.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from ..errors import LimitExceeded
+from ..interfaces import Clock, Vector3, Vector6
+
+LEVER = 0.2
+"""m per rad: distance that a turn counts for when the time of a motion is estimated; more than the controller takes."""
+
+
+class Limits(Protocol):
+    """The limits of `drivers.ur5.driver.Config`, in its units."""
+
+    @property
+    def workspace_min(self) -> Vector3: ...
+    @property
+    def workspace_max(self) -> Vector3: ...
+    @property
+    def max_step(self) -> float: ...
+    @property
+    def max_turn(self) -> float: ...
+    @property
+    def max_speed(self) -> float: ...
+    @property
+    def max_acceleration(self) -> float: ...
+
+
+def distance_between(a: Sequence[float], b: Sequence[float]) -> float:
+    """Distance of the positions of two poses, m."""
+    return math.dist(a[:3], b[:3])
+
+
+def turn_between(a: Sequence[float], b: Sequence[float]) -> float:
+    """Angle of the rotation that leads from one pose's orientation to the other's, 0..pi rad."""
+    p, q = _quaternion(a[3:6]), _quaternion(b[3:6])
+    # By the chord between the unit quaternions: acos of their product has no digits left at small angles.
+    chord = min(math.dist(p, q), math.dist(p, [-x for x in q]))
+    return 4.0 * math.asin(min(1.0, chord / 2.0))
+
+
+def _quaternion(vector: Sequence[float]) -> list[float]:
+    angle = math.hypot(*vector)
+    factor = math.sin(angle / 2.0) / angle if angle > 1e-12 else 0.5
+    return [math.cos(angle / 2.0), *(factor * x for x in vector)]
+
+
+def check_request(name: str, limits: Limits, pose: Sequence[float], speed: float, acceleration: float) -> Vector6:
+    """The pose as six floats. Raises LimitExceeded when pose, speed (m/s) or acceleration (m/s^2) is not allowed."""
+    goal = [float(x) for x in pose]
+    if len(goal) != 6 or not all(math.isfinite(x) for x in (*goal, speed, acceleration)):
+        raise LimitExceeded(
+            name, f"pose {goal}, speed {speed}, acceleration {acceleration}: six finite numbers and two more are needed"
+        )
+    if not 0 < speed <= limits.max_speed:
+        raise LimitExceeded(
+            name, f"speed {speed:g} m/s outside 0..{limits.max_speed:g} m/s; ask for less or raise max_speed"
+        )
+    if not 0 < acceleration <= limits.max_acceleration:
+        raise LimitExceeded(
+            name,
+            f"acceleration {acceleration:g} m/s^2 outside 0..{limits.max_acceleration:g} m/s^2; "
+            "ask for less or raise max_acceleration",
+        )
+    for axis, value, low, high in zip("xyz", goal, limits.workspace_min, limits.workspace_max, strict=False):
+        if not low <= value <= high:
+            raise LimitExceeded(
+                name,
+                f"{axis} = {value:.4f} m outside the workspace {low:g}..{high:g} m; change one of them",
+            )
+    return (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5])
+
+
+def check_step(name: str, limits: Limits, here: Sequence[float], goal: Sequence[float]) -> None:
+    """Raises LimitExceeded when the goal is farther from the present pose than one motion may go."""
+    distance, turn = distance_between(here, goal), turn_between(here, goal)
+    if distance > limits.max_step:
+        raise LimitExceeded(
+            name,
+            f"target is {distance:.4f} m away, limit {limits.max_step:g} m; go there in steps or raise max_step",
+        )
+    if turn > limits.max_turn:
+        raise LimitExceeded(
+            name,
+            f"target is turned by {turn:.3f} rad, limit {limits.max_turn:g} rad; turn in steps or raise max_turn",
+        )
+
+
+def duration(here: Sequence[float], goal: Sequence[float], speed: float, acceleration: float) -> float:
+    """Time of a straight motion, s: accelerate, cruise, decelerate (an upper bound: v/a + d/v)."""
+    way = max(distance_between(here, goal), LEVER * turn_between(here, goal))
+    return way / speed + speed / acceleration
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """A time that is part rig time (what the arm needs) and part host time (what the wire needs)."""
+
+    clock: Clock
+    rig_start: float
+    host_start: float
+    rig_allowed: float
+    host_margin: float
+
+    @classmethod
+    def after(cls, clock: Clock, rig_allowed: float, host_margin: float) -> Deadline:
+        """Starts now; both in s."""
+        return cls(clock, clock.now(), time.monotonic(), rig_allowed, host_margin)
+
+    @property
+    def expired(self) -> bool:
+        """True when the rig's part is over and the overdue, converted to host time, exceeds the margin."""
+        rig, host = self.clock.now() - self.rig_start, time.monotonic() - self.host_start
+        if rig <= self.rig_allowed:
+            return False
+        return host * (1.0 - self.rig_allowed / rig) > self.host_margin

@@ -1,0 +1,214 @@
+"""The state a UR5 streams through RTDE: joints, TCP pose and speed, safety.
+
+The library (ur_rtde) keeps only the newest package, so this driver looks often, emits a sample at every new time stamp
+of the controller, and finds out from the stamps what it has missed.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import Any
+
+import rtde_receive
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
+from ..interfaces import ArmSample, Clock, Identity, Sink, Vector6
+from . import wire as ur5_wire
+
+VARIABLES = ["timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_speed", "safety_status_bits", "robot_status_bits"]
+PROGRAM_RUNNING = 1 << 1
+"""Bit of robot_status_bits."""
+RETRY_INTERVAL = 0.5
+"""s of host time between attempts to get a lost stream back."""
+FARTHEST, LARGEST_ANGLE = 3.0, 7.0
+"""m and rad; no arm of this family reaches beyond."""
+CLOSE_TIMEOUT = 4.0
+"""s of host time; the library alone takes 0.5 s, and up to 2.5 s more when the controller is silent."""
+
+
+class Config(BaseModel):
+    """How to reach the controller; the ports (30004, 29999) are fixed by the library."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    host: str
+    """Address of the controller."""
+    poll_interval: float = Field(0.001, ge=0.0005, le=0.02, json_schema_extra={"unit": "s"})
+    """How often to look for a new package, host time."""
+    max_age: float = Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"})
+    """How old the newest sample may be, host time."""
+    timeout: float = Field(1.0, ge=0.1, le=10, json_schema_extra={"unit": "s"})
+    """How long the controller may take for an answer at connect, host time."""
+
+
+class CycleCounter:
+    """Counts the samples missing between stamps; the cycle is the smallest of the first steps seen."""
+
+    LEARN = 25
+    """Steps."""
+
+    def __init__(self) -> None:
+        self.cycle: float | None = None
+        """s of the controller's time; None until learnt."""
+        self._last: float | None = None
+        self._steps: list[float] = []
+
+    def add(self, stamp: float) -> int:
+        """Take the next stamp (s); returns how many samples have newly become known to be missing."""
+        last, self._last = self._last, stamp
+        if last is None or stamp <= last:
+            return 0  # the first, or the controller was restarted
+        step = stamp - last
+        if self.cycle is not None:
+            return self._missing(step, self.cycle)
+        self._steps.append(step)
+        if len(self._steps) < self.LEARN:
+            return 0
+        self.cycle = min(self._steps)
+        return sum(self._missing(seen, self.cycle) for seen in self._steps)
+
+    @staticmethod
+    def _missing(step: float, cycle: float) -> int:
+        return max(0, round(step / cycle) - 1)
+
+
+class UR5State:
+    """State of the arm (see `ArmState`). A lost stream is taken up again by itself; the gap is counted in `lost`."""
+
+    def __init__(self, name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> None:
+        self.name = name
+        self.config = config
+        self.lost = 0
+        self.interruptions = 0
+        """How often the connection was lost since `open`."""
+        self._clock = clock
+        self._sink = sink
+        self._identity: Identity | None = None
+        self._counter = CycleCounter()
+        self._newest: tuple[float, ArmSample] | None = None
+        self._receive: Any = None
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+        self._first = threading.Event()
+
+    @property
+    def cycle(self) -> float | None:
+        """Cycle of the controller as its stamps show it, s of its own time; None until enough were seen."""
+        return self._counter.cycle
+
+    def open(self) -> Identity:
+        """Connect and start the stream. Raises Unreachable, WrongDevice, NotReady."""
+        if self._thread is not None and self._thread.is_alive():
+            if self._identity is not None and not self._stopping.is_set():
+                return self._identity
+            raise NotReady(self.name, "the library has not let go of the last connection; restart the program")
+        ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
+        identity = ur5_wire.identify(self.name, self.config.host, self.config.timeout)
+        try:
+            self._receive = rtde_receive.RTDEReceiveInterface(self.config.host, -1.0, VARIABLES)
+        except RuntimeError as error:
+            raise Unreachable(self.name, f"no state stream from {self.config.host}: {error}") from error
+        self.lost = self.interruptions = 0
+        self._counter, self._newest = CycleCounter(), None
+        self._stopping.clear()
+        self._first.clear()
+        self._thread = threading.Thread(target=self._run, name=f"{self.name} state", daemon=True)
+        self._thread.start()
+        if not self._first.wait(self.config.timeout):
+            self.close()
+            raise Unreachable(self.name, f"no state from {self.config.host} within {self.config.timeout:g} s")
+        self._identity = identity
+        return identity
+
+    def close(self) -> None:
+        """End the stream; gives up waiting for the library after CLOSE_TIMEOUT."""
+        self._stopping.set()
+        self._identity = None
+        if self._thread is not None:
+            self._thread.join(CLOSE_TIMEOUT)
+
+    def latest(self) -> ArmSample:
+        """The newest sample. Raises NotReady before `open`, StaleReading when it is older than `max_age`."""
+        newest = self._newest
+        if self._identity is None or newest is None:
+            raise NotReady(self.name, "not open; call open() first")
+        age = time.monotonic() - newest[0]
+        if age > self.config.max_age:
+            raise StaleReading(
+                self.name,
+                f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
+                f"check the cable to {self.config.host} and the controller",
+            )
+        check_plausible(self.name, self.config.host, newest[1])
+        return newest[1]
+
+    # -- the stream's own thread
+    def _run(self) -> None:
+        last = None
+        while not self._stopping.wait(self.config.poll_interval):
+            if not self._receive.isConnected():
+                self._recover()
+                continue
+            stamp = self._receive.getTimestamp()
+            if stamp != last:
+                last = self._emit()
+        # The library's object is closed and forgotten here, as both may block.
+        try:
+            self._receive.disconnect()
+        finally:
+            self._receive = None
+
+    def _emit(self) -> float:
+        """Read one package whole and deliver it; returns its stamp."""
+        receive = self._receive
+        while True:
+            stamp: float = receive.getTimestamp()
+            joints, pose, speed = receive.getActualQ(), receive.getActualTCPPose(), receive.getActualTCPSpeed()
+            safety, status = receive.getSafetyStatusBits(), receive.getRobotStatus()
+            if receive.getTimestamp() == stamp:
+                break  # otherwise the next package came in between
+        sample = ArmSample(
+            t=self._clock.now(),
+            device_time=stamp,
+            joints=_six(joints),
+            tcp_pose=_six(pose),
+            tcp_speed=_six(speed),
+            safety_bits=int(safety),
+            program_running=bool(status & PROGRAM_RUNNING),
+        )
+        self.lost += self._counter.add(stamp)
+        self._newest = time.monotonic(), sample
+        self._first.set()
+        self._sink(sample)
+        return stamp
+
+    def _recover(self) -> None:
+        """Try once to get the stream back. The probe comes first because the library would wait without a time-out."""
+        self.interruptions += 1
+        while not self._stopping.wait(RETRY_INTERVAL):
+            try:
+                ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
+                self._receive.reconnect()
+                return
+            except (InstrumentError, RuntimeError):
+                continue
+
+
+def check_plausible(name: str, host: str, sample: ArmSample) -> None:
+    """Raises BadReply for numbers that no arm can have: the protocol has no checksum."""
+    numbers = (*sample.joints, *sample.tcp_pose, *sample.tcp_speed)
+    far = any(abs(x) > FARTHEST for x in sample.tcp_pose[:3]) or any(abs(q) > LARGEST_ANGLE for q in sample.joints)
+    if not all(map(math.isfinite, numbers)) or far or not any(numbers):
+        raise BadReply(
+            name,
+            f"the state says joints {sample.joints} rad, TCP {sample.tcp_pose[:3]} m, which cannot be; check the network "
+            f"to {host}, then restart the controller",
+        )
+
+
+def _six(values: list[float]) -> Vector6:
+    a, b, c, d, e, f = values
+    return (a, b, c, d, e, f)

@@ -1,0 +1,150 @@
+"""First questions to a Universal Robots controller, on throw-away sockets with time-outs of their own.
+
+The constructors of ur_rtde wait for the controller without a time-out and hold the interpreter's lock meanwhile; so who
+answers, and whether it streams at all, is found out here first. Its dashboard client also asks no CB3 for its serial
+number.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import struct
+from dataclasses import dataclass
+
+from ..errors import Unreachable, WrongDevice
+from ..interfaces import Identity, Vector6
+
+RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
+_VERSION, _CONTROLLER, _OUTPUTS, _START, _TEXT, _DATA = b"VvOSMU"
+_RATE = 10.0
+"""Hz, of the one package that is waited for."""
+_HEADER = struct.Struct(">HB")
+_FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I", "VECTOR6D": "6d"}
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What the controller said of itself: PolyScope version, robot mode and safety bits as RTDE defines them, and the
+    speed of the TCP (m/s, rad/s)."""
+
+    version: tuple[int, int, int, int]
+    robot_mode: int
+    safety_bits: int
+    tcp_speed: Vector6
+
+
+def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
+    """A connected socket. Raises Unreachable."""
+    try:
+        return socket.create_connection((host, port), timeout=timeout)
+    except OSError as error:
+        raise Unreachable(
+            name,
+            f"nobody listens at {host}:{port} ({error}); is it on, the cable in, and this the address of the arm?",
+        ) from error
+
+
+def snapshot(name: str, host: str, timeout: float) -> Snapshot:
+    """Go through the whole RTDE start until the first data package has come.
+
+    `timeout` is for each answer, s of host time. Raises Unreachable, WrongDevice.
+    """
+    names = ("robot_mode", "safety_status_bits", "actual_TCP_speed")
+    with connect(name, host, RTDE_PORT, timeout) as line:
+        rtde = _Rtde(name, f"{host}:{RTDE_PORT}", line)
+        if rtde.ask(_VERSION, struct.pack(">H", 2), 1) != b"\x01":
+            raise WrongDevice(name, f"{host}:{RTDE_PORT} refuses RTDE version 2; PolyScope 3.4 or newer is needed")
+        version = struct.unpack(">4I", rtde.ask(_CONTROLLER, b"", 16))
+        types = rtde.ask(_OUTPUTS, struct.pack(">d", _RATE) + ",".join(names).encode())[1:].decode("ascii", "replace")
+        kinds = types.split(",")
+        if len(kinds) != len(names) or not set(kinds) <= set(_FORMATS):
+            raise WrongDevice(name, f"{host}:{RTDE_PORT} does not offer {', '.join(names)} (it says {types!r})")
+        if rtde.ask(_START, b"", 1) != b"\x01":
+            raise WrongDevice(name, f"{host}:{RTDE_PORT} does not start its stream; restart the controller")
+        layout, data = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in kinds)), rtde.receive(_DATA)
+        if len(data) != layout.size:
+            raise WrongDevice(
+                name, f"{host}:{RTDE_PORT} sends {len(data)} bytes of data instead of {layout.size}; check the line"
+            )
+        values = layout.unpack(data)
+    speed = (values[3], values[4], values[5], values[6], values[7], values[8])
+    return Snapshot((version[0], version[1], version[2], version[3]), int(values[1]), int(values[2]), speed)
+
+
+class _Rtde:
+    """RTDE packets over one socket."""
+
+    def __init__(self, name: str, where: str, line: socket.socket) -> None:
+        self.name, self.where, self.line = name, where, line
+
+    def ask(self, kind: int, body: bytes, length: int | None = None) -> bytes:
+        """Send a request and return the body of its answer, of `length` bytes if given."""
+        self.line.sendall(_HEADER.pack(_HEADER.size + len(body), kind) + body)
+        answer = self.receive(kind)
+        if length is not None and len(answer) != length:
+            raise self._wrong(f"an answer of {len(answer)} bytes instead of {length}")
+        return answer
+
+    def receive(self, kind: int) -> bytes:
+        """The next packet of a kind; text messages in between are skipped."""
+        while True:
+            size, got = _HEADER.unpack(self._exactly(_HEADER.size))
+            if size < _HEADER.size or got not in (kind, _TEXT):
+                raise self._wrong(f"a packet of type {got} and {size} bytes")
+            body = self._exactly(size - _HEADER.size)
+            if got == kind:
+                return body
+
+    def _exactly(self, count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            try:
+                piece = self.line.recv(count - len(data))
+            except TimeoutError as error:
+                raise Unreachable(
+                    self.name,
+                    f"{self.where} accepts the connection but sends nothing within {self.line.gettimeout():g} s; "
+                    "is it the arm's controller, and has it finished starting?",
+                ) from error
+            except OSError as error:
+                raise self._wrong(f"an error ({error})") from error
+            if not piece:
+                raise self._wrong("the end of the connection")
+            data += piece
+        return data
+
+    def _wrong(self, instead: str) -> WrongDevice:
+        return WrongDevice(self.name, f"{self.where} is no RTDE server: {instead} came; check the address")
+
+
+def identify(name: str, host: str, timeout: float) -> Identity:
+    """Ask the dashboard for model, serial number and PolyScope version; what this version cannot tell stays empty.
+
+    `timeout` is for each answer, s of host time. Raises Unreachable, WrongDevice.
+    """
+    where = f"{host}:{DASHBOARD_PORT}"
+    with connect(name, host, DASHBOARD_PORT, timeout) as line, line.makefile("rb") as answers:
+
+        def hear() -> str:
+            try:
+                text = answers.readline(1024).decode("utf-8", "replace").strip()
+            except TimeoutError as error:
+                raise Unreachable(
+                    name, f"dashboard {where} is silent for {timeout:g} s; restart the controller"
+                ) from error
+            except OSError as error:
+                raise Unreachable(name, f"dashboard {where} hung up ({error})") from error
+            return text
+
+        def ask(question: str) -> str:
+            line.sendall(question.encode() + b"\n")
+            answer = hear()
+            return "" if answer.lower().startswith("could not understand") else answer
+
+        banner = hear()
+        if "universal robots" not in banner.lower():
+            raise WrongDevice(name, f"{where} greets with {banner!r} and not as a Universal Robots dashboard")
+        version = re.search(r"\d+\.\d+\.\d+(\.\d+)?", ask("PolyscopeVersion"))
+        model, serial = ask("get robot model"), ask("get serial number")
+    return Identity("Universal Robots", model, serial, version[0] if version else "")

@@ -1,0 +1,1 @@
+"""The effects of the catalogue, each law beside its declaration."""

@@ -1,0 +1,1 @@
+"""What is done with whole recordings: replayed, resumed, kept on a shelf, exported."""

@@ -1,0 +1,95 @@
+"""Out of a recording: one CSV or Parquet file a stream, or a case folder (robot.yaml and trials.csv) for the diagnosis."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+from numpy.typing import NDArray
+
+from ..errors import BadTable, MissingPackage, MissingStream
+from ..file.clocks import aligned, has_stamp
+from ..file.reader import Recording
+from ..messages import STREAMS
+from ..table_file import write_csv
+from ..trials import Table
+from .replay import table_of
+
+Format = Literal["csv", "parquet"]
+ROWS = 10_000
+"""Of a table that are written at a time."""
+Columns = dict[str, NDArray[Any]]
+
+
+def export_streams(recording: Recording, folder: str | os.PathLike[str], form: Format = "csv") -> list[Path]:
+    """Write each stream that has samples to `<stream>.csv` or `.parquet`. Returns the files.
+
+    Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) tells
+    when they were taken by its clock. Raises `MissingPackage` when Parquet is asked for without pyarrow.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write = _write_csv if form == "csv" else _parquet_writer()
+    written = []
+    if not recording.streams:
+        recording.need(*STREAMS)
+    for topic in recording.streams:
+        if len(recording.stream(topic)):
+            path = folder / f"{topic.strip('/').replace('/', '_')}.{form}"
+            write(_columns(recording, topic), path)
+            written.append(path)
+    return written
+
+
+def _columns(recording: Recording, topic: str) -> Columns:
+    samples = recording.stream(topic)
+    out: Columns = {}
+    for name in samples.dtype.names or ():
+        values = samples[name].reshape(len(samples), -1)
+        if samples[name].ndim == 1:
+            out[name] = values[:, 0]
+        else:
+            out |= {f"{name}_{i}": values[:, i - 1] for i in range(1, values.shape[1] + 1)}
+    if has_stamp(topic):
+        out["t_aligned"] = aligned(recording, topic)
+    return out
+
+
+def _write_csv(columns: Columns, path: Path) -> None:
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        length = len(next(iter(columns.values())))
+        for at in range(0, length, ROWS):  # as Python's numbers they take four times the memory
+            writer.writerows(zip(*(values[at : at + ROWS].tolist() for values in columns.values()), strict=True))
+
+
+def _parquet_writer() -> Callable[[Columns, Path], None]:
+    try:
+        pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise MissingPackage("Parquet needs pyarrow, which is not installed; install it, or export CSV") from error
+    return lambda columns, path: parquet.write_table(pyarrow.table(columns), path)
+
+
+def export_case(recording: Recording, folder: str | os.PathLike[str], table: Table | None = None) -> Path:
+    """Write a case folder; `table` defaults to the rows as concluded live. Returns the folder.
+
+    Raises `MissingStream` when robot.yaml is not attached, `BadTable` when there is no row.
+    """
+    table = table_of(recording) if table is None else table
+    if not len(table):
+        raise BadTable(f"{recording.path} has no concluded state; try `lab replay` to read its states again")
+    if "robot.yaml" not in recording.attachments:
+        raise MissingStream(
+            f"{recording.path} has no attachment robot.yaml; add the robot's file to the folder by hand"
+        )
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.yaml").write_bytes(recording.attachments["robot.yaml"])
+    write_csv(table, folder / "trials.csv")
+    return folder

@@ -1,0 +1,150 @@
+"""The journal of a campaign: which steps and trials are finished, in which recording. It lets a run go on after a crash.
+
+One JSON object a line, in a file beside the first recording, appended and synced line by line. A trial is called done
+only after its samples and rows are on the disk. The trial is the unit of resuming: what a sweep measures depends on
+the pressures before (hysteresis, creep), so one that was broken off is done again from its beginning.
+
+    {"journal": 1, "campaign": "...", "protocol": "bending"}
+    {"recording": "bending-20250101-120000.mcap", "first_trial": 1}
+    {"trial": 1, "step": 1}
+    {"trial": 1, "done": 5}                             so many states were read
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+from ..bounded import read_bounded
+from ..errors import BadJournal, WriteFailed
+from ..json_text import read_json
+from ..own_files import opened
+
+VERSION = 1
+LARGEST = 20_000_000
+"""Bytes of a journal; a state has some 30."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a journal tells. `recordings`: file names in order, each with the number of its first trial."""
+
+    campaign: str
+    protocol: str
+    recordings: tuple[tuple[str, int], ...]
+    done: dict[int, int]
+    """Trial -> states that were read in it."""
+
+    @property
+    def finished(self) -> int:
+        """Trials 1 to this one are done."""
+        count = 0
+        while count + 1 in self.done:
+            count += 1
+        return count
+
+
+class Journal:
+    """A journal that is being written."""
+
+    def __init__(self, path: Path, fd: int, campaign: str) -> None:
+        self.path, self.campaign = path, campaign
+        self._fd = fd
+
+    @classmethod
+    def begin(cls, recording: Path, protocol: str) -> Journal:
+        """A new campaign whose first file is `recording`; raises `WriteFailed` when the journal exists."""
+        path, campaign = recording.with_suffix(".journal"), uuid.uuid4().hex
+        journal = cls(path, _opened(path, os.O_CREAT | os.O_EXCL), campaign)
+        journal._append({"journal": VERSION, "campaign": campaign, "protocol": protocol})
+        journal.recording(recording, 1)
+        return journal
+
+    @classmethod
+    def reopen(cls, path: Path) -> Journal:
+        """Go on writing; a line that the crash left torn is cut off. Raises `BadJournal`, `WriteFailed`."""
+        campaign = read(path).campaign
+        fd = _opened(path, 0)
+        os.ftruncate(fd, read_bounded(path, LARGEST, BadJournal).rfind(b"\n") + 1)
+        os.lseek(fd, 0, os.SEEK_END)
+        return cls(path, fd, campaign)
+
+    def recording(self, file: Path, first_trial: int) -> None:
+        """From this trial on the campaign is in this file."""
+        self._append({"recording": file.name, "first_trial": first_trial})
+
+    def step(self, trial: int, step: int) -> None:
+        """A state was read and is on the disk."""
+        self._append({"trial": trial, "step": step})
+
+    def done(self, trial: int, states: int) -> None:
+        """A trial is finished; so many states were read in it."""
+        self._append({"trial": trial, "done": states})
+
+    def _append(self, line: dict[str, object]) -> None:
+        try:
+            os.write(self._fd, json.dumps(line).encode() + b"\n")
+            os.fsync(self._fd)
+        except OSError as error:
+            raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
+
+    def close(self) -> None:
+        """No more lines."""
+        os.close(self._fd)
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _opened(path: Path, flags: int) -> int:
+    try:
+        return opened(path, os.O_WRONLY | flags)
+    except OSError as error:
+        raise WriteFailed(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def read(path: Path) -> Progress:
+    """What a journal tells; its last line may be torn. Raises `BadJournal`."""
+    campaign, protocol = "", ""
+    recordings: list[tuple[str, int]] = []
+    done: dict[int, int] = {}
+    try:
+        for line in _lines(path):
+            if "journal" in line:
+                if line["journal"] != VERSION:
+                    raise BadJournal(f"{path}: is of version {line['journal']}, this software reads {VERSION}")
+                campaign, protocol = str(line["campaign"]), str(line["protocol"])
+            elif "recording" in line:
+                recordings.append((str(line["recording"]), _whole(line["first_trial"])))
+                done = {trial: states for trial, states in done.items() if trial < recordings[-1][1]}
+            elif "done" in line:
+                done[_whole(line["trial"])] = _whole(line["done"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadJournal(
+            f"{path}: a line makes no sense ({repr(error)[:200]}); without it the run cannot be resumed"
+        ) from error
+    if not campaign or not recordings:
+        raise BadJournal(f"{path}: does not name a campaign and a recording; it is no journal of a run")
+    return Progress(campaign, protocol, tuple(recordings), done)
+
+
+def _lines(path: Path) -> Iterator[dict[str, int | str]]:
+    text = read_bounded(path, LARGEST, BadJournal)
+    for line in text[: text.rfind(b"\n") + 1].splitlines():
+        yield read_json(line)
+
+
+def _whole(value: object) -> int:
+    if type(value) is not int or not 0 <= value < 2**31:
+        raise ValueError(f"{repr(value)[:80]} is no number of a trial")
+    return value

@@ -1,0 +1,129 @@
+"""The table of a recording: as it was concluded live, and as it follows from the samples in the file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import events
+from ..errors import NotSettled, RecordingError
+from ..file.budget import Budget, Cost
+from ..file.reader import Recording
+from ..states.concluding import conclude
+from ..trials import Table, TrialRow
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A state read again: its row, or why there is none."""
+
+    number: int
+    row: TrialRow | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Live rows against replayed ones. `equal`: every live row came out the same to the last bit."""
+
+    live: int
+    replayed: int
+    differences: tuple[str, ...]
+    """Live rows that replay gives otherwise or not at all."""
+    only_replayed: tuple[int, ...]
+    """Numbers of states that have a row in replay only: the run ended or gave up before it was concluded."""
+
+    @property
+    def equal(self) -> bool:
+        """No differences."""
+        return not self.differences
+
+
+def table_of(recording: Recording) -> Table:
+    """The rows as they were concluded live; raises `Foreign` for a file without states and rows."""
+    recording.need(events.STATE.topic, events.TRIAL.topic)
+    return Table(tuple(event.row for event in recording.trials))
+
+
+AVERAGING = 20
+"""Times of what looking at a sample costs, averaging it costs."""
+
+
+@dataclass(frozen=True)
+class _Counted:
+    """The streams of a recording; what states look at is taken from a budget.
+
+    A file of many states that each look at all of it would keep a computer busy for hours.
+    """
+
+    recording: Recording
+    budget: Budget
+
+    def newest(self, topic: str) -> float:
+        return self.recording.newest(topic)
+
+    def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
+        samples = self.recording.window(topic, t0, t1)
+        self.budget.take(Cost.LOOKED_AT, len(samples))
+        return samples
+
+    def average(self, count: int) -> None:
+        """So many samples are about to be averaged."""
+        self.budget.take(Cost.LOOKED_AT, AVERAGING * count)
+
+
+def replay_states(recording: Recording) -> list[Replayed]:
+    """Read every recorded state again from the file's samples."""
+    out = []
+    recording.need(events.STATE.topic, events.TRIAL.topic)
+    recording.load()
+    looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
+    for event in recording.states:
+        try:
+            row = conclude(looked, event.state, looked.average)
+        except NotSettled as error:
+            out.append(Replayed(event.number, None, str(error)))
+            continue
+        out.append(Replayed(event.number, row, "" if row else "the recording ends before the reading does"))
+    return out
+
+
+def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
+    """The table that follows from the samples of a recording."""
+    recording = Recording.open(path, truncated=truncated)
+    return Table(tuple(again.row for again in replay_states(recording) if again.row is not None))
+
+
+def compare(recording: Recording, states: list[Replayed] | None = None) -> Comparison:
+    """Hold a recording's replayed rows against the live ones, number by number, bit by bit.
+
+    `states`: what `replay_states` gave for this recording, where it was called already.
+    """
+    again = {replayed.number: replayed for replayed in (replay_states(recording) if states is None else states)}
+    live = recording.trials
+    differences = []
+    for event in live:
+        name = f"trial {event.row.trial} step {event.row.step}"
+        replayed = again.get(event.number)
+        if replayed is None:
+            raise RecordingError(f"{recording.path}: {name} has no recorded state {event.number}")
+        if replayed.row is None:
+            differences.append(f"{name}: no row in replay: {replayed.reason}")
+        elif replayed.row.to_json() != event.row.to_json() or replayed.row.clipped != event.row.clipped:
+            differences.append(f"{name}: {_first_difference(event.row, replayed.row)}")
+    numbers = {event.number for event in live}
+    rows = [replayed for replayed in again.values() if replayed.row is not None]
+    return Comparison(
+        len(live), len(rows), tuple(differences), tuple(r.number for r in rows if r.number not in numbers)
+    )
+
+
+def _first_difference(live: TrialRow, replayed: TrialRow) -> str:
+    a, b = live.cells(), replayed.cells()
+    for name in dict.fromkeys((*a, *b)):
+        if repr(a.get(name)) != repr(b.get(name)):
+            return f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay"
+    return "order of the columns"

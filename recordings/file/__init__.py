@@ -1,0 +1,1 @@
+"""Bytes to messages and back: writing, reading, verifying, recovering one MCAP file."""

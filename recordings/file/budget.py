@@ -1,0 +1,69 @@
+"""What reading a file may cost, settled by the file's size before anything is unpacked or memory is taken for it.
+
+A packed file can say in a few bytes what fills the memory of any computer. An honest recording cannot: each message
+costs 16 bytes of index alone, and numbers of instruments do not pack well (measured: 2 to 8 times; a rig at rest, all
+values constant, is the 8). So every way of reading counts what it takes against a share of the file's size, several
+times of what honest files need, and stops with `Oversized` where a file wants more. Whatever a file says of itself is
+counted before it is believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from ..errors import Oversized
+
+MAX_CHUNK = 64 * 2**20
+"""Bytes that the largest chunk of the largest file may hold; ours hold 1 MB at most."""
+SMALL_CHUNK = 8 * 2**20
+"""Bytes that a chunk of any file may hold."""
+MAX_CHANNELS = 1000
+"""Channels of a file; ours have some fifteen."""
+MAX_MESSAGE = 64 * 2**10
+"""Bytes of one message that the protobuf runtime takes apart; a state has about a thousand."""
+
+
+class Cost(Enum):
+    """What is counted: (what it is called, free of charge, as much for each byte of the file)."""
+
+    UNPACKED = ("bytes in its chunks", 8 * 2**20, 24.0)
+    RECORDS = ("records in its chunks, walked over one by one", 10_000, 1 / 16)
+    DEFINITIONS = ("bytes of schemas and channels", 2**20, 0.0)
+    EVENTS = ("bytes of states, rows and log lines", 2**20, 4.0)
+    LOOKED_AT = ("samples, looked at state by state", 500_000, 4.0)
+
+
+MAX_TOTAL = 4 * 2**30
+"""Of any of these, whatever the size of the file: bytes of more than twelve hours of the rig."""
+
+
+def largest_chunk(size: int) -> int:
+    """Bytes that a chunk of a file of `size` bytes may hold."""
+    return max(SMALL_CHUNK, min(size, MAX_CHUNK))
+
+
+@dataclass
+class Budget:
+    """What is left for one pass over the file `name` of `size` bytes."""
+
+    name: str
+    size: int
+
+    def __post_init__(self) -> None:
+        self._left = {cost: min(int(cost.value[1] + cost.value[2] * self.size), MAX_TOTAL) for cost in Cost}
+
+    def left(self, cost: Cost) -> int:
+        """How much may still be taken."""
+        return self._left[cost]
+
+    def take(self, cost: Cost, count: int) -> None:
+        """Count something before it is done; raises `Oversized` when it is more than is left."""
+        self._left[cost] -= count
+        if self._left[cost] < 0:
+            what, free, share = cost.value
+            most = min(int(free + share * self.size), MAX_TOTAL)
+            raise Oversized(
+                f"{self.name}: says that it holds more than {most} {what}, the most that is read of a file of "
+                f"{self.size} bytes; it is damaged, or was made to do harm"
+            )

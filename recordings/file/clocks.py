@@ -1,0 +1,138 @@
+"""The clock of an instrument against the clock of the host, from the stamps of its messages.
+
+An instrument stamps a sample when it is taken, the host when it arrives: host = device + offset + drift * device + delay,
+where the delay is never negative and now and then close to its smallest. The line under all points (device, host -
+device) that is closest to them is an edge of their lower convex hull: the one below their mean (S. B. Moon, P. Skelly,
+D. Towsley, "Estimation and removal of clock skew from network delay measurements", INFOCOM 1999). The smallest delay
+itself cannot be told from an offset and is part of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingStream
+from ..messages import STREAMS
+from .reader import Recording
+
+Numbers = NDArray[np.float64]
+
+STAMP = "device_time"
+"""Name of the field that holds the instrument's own stamp, s."""
+FEWEST = 20
+"""Samples that a model needs."""
+LATEST = 1e10
+"""s: a stamp beyond is none."""
+
+
+@dataclass(frozen=True)
+class ClockModel:
+    """host = device + `offset` + `drift` * (device - `reference`), both in s of rig time, plus the delay.
+
+    `residual`, `residual_p99` (s): median and 99th percentile of the delay beyond the smallest. `restarts`: how often
+    the instrument's clock went back; the model is of the time since the last.
+    """
+
+    reference: float
+    offset: float
+    drift: float
+    residual: float
+    residual_p99: float
+    samples: int
+    restarts: int
+
+    def host(self, device: Numbers) -> Numbers:
+        """Rig time (s) at which samples with these device stamps (s) were taken (and could have arrived at best)."""
+        return np.asarray(device + self.offset + self.drift * (device - self.reference))
+
+    def to_dict(self) -> dict[str, float]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+def fit(device: Numbers, host: Numbers) -> ClockModel | None:
+    """The model of stamps in the order in which they arrived, both in s; None when there are too few to tell."""
+    use = (np.abs(device) < LATEST) & (np.abs(host) < LATEST)
+    device, host = device[use], host[use]
+    back = np.flatnonzero(np.diff(device) < 0)
+    if len(back):
+        device, host = device[back[-1] + 1 :], host[back[-1] + 1 :]
+    if len(device) < FEWEST or not device[-1] > device[0]:
+        return None
+    reference = float(device[0])
+    x = device - reference
+    y = (host - host[0]) - x
+    a, b = _edge(x, y)
+    drift = float((y[b] - y[a]) / (x[b] - x[a]))
+    delay = y - (y[a] + drift * (x - x[a]))
+    at_reference = float(y[a] - drift * x[a])
+    return ClockModel(
+        reference=reference,
+        offset=float(host[0]) - reference + at_reference,
+        drift=drift,
+        residual=float(np.median(delay)),
+        residual_p99=float(np.quantile(delay, 0.99)),
+        samples=len(device),
+        restarts=len(back),
+    )
+
+
+def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
+    """The ends of the lower hull's edge below the mean of x; x ascends."""
+    xs, ys = x.tolist(), y.tolist()
+    hull: list[int] = []
+    for i in range(len(xs)):
+        if hull and xs[i] == xs[hull[-1]]:
+            if ys[i] >= ys[hull[-1]]:
+                continue
+            hull.pop()
+        while len(hull) > 1:
+            p, q = hull[-2], hull[-1]
+            if (ys[q] - ys[p]) * (xs[i] - xs[p]) < (ys[i] - ys[p]) * (xs[q] - xs[p]):
+                break
+            hull.pop()
+        hull.append(i)
+    mean = math.fsum(xs) / len(xs)
+    after = next((k for k, i in enumerate(hull) if xs[i] > mean), len(hull) - 1)
+    return hull[max(after, 1) - 1], hull[max(after, 1)]
+
+
+def clocks(recording: Recording) -> dict[str, ClockModel]:
+    """The models of all streams that carry device stamps, from the samples in the file."""
+    found = {}
+    for topic in recording.streams:
+        if has_stamp(topic):
+            samples = recording.stream(topic)
+            model = fit(samples[STAMP], samples["t"])
+            if model is not None:
+                found[topic] = model
+    return found
+
+
+def aligned(recording: Recording, topic: str) -> Numbers:
+    """Rig time (s) at which each sample of a stream was taken, by the instrument's own stamp.
+
+    Free of the jitter with which messages arrive; samples from before a restart of the instrument, and streams too
+    short for a model, keep the host's stamp. Raises `MissingStream` for a stream without device stamps.
+    """
+    if not has_stamp(topic):
+        raise MissingStream(f"{topic} carries no stamp of its instrument; use its field t")
+    samples = recording.stream(topic)
+    device: Numbers = samples[STAMP]
+    host: Numbers = samples["t"]
+    model = fit(device, host)
+    if model is None:
+        return host.copy()
+    begin = len(device) - model.samples
+    out = np.where(np.isfinite(device), model.host(device), host)
+    out[:begin] = host[:begin]
+    return out
+
+
+def has_stamp(topic: str) -> bool:
+    """Whether the messages of a stream carry the instrument's own stamp."""
+    return topic in STREAMS and STAMP in STREAMS[topic].value_names

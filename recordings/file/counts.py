@@ -1,0 +1,110 @@
+"""What became of each topic's messages, counted while they are recorded."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+import threading
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..json_text import read_json
+from .timing import Timing, timing
+
+LARGEST = 2**53
+"""No recorder counts further."""
+_DOUBLE = struct.Struct("<d")
+
+
+@dataclass(frozen=True)
+class StreamCounts:
+    """What became of a topic's messages.
+
+    `generated` = `written` + `dropped`; `dropped` were refused here (malformed, out of order, queue full, disk failed);
+    `lost` never arrived and were reported by the driver. Times in s, rate in Hz; see `timing`.
+    """
+
+    generated: int
+    written: int
+    dropped: int
+    lost: int
+    rate: float
+    jitter_p50: float
+    jitter_p99: float
+    jitter_max: float
+    gaps: int
+    longest: float
+
+    @classmethod
+    def of(cls, generated: int, written: int, lost: int, at: Timing) -> StreamCounts:
+        """Counts with the timing of what was written."""
+        return cls(
+            generated, written, generated - written, lost,
+            at.rate, at.jitter_p50, at.jitter_p99, at.jitter_max, at.gaps, at.longest,
+        )  # fmt: skip
+
+    @property
+    def complete(self) -> bool:
+        """Nothing was lost on the way."""
+        return self.dropped == 0 and self.lost == 0
+
+
+def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, int]]:
+    """The counts that a file tells, by topic; what is no count (text, below zero) is left out."""
+    out: dict[str, dict[str, int]] = {}
+    for topic, text in metadata.get("counts", {}).items():
+        try:
+            told = read_json(text)
+        except ValueError:
+            continue
+        if isinstance(told, dict):
+            out[topic] = {name: value for name, value in told.items() if type(value) is int and 0 <= value <= LARGEST}
+    return out
+
+
+def below_zero(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """What is wrong with the counts that a file tells: nothing can have been lost less than never."""
+    found = []
+    for topic, text in metadata.get("counts", {}).items():
+        with contextlib.suppress(ValueError):
+            told = read_json(text)
+            for name in ("generated", "written", "dropped", "lost"):
+                if isinstance(told, dict) and type(told.get(name)) is int and told[name] < 0:
+                    found.append(f"{topic}: {name} is told as {told[name]}, which is no count")
+    return found
+
+
+@dataclass
+class Tally:
+    """Book-keeping of one topic; `lock` keeps its stamps, its buffer and the queue in one order."""
+
+    channel: int = 0
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    generated: int = 0
+    skipped: int = 0
+    """Of these, views with nothing to see."""
+    pending: int = 0
+    written: int = 0
+    lost: int = 0
+    last: int = -1
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    """Rig time of each message in the file or on its way there, ns."""
+    stamp_at: int | None = None
+    """Where in the message the instrument's own stamp is; None: it has none."""
+    device_stamps: array[float] = field(default_factory=lambda: array("d"))
+    complained: bool = False
+
+    def note(self, ns: int, payload: bytes) -> None:
+        """A message goes into the file."""
+        self.pending += 1
+        self.stamps.append(ns)
+        if self.stamp_at is not None:
+            self.device_stamps.append(_DOUBLE.unpack_from(payload, self.stamp_at)[0])
+
+    def counts(self) -> StreamCounts:
+        """The counts so far; what is still on its way to the disk counts as dropped until it is there."""
+        at = timing(np.sort(np.array(self.stamps[: self.written], dtype=np.int64)) / 1e9)
+        return StreamCounts.of(self.generated - self.skipped, self.written, self.lost, at)

@@ -1,0 +1,103 @@
+"""The file under the MCAP writer: every write goes to the kernel at once, and what is committed can be gone back to."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from pathlib import Path
+
+from ..errors import WriteFailed
+from ..own_files import created
+
+
+class Disk:
+    """An output for `mcap.writer.Writer` that survives a crash of the process and, soon after, of the machine.
+
+    Nothing is held back in this process. `commit` marks the end of whole records and has them synced to the disk by a
+    thread of its own, because a sync may take long and must not hold up writing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._fd = created(path)
+        except FileExistsError:
+            raise WriteFailed(f"{path} exists; a recording is never written over, choose another name") from None
+        except OSError as error:
+            raise WriteFailed(f"{path} cannot be created: {error.strerror}") from error
+        self.path = path
+        self._position = self._committed = 0
+        self._failure: OSError | None = None
+        self._wake = threading.Event()
+        self._closing = False
+        self._syncer = threading.Thread(target=self._sync, name="recording-sync", daemon=True)
+        self._syncer.start()
+
+    # -- what the MCAP writer needs
+    def write(self, data: bytes) -> int:
+        """All of it or OSError."""
+        if self._failure is not None:
+            raise self._failure
+        view = memoryview(data)
+        while view:
+            done = os.write(self._fd, view)
+            self._position += done
+            view = view[done:]
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes written."""
+        return self._position
+
+    # -- safety
+    def commit(self) -> None:
+        """Everything written so far is whole records; sync it soon."""
+        if self._position > self._committed:
+            self._committed = self._position
+            self._wake.set()
+
+    def sync(self) -> None:
+        """Return when everything written so far is on the disk; OSError when it did not get there."""
+        os.fsync(self._fd)
+
+    def _sync(self) -> None:
+        while not self._closing:
+            self._wake.wait()
+            self._wake.clear()
+            try:
+                os.fsync(self._fd)
+            except OSError as error:
+                self._failure = error
+                return
+
+    def _stop(self) -> None:
+        self._closing = True
+        self._wake.set()
+        self._syncer.join()
+
+    def close(self) -> None:
+        """Sync and close; OSError when the data did not reach the disk."""
+        self._stop()
+        try:
+            if self._failure is not None:
+                raise self._failure
+            os.fsync(self._fd)
+        finally:
+            os.close(self._fd)
+
+    def give_up(self) -> None:
+        """Cut off what is not committed, so that the file ends with a whole record, and close. Never raises."""
+        self._stop()
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._fd, self._committed)
+            os.fsync(self._fd)
+        with contextlib.suppress(OSError):
+            os.close(self._fd)
+
+    def sync_name(self) -> None:
+        """Sync the directory, so that the file is found after a power cut."""
+        directory = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)

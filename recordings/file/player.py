@@ -1,0 +1,122 @@
+"""A recording as a player: its messages in the order of time, at the pace they came, faster, or at once.
+
+    play(Recording.open(path), sink, speed=4)           sink(Played) for every message
+
+What is played depends on the file alone: order and content are the same at any speed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from google.protobuf.json_format import MessageToDict, SerializeToJsonError
+
+from ..errors import Damaged
+from ..events import EVENTS
+from ..messages import STREAMS
+from . import protobuf_runtime
+from .reader import Recording
+
+Fields = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Played:
+    """One message: topic, rig time (s), log time (ns since the epoch), and its fields as plain numbers and lists."""
+
+    topic: str
+    t: float
+    log_time: int
+    fields: Fields
+
+    def to_json(self) -> str:
+        """One line; numbers that are none (NaN) are null."""
+        return json.dumps({"topic": self.topic, "t": self.t, "log_time": self.log_time, "fields": _plain(self.fields)})
+
+
+class Pace(Protocol):
+    """Host time, passed in so that a test takes none."""
+
+    def monotonic(self) -> float:
+        """Seconds that never go back."""
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+
+
+def messages(recording: Recording) -> Iterator[Played]:
+    """All messages in the order of their log time; at equal times in the order of the channels."""
+    start = recording.start_wall_ns
+    recording.load()
+    topics = [topic for topic in dict.fromkeys(recording.topics) if recording.knows(topic)]
+    makers = [_stream(recording, topic) if topic in STREAMS else _events(recording, topic) for topic in topics]
+    times = [_times(recording, topic) for topic in topics]
+    of = np.repeat(np.arange(len(topics)), [len(t) for t in times])
+    rows = np.concatenate([np.arange(len(t)) for t in times]) if times else np.zeros(0, np.int64)
+    log_times = np.concatenate(times) if times else np.zeros(0, np.int64)
+    for i in np.lexsort((rows, of, log_times)).tolist():
+        log_time = int(log_times[i])
+        yield Played(topics[of[i]], (log_time - start) / 1e9, log_time, makers[of[i]](int(rows[i])))
+
+
+def play(recording: Recording, sink: Callable[[Played], None], speed: float = math.inf, pace: Pace = time) -> int:
+    """Send every message to `sink`; `speed` 1 is rig time, inf is at once. Returns how many were sent.
+
+    A sink that is slower than the recording delays what follows; nothing is left out.
+    """
+    if not speed > 0:
+        raise ValueError(f"speed = {speed}: must be above 0, as a multiple of rig time")
+    count = 0
+    begin, first = pace.monotonic(), None
+    for message in messages(recording):
+        first = message.t if first is None else first
+        wait = begin + (message.t - first) / speed - pace.monotonic()
+        if wait > 0:
+            pace.sleep(wait)
+        sink(message)
+        count += 1
+    return count
+
+
+def _times(recording: Recording, topic: str) -> np.ndarray[Any, np.dtype[np.int64]]:
+    if topic in STREAMS:
+        return recording.log_times(topic)  # in the order of the stream's own stamps, from which they are made
+    return np.array([log_time for log_time, _ in recording.payloads(EVENTS[topic])], dtype=np.int64)
+
+
+def _stream(recording: Recording, topic: str) -> Callable[[int], Fields]:
+    samples = recording.stream(topic)
+    names = samples.dtype.names or ()
+    return lambda row: {name: samples[row][name].tolist() for name in names}
+
+
+def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
+    event = EVENTS[topic]
+    found = recording.payloads(event)
+
+    def fields(row: int) -> Fields:
+        # One at a time: as dictionaries all of them would be many times as large.
+        message = protobuf_runtime.parse(event.message_class, found[row][1], topic)
+        try:
+            return MessageToDict(message, preserving_proto_field_name=True)
+        except (ValueError, SerializeToJsonError) as error:
+            raise Damaged(f"{topic}: a message cannot be told as JSON ({error}); run `lab verify`") from error
+
+    return fields
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no NaN."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return value

@@ -1,0 +1,404 @@
+"""Reading a recording: streams as numpy arrays, events, attachments, metadata; and `Streams` for concluding states
+again."""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel
+from numpy.typing import NDArray
+
+from .. import events
+from ..errors import Damaged, Foreign, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
+from ..events import EVENTS, EventType
+from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType
+from ..states.rules import State
+from ..trials import TrialRow
+from . import protobuf_runtime
+from .budget import Budget, Cost
+from .container import Contents, walk
+from .gather import find_channels, pick
+from .order import ordered
+from .samples import Samples
+
+OF_ROBOT = ("setpoint", "measured", "markers")
+"""Arrays whose size is that of the robot."""
+SAID = (events.STATE.topic, events.TRIAL.topic, events.LOG.topic)
+"""Topics whose messages are texts that are taken apart."""
+COUNTERS = ("device_time", "frame")
+"""Fields that count up at the instrument until it restarts."""
+SHOWN = 12
+"""Topics of a foreign file that an error lists."""
+_LEVELS = {number: name.lower() for name, number in events.Log.Level.items()}
+_NAMES = {topic: message.full_name for topic, message in (STREAMS | events.EVENTS).items()}
+"""Topic -> full name of its message."""
+
+
+def _name(topic: str) -> str:
+    return f"{topic} ({_NAMES[topic]}, protobuf)"
+
+
+@dataclass(frozen=True)
+class StateEvent:
+    """What was asked for at rig time `t` (s); `number` counts the states of a recording."""
+
+    t: float
+    number: int
+    state: State
+
+
+@dataclass(frozen=True)
+class TrialEvent:
+    """The row that was concluded live for state `number`, recorded at rig time `t` (s)."""
+
+    t: float
+    number: int
+    row: TrialRow
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """One line of /log, `log_time` ns since the epoch."""
+
+    log_time: int
+    level: str
+    text: str
+
+
+def mapped(path: Path) -> memoryview:
+    """A file's bytes; raises `NotARecording` when it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
+    except OSError as error:
+        raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
+
+
+class Recording:
+    """One recording, read. Streams are decoded when they are used and then kept: the first one alone, all the others at
+    the use of the second; `load` takes them in one go."""
+
+    def __init__(self, path: Path, data: memoryview, contents: Contents) -> None:
+        self.path = path
+        self.contents = contents
+        self._data = data
+        self._loaded: set[int] = set()
+        """Channels whose messages were read."""
+        self._budget = Budget(str(path), len(data))
+        self._samples: dict[int, Samples] = {}
+        self._payloads: dict[int, list[bytes]] = {}
+        self._log_times: dict[int, list[NDArray[np.int64]]] = {}
+        self._sequences: dict[int, list[NDArray[np.int64]]] = {}
+        self._streams: dict[str, NDArray[np.void]] = {}
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], *, truncated: bool = False) -> Recording:
+        """Open a file; `truncated=True` also takes one that was never finished, as far as it goes.
+
+        Raises `NotARecording`, or `Truncated` telling how much is readable.
+        """
+        path = Path(path)
+        data = mapped(path)
+        contents = walk(data, str(path))
+        if not contents.finished and not truncated:
+            raise Truncated(
+                f"{path} was not finished (the recording ended abruptly or the copy is not whole): {contents.end} of "
+                f"{contents.size} bytes, {len(contents.chunks)} chunks, {_seconds(contents):.1f} s are readable; "
+                "run `lab recover` to get them"
+            )
+        find_channels(data, contents, str(path))
+        return cls(path, data, contents)
+
+    # -- what is in it
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics, in the order of their channels."""
+        return tuple(channel.topic for _, channel in sorted(self.contents.channels.items()))
+
+    @property
+    def attachments(self) -> Mapping[str, bytes]:
+        """Name -> bytes."""
+        return self.contents.attachments
+
+    @property
+    def metadata(self) -> Mapping[str, dict[str, str]]:
+        """Metadata records by name."""
+        return self.contents.metadata
+
+    @property
+    def outcome(self) -> str | None:
+        """completed, stopped or failed; None when the recording ended abruptly."""
+        return self.metadata.get("outcome", {}).get("outcome")
+
+    @property
+    def start_wall_ns(self) -> int:
+        """Wall time (ns since the epoch) of rig time 0."""
+        text = self.metadata.get("recording", {}).get("start_wall_ns", "")
+        if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) < 2**63):
+            raise Foreign(
+                f"{self.path} was not written by this software: its metadata 'recording' tell no start_wall_ns; it has "
+                f"{self._described()}"
+            )
+        return int(text)
+
+    def need(self, *topics: str) -> None:
+        """Raises `Foreign` when the file does not have these topics as this software writes them."""
+        if not all(map(self.knows, topics)):
+            raise Foreign(
+                f"{self.path} was not recorded by this software: needed are {', '.join(map(_name, topics))}, "
+                f"it has {self._described()}; write its states into a case folder (robot.yaml and trials.csv) instead"
+            )
+
+    def knows(self, topic: str) -> bool:
+        """Whether the topic is there with the message that this software writes on it."""
+        return any(c.topic == topic and self._ours(c) for c in self.contents.channels.values())
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """The topics with samples as this software writes them, in the order of their channels."""
+        return tuple(topic for topic in dict.fromkeys(self.topics) if topic in STREAMS and self.knows(topic))
+
+    def _ours(self, channel: Channel) -> bool:
+        """Whether a channel is as this software writes it; one whose schema was lost may be, and is damaged."""
+        schema = self.contents.schemas.get(channel.schema_id)
+        name = _NAMES.get(channel.topic)
+        return channel.message_encoding == "protobuf" and name is not None and (schema is None or schema.name == name)
+
+    def _described(self) -> str:
+        """The topics with their messages, for people."""
+        told = []
+        for _, channel in sorted(self.contents.channels.items())[:SHOWN]:
+            schema = self.contents.schemas.get(channel.schema_id)
+            kind = channel.message_encoding if schema is None else f"{schema.name}, {channel.message_encoding}"
+            told.append(f"{channel.topic} ({kind})")
+        more = len(self.contents.channels) - len(told)
+        return (", ".join(told) or "no topics") + (f" and {more} more" if more > 0 else "")
+
+    # -- streams
+    def stream(self, topic: str) -> NDArray[np.void]:
+        """All samples of a stream, oldest first, as an array with the fields of its message (see `messages`).
+
+        Raises `MissingStream`, `OtherVersion`, or `Damaged`.
+        """
+        if topic not in self._streams:
+            self._streams[topic] = self._decode(topic)
+        return self._streams[topic]
+
+    def newest(self, topic: str) -> float:
+        """Stamp (s) of the topic's newest sample; -inf when there is none."""
+        stamps = self.stream(topic)["t"]
+        return float(stamps[-1]) if len(stamps) else -math.inf
+
+    def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
+        """The topic's samples with t0 <= t <= t1, oldest first."""
+        samples = self.stream(topic)
+        first, last = np.searchsorted(samples["t"], t0), np.searchsorted(samples["t"], t1, side="right")
+        return samples[first:last]
+
+    def log_times(self, topic: str) -> NDArray[np.int64]:
+        """Log times (ns since the epoch) of a topic's messages, ascending."""
+        channel = self._channel(topic)
+        if not self._loaded:
+            self._load({channel.id})
+        return np.sort(np.concatenate([np.zeros(0, np.int64), *self._log_times.get(channel.id, [])]))
+
+    def restarts(self, topic: str) -> int:
+        """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
+        samples, channel = self.stream(topic), self._channel(topic)
+        numbers = np.concatenate([np.zeros(0, np.int64), *self._sequences.get(channel.id, [])])
+        in_time = numbers[self._order(channel, [], lambda i: b"")]
+        counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
+        return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
+
+    def load(self) -> None:
+        """Read everything at once, for a use that needs most of it."""
+        self._load(set(self.contents.channels) - self._loaded)
+
+    def _need(self, channel: Channel) -> None:
+        """Have the messages of a channel read: of it alone when it is the first."""
+        if channel.id not in self._loaded:
+            self._load({channel.id} if not self._loaded else set(self.contents.channels) - self._loaded)
+
+    def _channel(self, topic: str) -> Channel:
+        found = [channel for _, channel in sorted(self.contents.channels.items()) if channel.topic == topic]
+        ours = [channel for channel in found if self._ours(channel)]
+        if len(ours) > 1:
+            raise NotARecording(
+                f"{self.path}: {len(ours)} channels carry {topic}, as in files that were merged; split them"
+            )
+        if found:
+            return (ours or found)[0]
+        raise MissingStream(f"{self.path} has no stream {topic}; it has {', '.join(self.topics) or 'none'}")
+
+    def _load(self, wanted: set[int]) -> None:
+        """Read the file once: wanted streams to arrays, the messages of other wanted channels as bytes."""
+        if not wanted:
+            return
+        listed = self._listed()
+        for number in wanted:
+            channel = self.contents.channels[number]
+            if channel.topic in STREAMS and self._ours(channel) and self._version(channel) == SCHEMA_VERSION:
+                message = self._message(channel)
+                self._samples[number] = Samples(message, min(listed[number], self._unpacked // message.size))
+        kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
+        first = not self._loaded
+        for picked in pick(self._data, self.contents, str(self.path)):
+            if first:
+                self._log_times.setdefault(picked.channel, []).append(picked.log_times)
+                self._sequences.setdefault(picked.channel, []).append(picked.sequences)
+            if picked.channel not in wanted:
+                continue
+            if picked.channel in self._samples:
+                self._samples[picked.channel].add(picked.rows())
+            elif picked.channel in kept:
+                if self.contents.channels[picked.channel].topic in SAID:
+                    self._budget.take(Cost.EVENTS, int((picked.ends - picked.starts).sum()))
+                self._payloads.setdefault(picked.channel, []).extend(picked.messages())
+        self._loaded |= wanted
+
+    def _listed(self) -> Counter[int]:
+        """How many messages of each channel the indexes list."""
+        out: Counter[int] = Counter()
+        for chunk in self.contents.chunks:
+            for number, start, end in chunk.indexes:
+                out[number] += (end - start) // 16
+        return out
+
+    @property
+    def _unpacked(self) -> int:
+        """Bytes of all chunks."""
+        return sum(chunk.size for chunk in self.contents.chunks)
+
+    def _decode(self, topic: str) -> NDArray[np.void]:
+        channel = self._channel(topic)
+        if topic not in STREAMS:
+            raise MissingStream(f"{topic} is no stream of numbers; those are {', '.join(STREAMS)}")
+        self.need(topic)
+        self._check_version(channel)
+        self._need(channel)
+        samples = self._samples[channel.id].array
+        if samples is None:
+            schema = self.contents.schemas.get(channel.schema_id)
+            if schema is None:
+                raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is not there")
+            batches = pick(self._data, self.contents, str(self.path))
+            payloads = (payload for p in batches if p.channel == channel.id for payload in p.messages())
+            count = sum(len(part) for part in self._log_times.get(channel.id, []))
+            samples = protobuf_runtime.decode(self._message(channel), schema, payloads, count)
+        return self._in_order(channel, samples)
+
+    def _in_order(self, channel: Channel, samples: NDArray[np.void]) -> NDArray[np.void]:
+        if not (np.diff(samples["t"]) > 0).all():
+            samples = samples[self._order(channel, [samples["t"]], lambda i: bytes(samples[i].tobytes()))]
+        samples.setflags(write=False)
+        return samples
+
+    def _order(self, channel: Channel, t: Sequence[NDArray[np.float64]], content: Callable[[int], bytes]) -> list[int]:
+        """The order of a channel's messages: by stamp (when given), log time, number, and what they hold."""
+        parts = (self._sequences.get(channel.id, []), self._log_times.get(channel.id, []))
+        return ordered([*(np.concatenate([np.zeros(0, np.int64), *part]) for part in parts), *t], content).tolist()
+
+    def _message(self, channel: Channel) -> MessageType:
+        """The stream's message with the array sizes of this recording."""
+        try:
+            shapes = {
+                key.removeprefix("shape."): tuple(int(n) for n in text.split("x"))
+                for key, text in channel.metadata.items()
+                if key.startswith("shape.")
+            }
+        except ValueError as error:
+            raise Damaged(f"{self.path}: {channel.topic} tells a shape that is none: {error}") from error
+        if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
+            raise Oversized(
+                f"{self.path}: {channel.topic} tells arrays of shape {shapes}, read are {MAX_NUMBERS} numbers at most"
+            )
+        message = STREAMS[channel.topic]
+        usual = {field.name: field.shape for field in message.fields}
+        for name, shape in shapes.items():
+            like = usual.get(name, ())
+            # Chambers and markers are the robot's; everything else has the size that it has.
+            free = name in OF_ROBOT and len(shape) == len(like) and shape[1:] == like[1:]
+            if not free and shape != like:
+                raise OtherVersion(
+                    f"{self.path}: {channel.topic} tells {name} of shape {shape}, this software reads {like}"
+                )
+        return message.sized(**shapes)
+
+    def _version(self, channel: Channel) -> str:
+        return channel.metadata.get("schema_version", SCHEMA_VERSION)
+
+    def _check_version(self, channel: Channel) -> None:
+        version = self._version(channel)
+        if version != SCHEMA_VERSION:
+            raise OtherVersion(
+                f"{self.path}: {channel.topic} has schema version {version}, this software reads {SCHEMA_VERSION}; "
+                "use the version of the software named in the file's metadata"
+            )
+
+    # -- events
+    def events(self, event: EventType) -> list[tuple[int, Any]]:
+        """(log time ns, protobuf message) of an event's topic by log time; none when the file has no such topic."""
+        return [
+            (log_time, protobuf_runtime.parse(event.message_class, payload, event.topic))
+            for log_time, payload in self.payloads(event)
+        ]
+
+    def payloads(self, event: EventType) -> list[tuple[int, bytes]]:
+        """(log time ns, bytes of the message) of an event's topic by log time; none when the file has no such topic."""
+        if not self.knows(event.topic):
+            return []
+        channel = self._channel(event.topic)
+        self._check_version(channel)
+        self._need(channel)
+        log_times = [t for part in self._log_times.get(channel.id, []) for t in part.tolist()]
+        payloads = self._payloads.get(channel.id, [])
+        return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]
+
+    @property
+    def states(self) -> list[StateEvent]:
+        """What was asked for, in order."""
+        return [
+            StateEvent(m.t, m.number, replace(State.from_json(_text(m)), clipped=m.clipped))
+            for _, m in self.events(events.STATE)
+        ]
+
+    @property
+    def trials(self) -> list[TrialEvent]:
+        """What was concluded live, in order."""
+        return [
+            TrialEvent(m.t, m.number, replace(TrialRow.from_json(_text(m)), clipped=m.clipped))
+            for _, m in self.events(events.TRIAL)
+        ]
+
+    @property
+    def log(self) -> list[LogLine]:
+        """The lines of /log, in order."""
+        return [
+            LogLine(log_time, _LEVELS.get(m.level, f"level {m.level}"), m.message)
+            for log_time, m in self.events(events.LOG)
+        ]
+
+
+def _text(message: Any) -> str:
+    """The field `json` of a message; `Damaged` when it is no text."""
+    try:
+        return str(message.json)
+    except UnicodeDecodeError as error:
+        raise Damaged(f"a state or row is no text ({error}); run `lab verify`") from error
+
+
+def _seconds(contents: Contents) -> float:
+    """Rig seconds that the chunks span."""
+    if not contents.chunks:
+        return 0.0
+    first = min(chunk.first_time for chunk in contents.chunks)
+    return (max(chunk.last_time for chunk in contents.chunks) - first) / 1e9

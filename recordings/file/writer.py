@@ -1,0 +1,408 @@
+"""Recording a run: messages from any thread, one writer thread, an MCAP file that survives the process.
+
+A message that `push` accepted is in the file at most `FLUSH_PERIOD` (host time) later, as a finished chunk. Header,
+metadata, attachments and schemas are there before the constructor returns. The file has its final name from the
+start; the metadata record `outcome` is written by `close` alone, so a file without it ended abruptly.
+
+Metadata records: `recording` (schema_version, start_wall_ns, chambers, markers), those given by the caller, and at
+the end `counts` and `clocks` (one JSON text a topic) and `outcome`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from .. import events
+from ..errors import BadMessage, RecordingError, WriteFailed
+from ..messages import SCHEMA_VERSION, MessageType, streams
+from ..states.buffer import KEEP, Buffers
+from ..states.rules import Crossing, State
+from ..trials import TrialRow
+from .clocks import STAMP, fit, has_stamp
+from .counts import StreamCounts, Tally
+from .disk import Disk
+from .mcap_file import McapFile
+from .views import VIEWS, Pace
+
+FLUSH_PERIOD = 0.1
+"""Host seconds between finished chunks."""
+
+QUEUE_LIMIT = 200_000
+"""Messages waiting for the disk; beyond it they are dropped and counted."""
+
+LOOK = 0.02
+"""Host seconds between two looks of the writer thread at what has come. A producer never wakes it: waking a thread costs
+the producer tens of microseconds, and up to hundreds where both then want the same processor."""
+
+BURST = 1000
+"""Messages that are written between two looks at the clock."""
+
+LIBRARY = "softlab recordings"
+
+_Payload = bytes | Callable[[], bytes | None]
+"""A view is encoded in the writer's thread; None: there is nothing to see."""
+_Item = tuple[Tally, int, int, _Payload]
+"""Topic, log time (ns), number, payload. A plain tuple, because one is made for every message."""
+
+
+class Recorder:
+    """One recording in progress.
+
+    `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name ->
+    bytes. `metadata`: record name -> texts. `start`: rig time (s) now, the first stamp of the file. Raises `WriteFailed`
+    when the file exists or cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        start_wall_ns: int,
+        attachments: Mapping[str, bytes] | None = None,
+        metadata: Mapping[str, Mapping[str, str]] | None = None,
+        chambers: int = 9,
+        markers: int = 0,
+        keep: float = KEEP,
+        start: float = 0.0,
+    ) -> None:
+        self.path = Path(path)
+        self.start_wall_ns = start_wall_ns
+        self.messages: dict[str, MessageType] = streams(chambers, markers)
+        self.buffers = Buffers(self.messages, keep)
+        self._topics = {topic: Tally() for topic in (*self.messages, *events.EVENTS)}
+        self._queue: deque[_Item | threading.Event | None] = deque()
+        """Appending and taking are atomic; None: the end. `_wake` is set for what cannot wait for the next look."""
+        self._wake = threading.Event()
+        self._failure: BaseException | None = None
+        self._outcome: dict[str, str] | None = None
+        self._states = 0
+        paces = {topic: Pace() for topic in VIEWS}
+        self._lanes = {
+            topic: (self.messages[topic], self._topics[topic], buffer, paces.get(topic))
+            for topic, buffer in self.buffers.items()
+        }
+        """All that `push` needs of a stream, in one look-up."""
+        self._event_lock = threading.Lock()
+        self._disk = Disk(self.path)
+        about = {
+            "schema_version": SCHEMA_VERSION,
+            "start_wall_ns": str(start_wall_ns),
+            "chambers": str(chambers),
+            "markers": str(markers),
+        }
+        try:
+            self._begin({"recording": about, **(metadata or {})}, attachments or {}, self._nanoseconds("/log", start))
+        except OSError as error:
+            self._disk.give_up()
+            raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
+        self._thread = threading.Thread(target=self._run, name="recording-writer", daemon=True)
+        self._thread.start()
+
+    def _begin(self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes], ns: int) -> None:
+        """Everything that must be on disk before the first sample; `ns`: rig time now."""
+        self._mcap = mcap = McapFile(self._disk, LIBRARY)
+        now = time.time_ns()
+        for name, texts in metadata.items():
+            mcap.metadata(name, dict(texts))
+        for name, data in attachments.items():
+            mcap.attachment(name, "application/octet-stream", data, now, now)
+        for message in self.messages.values():
+            schema = mcap.schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
+            self._register(message.topic, schema, message.metadata)
+            if has_stamp(message.topic):
+                fields: Any = message.wire_dtype.fields
+                self._topics[message.topic].stamp_at = fields[STAMP][1]
+        for event in events.EVENTS.values():
+            schema = mcap.schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
+            self._register(event.topic, schema, event.metadata)
+        # Schemas and channels reach the file with the first message's chunk.
+        first = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
+        self._write(self._item("/log", ns, first))
+        self._flush()
+        self._disk.sync()
+        self._disk.sync_name()
+
+    def _register(self, topic: str, schema: int, metadata: dict[str, str]) -> None:
+        channel = self._mcap.channel(topic, MessageEncoding.Protobuf, schema, metadata)
+        self._topics[topic].channel = channel
+
+    # -- from any thread
+    def push(self, topic: str, t: float, values: tuple[object, ...] | None = None, /, **fields: object) -> None:
+        """Record one message of a stream: `values` in the order of its fields after `t`, or each by name.
+
+        `t`: rig time, s, not before the topic's previous one (a message that is, is dropped and counted). Raises
+        `BadMessage` when it does not fit its definition, `WriteFailed` when the file can no longer be written.
+        """
+        try:
+            message, entry, buffer, pace = self._lanes[topic]
+        except KeyError:
+            raise BadMessage(f"no stream {topic}; there are {', '.join(self.messages)}") from None
+        try:
+            if values is None:
+                values = self._in_order(message, fields)
+            ns = self._nanoseconds(topic, t)
+            stamp = ns / 1e9
+            payload = message.encode(stamp, values)
+        except BadMessage:
+            with entry.lock:
+                entry.generated += 1
+            raise
+        with entry.lock:
+            entry.generated += 1
+            if self._accepts(entry, ns):
+                entry.last = ns
+                buffer.append(stamp, payload)
+                self._queue.append((entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload))
+        if self._failure is not None or self._outcome is not None:
+            self._check()
+        if pace is not None and pace.due(stamp):
+            self._push_views(message, ns, values)
+
+    def _in_order(self, message: MessageType, fields: Mapping[str, object]) -> tuple[object, ...]:
+        if fields.keys() != set(message.value_names):
+            missing = ", ".join(set(message.value_names) - fields.keys()) or "nothing"
+            unknown = ", ".join(fields.keys() - set(message.value_names)) or "nothing"
+            raise BadMessage(f"{message.topic}: missing {missing}, unknown {unknown}")
+        return tuple(fields[name] for name in message.value_names)
+
+    def _nanoseconds(self, topic: str, t: float) -> int:
+        try:
+            if 0 <= t < 1e9:  # neither NaN nor infinite
+                return round(t * 1e9)
+        except TypeError:
+            pass
+        raise BadMessage(f"{topic}: t = {t!r} is not a rig time in seconds")
+
+    def _accepts(self, entry: Tally, ns: int) -> bool:
+        open_ = self._failure is None and self._outcome is None
+        return open_ and ns >= entry.last and len(self._queue) < QUEUE_LIMIT
+
+    def _item(self, topic: str, ns: int, payload: _Payload) -> _Item:
+        """Count a message and number it; the topic's lock is held."""
+        entry = self._topics[topic]
+        entry.generated += 1
+        entry.last = max(entry.last, ns)
+        return entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload
+
+    def sink(self, topic: str) -> Callable[[Any], None]:
+        """A function that records samples: objects with `t` and attributes named like the stream's fields.
+
+        It never raises, because it runs in the driver's thread: a sample that cannot be recorded is dropped and
+        counted, the first one of a topic is told on /log. Body markers that were not seen are filled up with NaN.
+        """
+        message = self.messages[topic]
+        rows = {f.name: f.shape[0] for f in message.fields if len(f.shape) == 2}
+        nan = (math.nan,) * 3
+
+        def take(sample: Any) -> None:
+            values = [getattr(sample, name) for name in message.value_names]
+            for index, name in enumerate(message.value_names):
+                if name in rows:
+                    values[index] = (*values[index], *(nan,) * (rows[name] - len(values[index])))
+            try:
+                self.push(topic, sample.t, tuple(values))
+            except WriteFailed:
+                return
+            except BadMessage as error:
+                if not self._topics[topic].complained:
+                    self._topics[topic].complained = True
+                    self.log("error", str(error))
+
+        return take
+
+    def note_lost(self, topic: str, count: int) -> None:
+        """A driver knows that so many samples of its stream never arrived; raises `BadMessage` for fewer than none."""
+        if count < 0:
+            raise BadMessage(
+                f"{topic}: {count} samples cannot have been lost; give the number since the recording began"
+            )
+        entry = self._topics[topic]
+        with entry.lock:
+            entry.lost += count
+
+    def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
+        """A line on /log; `level` one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp.
+
+        The text is kept as it is, up to `events.LONGEST_TEXT` characters.
+        """
+        if level not in events.LEVELS:
+            raise BadMessage(f"log level {level!r} is unknown; one of {', '.join(events.LEVELS)}")
+        ns = self._newest() if t is None else self._nanoseconds("/log", t)
+        self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), name))
+
+    def state(self, t: float, state: State) -> int:
+        """Record what is asked for, before it is read; returns the state's number in this recording.
+
+        Raises `BadMessage` when the state does not fit the number of chambers.
+        """
+        chambers = self.messages["/pressure"].dtype["measured"].shape[0]
+        if len(state.targets) != chambers:
+            raise BadMessage(f"/state: {len(state.targets)} target pressures for {chambers} chambers")
+        if isinstance(state.rule, Crossing) and not all(0 <= chamber < chambers for chamber in state.rule.chambers):
+            raise BadMessage(f"/state: crossing of chambers {state.rule.chambers}, there are 0 .. {chambers - 1}")
+        with self._event_lock:
+            self._states += 1
+            number = self._states
+        self._event("/state", self._nanoseconds("/state", t), events.encode_state(t, number, state))
+        return number
+
+    def trial(self, t: float, number: int, row: TrialRow) -> None:
+        """Record the row that was concluded for state `number`."""
+        self._event("/trial", self._nanoseconds("/trial", t), events.encode_trial(t, number, row))
+
+    def _newest(self) -> int:
+        return max(entry.last for entry in self._topics.values())
+
+    def _event(self, topic: str, ns: int, payload: _Payload) -> None:
+        """Events are few and never dropped for their order."""
+        with self._topics[topic].lock:
+            if self._failure is None and self._outcome is None:
+                self._queue.append(self._item(topic, ns, payload))
+        self._check()
+
+    def _push_views(self, message: MessageType, ns: int, values: tuple[object, ...]) -> None:
+        fields = dict(zip(message.value_names, values, strict=True))
+        for topic, encode in VIEWS[message.topic]:
+            self._event(topic, ns, partial(encode, self.start_wall_ns + ns, fields))
+
+    def sync(self) -> None:
+        """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
+        self._check()
+        done = threading.Event()
+        self._queue.append(done)
+        self._wake.set()
+        while not done.wait(0.1):
+            self._check()
+
+    def check(self) -> None:
+        """Raises `WriteFailed` when the file can no longer be written."""
+        self._check()
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise WriteFailed(
+                f"{self.path}: recording stopped: {self._failure}; what was written before stays readable with "
+                "`lab recover`. Make room or choose another disk and resume the run"
+            ) from self._failure
+        if self._outcome is not None:
+            raise WriteFailed(f"{self.path}: recording is closed ({self._outcome['outcome']})")
+
+    # -- the writer thread
+    def _run(self) -> None:
+        try:
+            due = time.monotonic() + FLUSH_PERIOD
+            while self._drain():
+                now = time.monotonic()
+                if now >= due:
+                    self._flush()
+                    due = now + FLUSH_PERIOD
+                if not self._queue:
+                    self._wake.wait(min(LOOK, max(0.0, due - now)))
+                    self._wake.clear()
+            self._flush()
+            self._end()
+        except Exception as error:
+            self._failure = error
+            self._disk.give_up()
+
+    def _drain(self) -> bool:
+        """Put what has come into the chunk in hand, up to a burst of it; False at the end."""
+        for _ in range(min(len(self._queue), BURST)):
+            item = self._queue.popleft()
+            if item is None:
+                return False
+            if isinstance(item, threading.Event):
+                self._flush()
+                self._disk.sync()
+                item.set()
+            else:
+                self._write(item)
+        return True
+
+    def _write(self, item: _Item) -> None:
+        topic, log_time, number, payload = item
+        if not isinstance(payload, bytes):
+            view = payload()
+            if view is None:
+                topic.skipped += 1
+                return
+            payload = view
+        topic.note(log_time - self.start_wall_ns, payload)
+        self._mcap.message(topic.channel, number - topic.skipped, log_time, payload)
+
+    def _flush(self) -> None:
+        self._mcap.flush()
+        self._disk.commit()
+        for topic in self._topics.values():
+            topic.written += topic.pending
+            topic.pending = 0
+
+    def _end(self) -> None:
+        outcome = self._outcome or {}
+        counts = {topic: json.dumps(asdict(count)) for topic, count in self.counts().items()}
+        self._mcap.metadata("counts", counts)
+        self._mcap.metadata("clocks", self._clocks())
+        self._mcap.metadata("outcome", outcome)
+        self._mcap.finish()
+        self._disk.commit()
+        self._disk.close()
+
+    def _clocks(self) -> dict[str, str]:
+        """The model of each instrument's clock, as JSON text by topic."""
+        stamped = {name: topic for name, topic in self._topics.items() if topic.stamp_at is not None}
+        models = {
+            name: fit(np.array(topic.device_stamps), np.array(topic.stamps, np.int64) / 1e9)
+            for name, topic in stamped.items()
+        }
+        return {name: json.dumps(model.to_dict()) for name, model in models.items() if model is not None}
+
+    def counts(self) -> dict[str, StreamCounts]:
+        """What became of each topic's messages so far."""
+        return {name: topic.counts() for name, topic in self._topics.items()}
+
+    def close(self, outcome: str, detail: str = "") -> dict[str, StreamCounts]:
+        """Write counts and outcome, finish the file, return the counts. A second call returns them again.
+
+        `outcome`: completed, stopped or failed. Raises `WriteFailed` when the file could not be finished.
+        """
+        if self._outcome is None:
+            self._outcome = {
+                "outcome": outcome,
+                "detail": events.bounded(detail),
+                "closed_wall_ns": str(time.time_ns()),
+            }
+            self._queue.append(None)
+            self._wake.set()
+        self._thread.join()
+        if self._failure is not None:
+            self._check()
+        return self.counts()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close("completed")
+            return
+        try:
+            outcome = "stopped" if isinstance(error, KeyboardInterrupt) else "failed"
+            self.close(outcome, f"{type(error).__name__}: {error}")
+        except RecordingError as second:
+            error.add_note(str(second))

@@ -1,0 +1,199 @@
+"""The single way from samples to a row of the table: `conclude`, used by the protocols while they run and by replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import NotSettled
+from ..trials import TrialRow
+from .averaging import (
+    Estimate,
+    Estimator,
+    Line,
+    Mean,
+    from_rotation_vector,
+    line_quaternion,
+    mean_quaternion,
+    turned_back,
+)
+from .buffer import Streams
+from .rules import LARGEST, Crossing, Probe, Settled, State, Window
+from .settling import Span, crossing_window, fixed_window, settled_window, tracked
+
+Samples = NDArray[np.void]
+
+SLOW = ("/spine", "/vacuum")
+SLOW_BACK, SLOW_OLDEST = 1.0, 10.0
+"""These streams are polled seldom and hardly change while a state is read: a reading whose time is fixed takes those
+of the last second (s) before its end, one sample is enough; where there is none, the newest of the last ten seconds."""
+
+AVERAGED = {
+    "/pressure": ("measured",), "/spine": ("length",), "/vacuum": ("absolute",), "/force": ("raw", "zero"), "/arm": ("tcp_pose",),
+}  # fmt: skip
+"""What must be a number in every sample that is averaged; of the tip only tracked samples count."""
+SEEN = {"/tip": ("position", "orientation", "markers")}
+"""What may be missing (NaN), but not beyond all measure."""
+
+
+Count = Callable[[int], object]
+"""Told how many samples are about to be averaged."""
+
+
+def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> TrialRow | None:
+    """Read a state: its row, or None while samples are missing that may still come.
+
+    Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
+    Raises `NotSettled` when the rule can no longer be met.
+    """
+    where = f"trial {state.trial} step {state.step}"
+    watermark = min(streams.newest(topic) for topic in state.topics)
+    if not watermark > state.t_start:
+        return None
+    try:
+        span = _span(streams, state, watermark)
+        return None if span is None else _row(streams, state, span, count)
+    except NotSettled as error:
+        raise NotSettled(f"{where}: {error}") from error
+
+
+def _span(streams: Streams, state: State, watermark: float) -> Span | None:
+    rule, start = state.rule, state.t_start
+    if isinstance(rule, Window):
+        return fixed_window(rule, start, watermark)
+    until = min(watermark, start + rule.timeout)
+    pressure = streams.window("/pressure", start, until)
+    chambers = pressure["measured"].shape[1]
+    if isinstance(rule, Crossing):
+        if max(rule.chambers) >= chambers:
+            raise NotSettled(f"chamber {max(rule.chambers) + 1} is asked for, /pressure has {chambers}")
+        return crossing_window(pressure, rule, start, state.ramp_end, watermark)
+    if len(state.targets) != chambers:
+        raise NotSettled(f"{len(state.targets)} pressures are asked for, /pressure has {chambers}")
+    further = [topic for topic in state.topics if topic not in ("/pressure", "/tip")]
+    others = {topic: streams.window(topic, start, until)["t"] for topic in further}
+    tip = streams.window("/tip", start, until)
+    return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
+
+
+def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
+    """Average every stream that the state relies on over the span."""
+    rule = state.rule
+    estimate: Estimator = Line(span.at) if isinstance(rule, Crossing) else Mean()
+    slow = () if isinstance(rule, Settled) else SLOW
+    starts = {topic: min(span.t0, span.t1 - SLOW_BACK) if topic in slow else span.t0 for topic in state.topics}
+    samples = {topic: streams.window(topic, start, span.t1) for topic, start in starts.items()}
+    for topic in slow:
+        if topic in samples and not len(samples[topic]):
+            starts[topic] = span.t1 - SLOW_OLDEST
+            samples[topic] = streams.window(topic, starts[topic], span.t1)[-1:]
+    if "/tip" in samples:
+        samples["/tip"] = tracked(samples["/tip"])
+    for topic, found in samples.items():
+        needed = 1 if topic in slow else rule.min_samples
+        if len(found) < needed:
+            raise NotSettled(
+                f"{len(found)} usable samples of {topic} from {starts[topic]:.2f} to {span.t1:.2f} s, needed {needed}; "
+                "check the instrument's rate, or average longer"
+            )
+        _demand_numbers(topic, found)
+    count(sum(len(found) for found in samples.values()))
+    measured: dict[str, Estimate] = {}
+    pressures = state.targets
+    if (pressure := samples.get("/pressure")) is not None:
+        of_chambers = _each(estimate, pressure, "measured")
+        pressures = tuple(e.value for e in of_chambers)
+        measured |= {f"p{i}": e for i, e in enumerate(of_chambers, 1)}
+    tip = samples.get("/tip")
+    if tip is not None:
+        measured |= dict(zip("xyz", _each(estimate, tip, "position"), strict=True))
+    if (spine := samples.get("/spine")) is not None:
+        measured["spine_length"] = Mean()(spine["t"], spine["length"])
+    if (vacuum := samples.get("/vacuum")) is not None:
+        absolute = Mean()(vacuum["t"], vacuum["absolute"])
+        measured["vacuum"] = Estimate(state.ambient - absolute.value, absolute.sd)
+    if state.probe is not None:
+        force, deflection = _push(estimate, state.probe, samples["/force"], samples["/arm"])
+        measured |= {"force": force, "deflection": deflection}
+    value = {name: e.value for name, e in measured.items()}
+    return TrialRow(
+        trial=state.trial,
+        step=state.step,
+        protocol=state.protocol,
+        repeat=state.repeat,
+        branch=state.branch,
+        t=span.at,
+        rate=state.rate,
+        hold=0.0 if isinstance(rule, Crossing) else max(0.0, span.at - state.ramp_end),
+        spine_length=value.get("spine_length", state.spine_length),
+        vacuum=value.get("vacuum"),
+        tip_mass=state.tip_mass,
+        roll_deg=state.roll_deg,
+        pressures=pressures,
+        tip=None if tip is None else (value["x"], value["y"], value["z"]),
+        orientation=None if tip is None else _orientation(rule, span, tip),
+        markers=() if tip is None else _markers(estimate, tip),
+        specimen=state.specimen,
+        force=value.get("force"),
+        deflection=value.get("deflection"),
+        clipped=state.clipped,
+        sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
+    )
+
+
+def _demand_numbers(topic: str, samples: Samples) -> None:
+    """Raises NotSettled when a sample holds NaN or a value beyond all measure: an average that leaves it out would hide a
+    fault."""
+    for name in (*AVERAGED.get(topic, ()), *SEEN.get(topic, ())):
+        values = np.abs(samples[name].reshape(len(samples), -1))
+        bad = (values > LARGEST).any(axis=1)
+        if name in AVERAGED.get(topic, ()):
+            bad |= np.isnan(values).any(axis=1)
+        if bad.any():
+            raise NotSettled(
+                f"{topic}: {name} is no number in {int(bad.sum())} of {len(samples)} samples, first at "
+                f"{samples['t'][bad][0]:.2f} s; check the instrument and its line"
+            )
+
+
+def _each(estimate: Estimator, samples: Samples, field: str) -> list[Estimate]:
+    """One estimate for each column of an array field."""
+    return [estimate(samples["t"], samples[field][:, i]) for i in range(samples[field].shape[1])]
+
+
+def _orientation(rule: Settled | Window | Crossing, span: Span, tip: Samples) -> tuple[float, float, float, float]:
+    turns = tip["orientation"]
+    try:
+        if isinstance(rule, Crossing):
+            return line_quaternion(span.at, tip["t"], turns)
+        return mean_quaternion(turns.tolist())
+    except ValueError as error:
+        raise NotSettled(f"orientation on /tip: {error}; check the body's definition in the camera software") from error
+
+
+def _markers(estimate: Estimator, tip: Samples) -> tuple[tuple[float, float, float], ...]:
+    places: Any = tip["markers"]
+    out = []
+    for i in range(places.shape[1]):
+        x, y, z = (estimate(tip["t"], places[:, i, axis]).value for axis in range(3))
+        out.append((x, y, z))
+    return tuple(out)
+
+
+def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:
+    """Force on the specimen along the push (N) and the TCP's way along it from the origin (m)."""
+    try:
+        tcp = mean_quaternion([from_rotation_vector(pose) for pose in arm["tcp_pose"][:, 3:].tolist()])
+    except ValueError as error:
+        raise NotSettled(f"orientation on /arm: {error}; check the network to the arm's controller") from error
+    in_tcp = turned_back(tcp, probe.direction)
+    in_sensor = turned_back(from_rotation_vector(probe.sensor_rotation), in_tcp)
+    wrench = force["raw"] - force["zero"]
+    along = -(wrench[:, 0] * in_sensor[0] + wrench[:, 1] * in_sensor[1] + wrench[:, 2] * in_sensor[2])
+    pushed = estimate(force["t"], along - probe.force_offset)
+    moved = arm["tcp_pose"][:, :3] - np.array(probe.origin)
+    way = moved[:, 0] * probe.direction[0] + moved[:, 1] * probe.direction[1] + moved[:, 2] * probe.direction[2]
+    return pushed, estimate(arm["t"], way)
