@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
-from .criticism.calibration import TEMPERING
+from .criticism.probability_calibration import CALIBRATED
 from .criticism.unknown import signs
 from .data.case import CaseLike, states
 from .data.states import States
@@ -58,14 +58,14 @@ def compare_campaigns(
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
     leading = candidates[:6]
-    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], TEMPERING.temperature)
-    known = posterior(candidates, effects, TEMPERING.temperature)
+    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], CALIBRATED.temperature)
+    known = posterior(candidates, effects, CALIBRATED.temperature)
     first = search.whole(known.candidates[known.ranking[0][0]])
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
     beyond = max(before.floor.beyond, after.floor.beyond)
     sign = signs(search.problem, first, np.concatenate(trials), np.concatenate(kinds), beyond)
-    found = beside_unknown(known, unknown, TEMPERING.outside(sign, 1.0))
+    found = beside_unknown(known, unknown, CALIBRATED.outside(sign, 1.0))
     named, p = found.ranking[0]
     best = found.candidates[named]
     parameters = search.problem.parameters
@@ -74,7 +74,7 @@ def compare_campaigns(
         for i, name in enumerate(parameters.names)
         if parameters.effects[i] in named and named != UNKNOWN
     }
-    return Change(_sentence(named, p, sizes, TEMPERING.bench), found.ranking[:10], sizes)
+    return Change(_sentence(named, p, sizes, CALIBRATED.bench), found.ranking[:10], sizes)
 
 
 def _alike(before: States, after: States) -> tuple[States, States]:

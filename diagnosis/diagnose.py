@@ -20,7 +20,7 @@ from .answer.holdout import hold_out, unmet
 from .answer.result import Diagnosis, Locate, Proposal, Shrink
 from .answer.shrink import shrink
 from .answer.verdict import beside, statement
-from .criticism.calibration import USUAL_BEYOND
+from .criticism.probability_calibration import USUAL_BEYOND
 from .data.case import CaseLike, states
 from .inference.effort import ALONE, Effort
 from .inference.prepare import prepare
@@ -83,5 +83,5 @@ def _statement(
     alike = (group for group in f.rivals if set(named) & set(group))
     rivals = tuple(dict.fromkeys(e for group in alike for e in group if e not in named))
     text = statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
-                     f.signs.outlier_trial, f.tempering.bench)  # fmt: skip
+                     f.signs.outlier_trial, f.probability_calibration.bench)  # fmt: skip
     return text if pushes is None or where.of == "deflection" else f"{text} {beside(pushes, f.decision)}"

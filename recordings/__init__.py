@@ -1,6 +1,6 @@
 """MCAP in and out: messages, writer, reader, replay, and the table of trials.
 
-Writing (one `writer.Recorder` a run; `push` from any thread):
+Writing (one `file.writer.Recorder` a run; `push` from any thread):
 
     recorder = Recorder(path, start_wall_ns=..., attachments={"rig.yaml": b"..."}, metadata={"versions": {...}},
                         chambers=9, markers=3)          start_wall_ns: wall time (ns) of rig time 0
@@ -8,27 +8,27 @@ Writing (one `writer.Recorder` a run; `push` from any thread):
     sink = recorder.sink("/force")                      Callable[[sample], None]: takes attributes named like the fields
     recorder.note_lost("/force", 3)                     samples a driver knows it lost
     recorder.log("info", "text")
-    number = recorder.state(t, state)                   what is asked for; `states.State` holds all a reading needs
+    number = recorder.state(t, state)                   what is asked for; `states.rules.State` holds all a reading needs
     row = conclude(recorder.buffers, state)             TrialRow, None (not yet), or raises NotSettled
     recorder.trial(t, number, row)                      what was concluded
     counts = recorder.close("completed")                outcome and counts per stream; a `with` block does it too
 
 Reading:
 
-    recording = reader.Recording.open(path)             .topics .attachments .metadata .outcome .log .states .trials
+    recording = file.reader.Recording.open(path)        .topics .attachments .metadata .outcome .log .states .trials
     recording.stream("/tip")["position"]                numpy structured arrays, fields as in messages.py
-    replay.table_of(recording) -> Table                 rows as they were concluded live
-    replay.replay(path) -> Table                        rows concluded again from the samples
-    replay.compare(recording) -> Comparison             equal to the last bit, or where not
+    campaign.replay.table_of(recording) -> Table        rows as they were concluded live
+    campaign.replay.replay(path) -> Table               rows concluded again from the samples
+    campaign.replay.compare(recording) -> Comparison    equal to the last bit, or where not
     table_file.read_csv(path), write_csv(table, path)   trials.csv
-    info.info(path), export.export_streams, export.export_case
-    player.play(recording, sink, speed)                 its messages in the order of time, at any pace
-    clocks.clocks(recording), clocks.aligned(recording, "/tip")     the instruments' own clocks
+    campaign.info.info(path), campaign.export.export_streams, campaign.export.export_case
+    file.player.play(recording, sink, speed)            its messages in the order of time, at any pace
+    file.clocks.clocks(recording), file.clocks.aligned(recording, "/tip")     the instruments' own clocks
 
 Keeping:
 
-    verify.verify(path) -> Verification                 is every byte what was written
-    recover.recover(path, target) -> Recovery           all that can be read of a torn or damaged file
-    journal.Journal, campaign.tables(recordings)        a run that was broken off, and those that resumed it
-    shelf.runs(folder, since=..., protocol=..., spine=...)          the recordings of a folder tree
+    file.verify.verify(path) -> Verification            is every byte what was written
+    file.recover.recover(path, target) -> Recovery      all that can be read of a torn or damaged file
+    campaign.journal.Journal, campaign.resumed.tables   a run that was broken off, and those that resumed it
+    campaign.shelf.runs(folder, since=..., protocol=..., spine=...)     the recordings of a folder tree
 """

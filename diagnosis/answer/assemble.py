@@ -97,7 +97,9 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
             known = unseen.before if named == NONE else unseen.after if named == f.best.named else None
             errors = unseen_error(p, candidate_model(p, c), fold)[0] if known is None else known
             heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
-        ranked.append(Ranked(named, probability, c.log_evidence, heldout, values(sizes(p, c, f.tempering.spread))))
+        ranked.append(
+            Ranked(named, probability, c.log_evidence, heldout, values(sizes(p, c, f.probability_calibration.spread)))
+        )
     d = f.decision
     return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals)
 
@@ -122,8 +124,11 @@ def detail(f: Found, unseen: Unseen | None, holdout: Holdout | None) -> dict[str
         "best_hypothesis": list(f.best.named),
         "masking": _masking(p, slope),
         "floor": {"channel": dict(p.floor.channel), "pressure": p.floor.pressure, "trial": dict(p.floor.trial)},
-        "bench": f.tempering.bench,
-        "sizes": [asdict(size) | {"impossible": size.impossible} for size in sizes(p, f.best, f.tempering.spread)],
+        "bench": f.probability_calibration.bench,
+        "sizes": [
+            asdict(size) | {"impossible": size.impossible}
+            for size in sizes(p, f.best, f.probability_calibration.spread)
+        ],
         "apart": _apart(f),
         "shapes": worst(p, f.calibrated.theta, f.best.fit.theta),
         "states": {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..criticism.calibration import TEMPERING, Tempering
+from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
 from ..criticism.trend import trend
 from ..criticism.unknown import Signs, signs
 from ..data.case import enough
@@ -49,7 +49,7 @@ class Found:
     """Probability that repeats follow time so well by chance."""
     decision: Decision
     apart: Apart
-    tempering: Tempering
+    probability_calibration: ProbabilityCalibration
 
     @property
     def rivals(self) -> tuple[tuple[str, ...], ...]:
@@ -67,16 +67,16 @@ def attribute(p: Prepared, effort: Effort = ALONE) -> Found:
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
     leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
-    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], TEMPERING.temperature)
-    known = posterior(candidates, effects, TEMPERING.temperature)
+    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], CALIBRATED.temperature)
+    known = posterior(candidates, effects, CALIBRATED.temperature)
     best = search.whole(found[known.ranking[0][0]])
     sign = signs(p.problem, best, p.labels.trial, p.labels.experiment, p.floor.beyond)
     trended = trend(p, found[NONE].fit.slope)
-    weighed = beside_unknown(known, unknown, TEMPERING.outside(sign, trended))
-    decision = decide(weighed, TEMPERING, enough(p.states))
+    weighed = beside_unknown(known, unknown, CALIBRATED.outside(sign, trended))
+    decision = decide(weighed, CALIBRATED, enough(p.states))
     separations = _apart(p, found, weighed, best)
     return Found(
-        p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, separations, TEMPERING
+        p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, separations, CALIBRATED
     )  # fmt: skip
 
 

@@ -54,7 +54,7 @@ class Size:
 def sizes(p: Prepared, c: Candidate, spread: float) -> tuple[Size, ...]:
     """The parameters of the effects that a hypothesis names; none for no effect and for the unknown.
 
-    `spread` widens the standard deviation of the linear problem (see tempering).
+    `spread` widens the standard deviation of the linear problem (see probability_calibration).
     """
     parameters = p.problem.parameters
     if c.unknown or not c.named:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..criticism.calibration import Tempering
+from ..criticism.probability_calibration import ProbabilityCalibration
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
 from .result import Locate, Shrink, Verdict
@@ -29,11 +29,11 @@ class Decision:
     probability: float
 
 
-def decide(posterior: Posterior, tempering: Tempering, enough: bool) -> Decision:
+def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: bool) -> Decision:
     """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits."""
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
-    if not enough or outside >= tempering.flagged:
+    if not enough or outside >= calibrated.flagged:
         return Decision("unknown", (), outside)
     if named == NONE:
         return Decision("none", (), probability)

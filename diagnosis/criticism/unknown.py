@@ -5,7 +5,7 @@ residual. It shows in what had to give way: tolerances, other effects and errors
 they may be than their priors allow (strain), a kind of experiment that all others do not predict (transport), a single
 trial that needs a spine of its own, a trend over time, repeats that differ by more than instruments and spines grown anew
 do, the evidence for a large smooth discrepancy. What each is worth
-was found on a bench (see tempering).
+was found on a bench (see probability_calibration).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Prior: none, one effect, two or three have fixed shares; within a share all combinations of the catalogue are alike. A
 pair must therefore pay not only for its free parameters but also for being one of several hundred. How probable a cause
-outside the catalogue is follows from its signs (see tempering); the catalogue shares what is left.
+outside the catalogue is follows from its signs (see probability_calibration); the catalogue shares what is left.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def prior(named: Hypothesis, effects: int) -> float:
 
 
 def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
-    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence (see tempering)."""
+    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence (see probability_calibration)."""
     score = np.array([c.log_evidence / temperature + np.log(prior(c.named, effects)) for c in candidates])
     share = np.exp(score - score.max())
     share /= share.sum()

@@ -25,7 +25,7 @@ from .hosted import Hosted
 from .instruments import COMMANDS, CONFIGS, ENERGISING, POLLED, make
 from .landing import Instruments, Landing, SafeReport
 from .latch import Latch
-from .limit_monitor import Judge
+from .limit_monitor import LimitMonitor
 from .messages import Event, RigLanded
 from .under_force import UnderForce
 
@@ -64,7 +64,7 @@ class Guard:
         self.rig, self.clock, self.tell = rig, clock, tell
         self.latch = Latch(rig.path) if rig.path is not None else None
         self.despite_latch = despite_latch
-        self.judge = Judge(self.rig)
+        self.judge = LimitMonitor(self.rig)
         self.own = Owned()
         for name in COMMANDS:
             config = getattr(self.rig.instruments, name)

@@ -39,7 +39,7 @@ class Finding:
     error: DeviceFault
 
 
-class Judge:
+class LimitMonitor:
     """Limits of one rig."""
 
     def __init__(self, rig: RigFile) -> None:

@@ -31,7 +31,7 @@ from .hosted_stream import HostedArmState
 from .interrupts import Shielded
 from .limits import within_robot
 from .real_time import clock_of, demand_fakes
-from .recovery import Mending, Patient
+from .recovery import PatientOperator, Recovery
 from .streams import TOPICS, recorded
 from .watch import Vital, Watch, WatchedClock
 
@@ -156,7 +156,7 @@ class Rig:
         """What a protocol gets: the opened instruments only. Those that it `needs` are watched while it waits."""
         has = self.identities.__contains__
         stand = self.file.stand
-        operator = Patient(op.operator(self.file.operator), self.actuators.pulse)
+        operator = PatientOperator(op.operator(self.file.operator), self.actuators.pulse)
 
         def say(text: str) -> None:
             narrator.say(text)
@@ -171,7 +171,7 @@ class Rig:
             narrator=narrator,
             stopping=stopping,
             mendable=self.watch.mendable,
-            mend=Mending(self.actuators, self.watch, operator, self.file.limits, say),
+            mend=Recovery(self.actuators, self.watch, operator, self.file.limits, say),
             chambers=self.chambers,
             stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
             if stand

@@ -20,7 +20,7 @@ STEADY = 0.5
 """Host seconds for which everything must be well before work goes on."""
 
 
-class Patient:
+class PatientOperator:
     """An operator who may take as long as it takes: the guard does not mistake waiting for a person for a hang."""
 
     def __init__(self, operator: Operator, pulse: Pulse) -> None:
@@ -37,7 +37,7 @@ class Patient:
             self._operator.confirm(trouble)
 
 
-class Mending:
+class Recovery:
     """What `Bench.mend` does."""
 
     def __init__(

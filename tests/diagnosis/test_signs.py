@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.criticism.calibration import TEMPERING
+from diagnosis.criticism.probability_calibration import CALIBRATED
 from diagnosis.criticism.unknown import Signs, signs
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
@@ -60,7 +60,7 @@ def test_a_kind_of_experiment_that_the_others_do_not_predict_is_a_surprise() -> 
 
 def test_every_sign_raises_the_probability_of_a_cause_outside_the_catalogue() -> None:
     calm = Signs(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0)
-    least = TEMPERING.outside(calm, 1.0)
+    least = CALIBRATED.outside(calm, 1.0)
     assert least < 0.1
     for sign, trend in (
         (replace(calm, strain=10.0), 1.0),
@@ -70,4 +70,4 @@ def test_every_sign_raises_the_probability_of_a_cause_outside_the_catalogue() ->
         (replace(calm, beyond=6.0), 1.0),
         (calm, 1e-4),
     ):
-        assert TEMPERING.outside(sign, trend) > least
+        assert CALIBRATED.outside(sign, trend) > least

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceFault
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample
 from lab.files.rig_file import RigFile
-from lab.guard.limit_monitor import Finding, Judge, NotHeld
+from lab.guard.limit_monitor import Finding, LimitMonitor, NotHeld
 
 RIG = RigFile.model_validate(
     {
@@ -35,24 +35,24 @@ def pressure(t: float, asked: float, measured: float) -> PressureSample:
 
 def steady(asked: float, measured: float, seconds: float) -> Finding | None:
     """The last finding of a steady set-point."""
-    judge, found = Judge(RIG), None
+    judge, found = LimitMonitor(RIG), None
     for i in range(round(seconds / 0.5) + 1):
         found = judge.judge("pressure", pressure(0.5 * i, asked, measured))
     return found
 
 
 def test_setpoints_whose_sum_is_within_the_limit_pass_unchanged() -> None:
-    assert Judge(RIG).setpoints((150e3, 150e3, 150e3)) == (150e3, 150e3, 150e3)
+    assert LimitMonitor(RIG).setpoints((150e3, 150e3, 150e3)) == (150e3, 150e3, 150e3)
 
 
 def test_setpoints_beyond_the_sum_over_the_chambers_are_scaled_down_together() -> None:
-    allowed = Judge(RIG).setpoints((300e3, 300e3, 150e3))
+    allowed = LimitMonitor(RIG).setpoints((300e3, 300e3, 150e3))
     assert sum(3 * p for p in allowed) == pytest.approx(RIG.limits.max_total_pressure)
     assert allowed[0] / allowed[2] == pytest.approx(2.0)
 
 
 def test_a_setpoint_that_is_no_number_is_left_to_the_driver_to_refuse() -> None:
-    assert math.isnan(Judge(RIG).setpoints((math.nan, 0.0, 0.0))[0])
+    assert math.isnan(LimitMonitor(RIG).setpoints((math.nan, 0.0, 0.0))[0])
 
 
 def test_a_pressure_that_is_held_is_fine() -> None:
@@ -60,7 +60,7 @@ def test_a_pressure_that_is_held_is_fine() -> None:
 
 
 def test_a_pressure_that_lags_behind_a_ramp_is_fine() -> None:
-    judge = Judge(RIG)
+    judge = LimitMonitor(RIG)
     assert [judge.judge("pressure", pressure(t, 25e3 * t, max(0.0, 25e3 * (t - 2)))) for t in range(10)] == [None] * 10
 
 
@@ -78,18 +78,18 @@ def test_a_pressure_that_stays_above_its_setpoint_lands_the_rig() -> None:
 
 @pytest.mark.parametrize("measured", [math.nan, math.inf, 340e3])
 def test_a_pressure_that_cannot_be_or_must_not_be_lands_the_rig_at_once(measured: float) -> None:
-    found = Judge(RIG).judge("pressure", pressure(0.0, 300e3, measured))
+    found = LimitMonitor(RIG).judge("pressure", pressure(0.0, 300e3, measured))
     assert found is not None and found.act == "land" and isinstance(found.error, DeviceFault)
 
 
 def test_chambers_that_hold_too_much_in_sum_land_the_rig() -> None:
-    found = Judge(RIG).judge("pressure", PressureSample(0.0, (300e3,) * 3, (300e3,) * 3))
+    found = LimitMonitor(RIG).judge("pressure", PressureSample(0.0, (300e3,) * 3, (300e3,) * 3))
     assert found is not None and found.act == "land" and "sum" in str(found.error)
 
 
 @pytest.mark.parametrize(("absolute", "lands"), [(20e3, False), (5e3, True), (math.nan, True)])
 def test_a_vacuum_beyond_the_limit_lands_the_rig(absolute: float, lands: bool) -> None:
-    assert (Judge(RIG).judge("gauge", GaugeSample(0.0, absolute)) is not None) is lands
+    assert (LimitMonitor(RIG).judge("gauge", GaugeSample(0.0, absolute)) is not None) is lands
 
 
 @pytest.mark.parametrize(
@@ -99,11 +99,11 @@ def test_a_spine_outside_of_its_range_lands_the_rig_once_its_zero_is_known(
     length: float, homed: bool, lands: bool
 ) -> None:
     sample = SpineSample(0.0, length, 0.0, length, False, homed)
-    assert (Judge(RIG).judge("spine", sample) is not None) is lands
+    assert (LimitMonitor(RIG).judge("spine", sample) is not None) is lands
 
 
 def test_a_regulator_that_forgot_its_setpoint_lands_the_rig() -> None:
-    judge = Judge(RIG)
+    judge = LimitMonitor(RIG)
     judge.told = (100e3, 0.0, 0.0)
     found = [judge.judge("pressure", pressure(t, held, 0.0)) for t, held in ((0.0, 100e3), (0.1, 0.0), (0.2, 0.0))]
     assert found[:2] == [None, None]
@@ -157,7 +157,7 @@ def chamber(
 def test_no_sound_chamber_is_accused_in_any_sweep(
     rate: float, period: float, tau: float, hold: float, seed: int, levels: list[float]
 ) -> None:
-    judge = Judge(RIG)
+    judge = LimitMonitor(RIG)
     assert RIG.instruments.pressure is not None and tau <= RIG.instruments.pressure.time_constant
     told = sweep(rate, tuple(levels), hold + 0.1)
     for t, asked, p in itertools.takewhile(lambda s: s[0] < 60.0, chamber(told, tau, period, 1e3, seed)):
@@ -171,7 +171,7 @@ def test_a_slow_regulator_is_sound_when_rig_yaml_says_how_slow() -> None:
     rig = RIG.model_copy(update={"instruments": RIG.instruments.model_copy(update={"pressure": slow})})
     stream = [s for s, _ in zip(chamber(told, 4.0, 0.1, 1e3, 1), range(1200), strict=False)]
     for known, accused in ((rig, False), (RIG, True)):
-        judge = Judge(known)
+        judge = LimitMonitor(known)
         assert any(judge.judge("pressure", pressure(*s)) is not None for s in stream) is accused
 
 
@@ -184,7 +184,7 @@ def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
     rate: float, period: float, others: float, start: float, seed: int, level: float
 ) -> None:
     """Blocked at what it holds from `start` on, while the other two are ramped up and down without a pause."""
-    judge, rng = Judge(RIG), random.Random(seed)
+    judge, rng = LimitMonitor(RIG), random.Random(seed)
     mine, theirs = sweep(rate, (level,), 8.0), sweep(others, (100e3,), 0.1)
     sound, other = chamber(mine, 0.25, period, 100.0, seed), chamber(theirs, 0.25, period, 100.0, seed)
     stuck, off_since = math.nan, math.inf
@@ -203,7 +203,7 @@ def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
 
 
 def test_a_leak_in_one_channel_is_told_while_the_others_never_stop_ramping() -> None:
-    judge, found = Judge(RIG), None
+    judge, found = LimitMonitor(RIG), None
     theirs = sweep(25e3, (250e3,), 0.1)
     for i in range(140):
         t = 0.1 * i
@@ -216,7 +216,7 @@ def test_a_leak_in_one_channel_is_told_while_the_others_never_stop_ramping() -> 
 
 
 def test_of_two_channels_that_do_not_follow_the_one_that_holds_too_much_decides() -> None:
-    judge, found = Judge(RIG), None
+    judge, found = LimitMonitor(RIG), None
     for i in range(120):
         found = judge.judge("pressure", PressureSample(0.1 * i, (200e3, 0.0, 0.0), (0.0, 100e3, 0.0)))
     assert found is not None and found.act == "land" and "channel 2" in str(found.error)

@@ -28,7 +28,7 @@ LEAST_TREND, USUAL_TREND = 1e-4, 0.7
 
 
 @dataclass(frozen=True)
-class Tempering:
+class ProbabilityCalibration:
     """Constants that the bench set."""
 
     temperature: float
@@ -60,7 +60,7 @@ class Tempering:
         return 1 / (1 + math.exp(-odds))
 
 
-TEMPERING = Tempering(
+CALIBRATED = ProbabilityCalibration(
     temperature=1.0, base=-2.7, strain=0.25, transport=1.0, odd_spine=0.8, trend=1.4, beyond=3.0, many=0.8,
     spread=1.2, flagged=0.5,
     bench="fitted on 180 development cases, clean and cluttered; docs/blind.md has the sealed ones",
