@@ -22,7 +22,8 @@ from rich.table import Table
 
 from benchmarks.peers_rod import exudyn_peer, paper_peer, solve_bvp_peer
 from benchmarks.rod_cases import directions, friction_history, paper_rods, split, tips_of
-from model.statics import DEFAULT, FINE, Form, Rods, group, history, sensitivities, solve, solver
+from model.statics import DEFAULT, FINE, Form, Rods, group, sensitivities, solve, solver
+from model.statics.friction import history
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from model.batch import RodBatch
 from model.statics import Form, Rods, Solution, rods
-from model.statics.history import Memory
+from model.statics.friction.history import Memory
 
 Array = NDArray[np.float64]
 

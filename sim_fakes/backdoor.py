@@ -20,16 +20,15 @@ import socketserver
 import tempfile
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from .rig import FakeRig
+from .parts import Doors
 
 
 class BackDoor:
     """Serves one FakeRig at a socket in a folder of its own."""
 
-    def __init__(self, rig: FakeRig) -> None:
+    def __init__(self, rig: Doors) -> None:
         door = self
 
         class Handler(socketserver.StreamRequestHandler):

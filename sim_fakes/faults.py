@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .dynamixel import DynamixelFake
+from .parts import Parts
 from .pty_fake import Faults, PtyFake
 from .tmcl import TmclFake
-
-if TYPE_CHECKING:
-    from .rig import FakeRig
 
 FAULTS = (
     "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
@@ -64,7 +62,7 @@ OWN: dict[str, dict[str, tuple[str, Any]]] = {
 class FaultSwitch:
     """Switches the faults of one rig of fakes."""
 
-    def __init__(self, rig: FakeRig) -> None:
+    def __init__(self, rig: Parts) -> None:
         self._rig = rig
         self._undo: list[Callable[[], None]] = []
 

@@ -6,8 +6,10 @@ import ast
 import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -21,6 +23,19 @@ def test_import_contracts_hold() -> None:
         [Path(sys.executable).parent / "lint-imports"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
+
+
+def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_what_lives_there() -> None:
+    for room in ROOMS:
+        for folder in [ROOT / room, *(p for p in (ROOT / room).rglob("*/") if p.name != "__pycache__")]:
+            modules = [p for p in folder.glob("*.py") if p.name != "__init__.py"]
+            assert len(modules) <= 20, folder
+            assert not modules or ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), folder
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = grimp.build_graph(*ROOMS, cache_dir=None)
+    TopologicalSorter({m: graph.find_modules_directly_imported_by(m) for m in graph.modules}).prepare()
 
 
 @pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])

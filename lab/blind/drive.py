@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from recordings.trials import Table, TrialRow
-from sim_fakes.virtual_robot import Condition, Reading
+from sim_fakes.virtual_robot import Condition, Reading, walk
 
 from .bench_robot import CHANNELS, BenchRobot
 from .sweeps import State, Sweep
@@ -46,7 +46,7 @@ def measure(robot: BenchRobot, sweep: Sweep, rng: np.random.Generator, noise: No
         if sweep.reading == "fly" and turns:
             # the ramp goes on to its end before it turns
             steps.append((replace(condition, pressures=_pressures(sweep, sweep.pressures[-1]), rejam=False), None))
-    readings = robot.settle([condition for condition, _ in steps])
+    readings = walk(robot, [condition for condition, _ in steps])
     pairs = [(s, r) for (_, s), r in zip(steps, readings, strict=True) if s is not None]
     return Table(tuple(_row(sweep, s, r, rng, noise) for s, r in pairs))
 

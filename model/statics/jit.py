@@ -49,7 +49,7 @@ def _once_for_all_constants(piece: Any) -> Any:
 def drop_stale_kernels(folder: Path = Path(__file__).parent) -> None:
     """Delete the cached machine code of this package when any of its sources is not the one it was made from."""
     digest = hashlib.sha256()
-    for source in sorted(folder.glob("*.py")):
+    for source in sorted(folder.rglob("*.py")):
         digest.update(source.name.encode() + source.read_bytes())
     cache = folder / "__pycache__"
     stamp = cache / _STAMP
@@ -58,6 +58,6 @@ def drop_stale_kernels(folder: Path = Path(__file__).parent) -> None:
         if stamp.exists() and stamp.read_text(encoding="ascii") == digest.hexdigest():
             return
         cache.mkdir(exist_ok=True)
-        for index in cache.glob("*.nbi"):
+        for index in folder.rglob("__pycache__/*.nbi"):
             index.unlink(missing_ok=True)
         stamp.write_text(digest.hexdigest(), encoding="ascii")

@@ -4,7 +4,7 @@ from .catalogue import EffectInfo, list_effects
 from .effects import Effect, draw_effect
 from .robot import VirtualRobot
 from .rod import NoEquilibrium
-from .schedule import Condition, Reading
+from .schedule import Condition, Reading, walk
 from .truth import RobotTruth
 
 __all__ = [
@@ -17,4 +17,5 @@ __all__ = [
     "VirtualRobot",
     "draw_effect",
     "list_effects",
+    "walk",
 ]

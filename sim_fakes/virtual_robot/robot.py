@@ -7,7 +7,7 @@ same parts and the same clock of their own, so a robot should be driven one way 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,6 @@ from .directions import draw_directions
 from .effects import Effect, laws
 from .pneumatics import Pneumatics
 from .rod import NoEquilibrium
-from .schedule import Condition, Reading, walk
 from .seen import Cameras, Delay, TipView, pack, unpack
 from .spine import Spine
 from .stand import NO_CONTACT, BareSpine, Stand
@@ -200,8 +199,3 @@ class VirtualRobot:
             plant.tip_position = view.position
             plant.tip_rotation = view.rotation
             plant.markers = view.markers
-
-    def settle(self, conditions: Sequence[Condition]) -> list[Reading]:
-        """Walk a schedule of states in order, with history, and read each one before sensor noise. Raises
-        `NoEquilibrium`."""
-        return walk(self, conditions)

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from .robot import VirtualRobot
+from .robot import Hands, VirtualRobot
 
 Array = NDArray[np.float64]
 
@@ -77,7 +75,7 @@ class Reading:
 
 
 def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
-    """Drive the robot through the states; see `VirtualRobot.settle`."""
+    """Walk a schedule of states in order, with history, and read each one before sensor noise. Raises `NoEquilibrium`."""
     readings = []
     touch = 0.0
     for state in conditions:
@@ -107,8 +105,6 @@ def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
 
 def _prepare(robot: VirtualRobot, state: Condition) -> bool:
     """Bring spine, mount, roll and mass to the state; True when the specimen was taken down or jammed anew."""
-    from .robot import Hands
-
     hands, spine = robot.hands, robot.spine
     remount = state.mount != hands.mount or state.roll != hands.roll
     regrow = abs(state.spine_length - spine.length) > 1e-9

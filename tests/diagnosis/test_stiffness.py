@@ -14,7 +14,7 @@ from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.prepare import prepare
 from recordings.trials import TrialRow
-from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot
+from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot, walk
 from tests.diagnosis.test_case import ROBOT, case, sweep
 
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
@@ -37,8 +37,8 @@ def pushes(
         for trial, (specimen, repeat, x) in enumerate(plan, 1)
         for k in range(1, 7)
     ]
-    readings = robot.settle(
-        [Condition(x, mount=specimen, deflection=y, hold=1.5, rejam=k == 1) for _, k, specimen, _, x, y in steps]
+    readings = walk(
+        robot, [Condition(x, mount=specimen, deflection=y, hold=1.5, rejam=k == 1) for _, k, specimen, _, x, y in steps]
     )
     zero = ZERO * rng.normal(size=len(plan))
     noise = FORCE * rng.normal(size=len(steps))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim_fakes.plant import AMBIENT, Plant
-from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot
+from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot, walk
 from sim_fakes.virtual_robot.kernels import forget_stale_cache
 from sim_fakes.virtual_robot.truth import TABLE_II
 
@@ -33,7 +33,7 @@ def bend(pressure: float) -> tuple[float, ...]:
 
 
 def settled(robot: VirtualRobot, *states: Condition) -> list[Reading]:
-    return robot.settle(states)
+    return walk(robot, states)
 
 
 def run(robot: VirtualRobot, plant: Plant, duration: float, dt: float = 0.02) -> None:
@@ -43,7 +43,7 @@ def run(robot: VirtualRobot, plant: Plant, duration: float, dt: float = 0.02) ->
 
 def test_tip_agrees_with_the_converged_continuous_rod_at_all_twenty_points() -> None:
     states = [Condition(length, bend(50e3 * (i + 1))) for length in CONVERGED_TIPS_MM for i in range(5)]
-    tips = np.array([r.position for r in VirtualRobot(REFERENCE).settle(states)]) * 1e3
+    tips = np.array([r.position for r in walk(VirtualRobot(REFERENCE), states)]) * 1e3
     expected = np.array([float(x) for row in CONVERGED_TIPS_MM.values() for x in row.split()]).reshape(20, 2)
     assert np.abs(tips[:, [0, 2]] - expected).max() < 0.04
     assert np.abs(tips[:, 1]).max() < 1e-6
@@ -63,7 +63,7 @@ def test_error_falls_with_the_square_of_the_segment_length() -> None:
 def test_tip_varies_smoothly_with_spine_length() -> None:
     lengths = np.arange(0.101, 0.149, 0.0005)
     robot = VirtualRobot()
-    x = np.array([r.position[0] for r in robot.settle([Condition(float(n), bend(200e3), hold=20) for n in lengths])])
+    x = np.array([r.position[0] for r in walk(robot, [Condition(float(n), bend(200e3), hold=20) for n in lengths])])
     steps = np.diff(x)
     assert np.all(steps > 0)
     assert np.abs(np.diff(steps)).max() < 0.02 * steps.mean()
@@ -73,11 +73,11 @@ def test_same_seed_gives_the_same_readings_to_the_last_bit() -> None:
     truth = RobotTruth(scatter_length=0.001, scatter_stiffness=0.02)
     states = [Condition(0.2, bend(p), rejam=p == 0) for p in (0.0, 150e3, 0.0, 150e3)]
     first, again, other = (VirtualRobot(truth, {"spine_slip": 0.1}, seed) for seed in (3, 3, 4))
-    a, b, c = (np.array([r.position for r in robot.settle(states)]) for robot in (first, again, other))
+    a, b, c = (np.array([r.position for r in walk(robot, states)]) for robot in (first, again, other))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, c)
     first.reset()
-    assert np.array_equal(a, np.array([r.position for r in first.settle(states)]))
+    assert np.array_equal(a, np.array([r.position for r in walk(first, states)]))
 
 
 @pytest.mark.parametrize("scatter", [{"scatter_length": 0.001}, {"scatter_stiffness": 0.02}])
@@ -86,7 +86,7 @@ def test_scatter_is_drawn_anew_at_each_jamming_only(scatter: dict[str, float]) -
     states = [
         Condition(0.2, bend(p), rejam=r, hold=20) for p, r in ((2e5, True), (0.0, False), (2e5, False), (2e5, True))
     ]
-    x = [r.position[0] for r in robot.settle(states)]
+    x = [r.position[0] for r in walk(robot, states)]
     assert x[2] == pytest.approx(x[0], abs=1e-7)
     assert 5e-5 < abs(x[3] - x[0]) < 5e-3
 

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from sim_fakes.plant import Plant
-from sim_fakes.virtual_robot import Condition, Effect, Reading, RobotTruth, VirtualRobot, draw_effect, list_effects
+from sim_fakes.virtual_robot import (
+    Condition,
+    Effect,
+    Reading,
+    RobotTruth,
+    VirtualRobot,
+    draw_effect,
+    list_effects,
+    walk,
+)
 
 ALONG_X = RobotTruth(canonical_directions=True)
 SCALES = {info.id: info.scale for info in list_effects()}
@@ -32,7 +41,7 @@ def tips(readings: list[Reading]) -> np.ndarray:
 
 def change(states: list[Condition], truth: RobotTruth = ALONG_X, **effects: float) -> np.ndarray:
     """Tip of a robot with these effects minus tip without, mm, (states, 3)."""
-    return tips(VirtualRobot(truth, effects).settle(states)) - tips(VirtualRobot(truth).settle(states))
+    return tips(walk(VirtualRobot(truth, effects), states)) - tips(walk(VirtualRobot(truth), states))
 
 
 def loop(readings: list[Reading]) -> float:
@@ -52,8 +61,8 @@ EVERYWHERE = [
 
 @pytest.mark.parametrize("effect", sorted(SCALES))
 def test_effect_of_size_zero_is_the_baseline_to_the_last_bit(effect: str) -> None:
-    with_zero = VirtualRobot(RobotTruth(), {effect: 0.0}, seed=5).settle(EVERYWHERE)
-    baseline = VirtualRobot(RobotTruth(), seed=5).settle(EVERYWHERE)
+    with_zero = walk(VirtualRobot(RobotTruth(), {effect: 0.0}, seed=5), EVERYWHERE)
+    baseline = walk(VirtualRobot(RobotTruth(), seed=5), EVERYWHERE)
     for a, b in zip(with_zero, baseline, strict=True):
         assert np.array_equal(a.position, b.position) and np.array_equal(a.rotation, b.rotation)
         assert np.array_equal(a.markers, b.markers)
@@ -73,14 +82,14 @@ def test_effect_of_plausible_size_moves_the_tip_by_millimetres(effect: str) -> N
 
 def test_slip_makes_a_loop_that_does_not_care_about_the_rate() -> None:
     fast, slow = (
-        VirtualRobot(effects={"spine_slip": 0.15}).settle(there_and_back(0.3, rate=rate)) for rate in (50e3, 5e3)
+        walk(VirtualRobot(effects={"spine_slip": 0.15}), there_and_back(0.3, rate=rate)) for rate in (50e3, 5e3)
     )
     assert loop(fast) > 0.8
     assert loop(slow) == pytest.approx(loop(fast), rel=0.02)
 
 
 def test_slip_needs_a_jammed_spine_and_lags_behind() -> None:
-    assert loop(VirtualRobot(effects={"spine_slip": 0.15}).settle(there_and_back(0.0))) < 0.01
+    assert loop(walk(VirtualRobot(effects={"spine_slip": 0.15}), there_and_back(0.0))) < 0.01
     back = change(there_and_back(0.3), spine_slip=0.15)[:, 0]
     assert back[4] > 0.3  # rising: held back, so less bent
     assert back[6] < -0.3  # falling: still more bent than it would be
@@ -89,19 +98,19 @@ def test_slip_needs_a_jammed_spine_and_lags_behind() -> None:
 def test_slip_is_the_same_in_every_direction() -> None:
     states = there_and_back(0.3)
     rolled = [Condition(0.3, s.pressures, roll=np.radians(90)) for s in states]
-    flat, turned = (tips(VirtualRobot(effects={"spine_slip": 0.15}).settle(x)) for x in (states, rolled))
+    flat, turned = (tips(walk(VirtualRobot(effects={"spine_slip": 0.15}), x)) for x in (states, rolled))
     assert turned[:, 1] == pytest.approx(flat[:, 0], abs=1e-6)
     assert turned[:, 0] == pytest.approx(-flat[:, 1], abs=1e-6)
 
 
 def test_slip_grows_with_its_size() -> None:
-    small, large = (loop(VirtualRobot(effects={"spine_slip": s}).settle(there_and_back(0.3))) for s in (0.05, 0.2))
+    small, large = (loop(walk(VirtualRobot(effects={"spine_slip": s}), there_and_back(0.3))) for s in (0.05, 0.2))
     assert 2.5 < large / small < 5
 
 
 def test_creep_makes_a_loop_that_depends_on_rate_and_hold() -> None:
     quick, slow = (
-        VirtualRobot(effects={"viscoelastic": 0.05}).settle(there_and_back(0.0, hold, rate))
+        walk(VirtualRobot(effects={"viscoelastic": 0.05}), there_and_back(0.0, hold, rate))
         for hold, rate in ((1.0, 50e3), (300.0, 1e3))
     )
     assert loop(quick) > 1.0
@@ -110,7 +119,7 @@ def test_creep_makes_a_loop_that_depends_on_rate_and_hold() -> None:
 
 def test_creep_goes_on_while_a_pressure_is_held() -> None:
     robot = VirtualRobot(effects={"viscoelastic": 0.05})
-    x = [r.position[0] for r in robot.settle([Condition(0.0, bend(150e3), hold=h) for h in (0.5, 5.0, 20.0, 200.0)])]
+    x = [r.position[0] for r in walk(robot, [Condition(0.0, bend(150e3), hold=h) for h in (0.5, 5.0, 20.0, 200.0)])]
     assert x[0] > x[1] > x[2] > x[3]
     assert 0.03 < (x[3] - x[0]) / x[0] < 0.08
 
@@ -128,14 +137,14 @@ def test_ballooning_is_felt_at_high_pressure() -> None:
 
 
 def test_deadband_takes_a_fixed_pressure_away() -> None:
-    shifted = tips(VirtualRobot(ALONG_X, {"pressure_deadband": 10e3}).settle([Condition(0.1, bend(150e3))]))
-    lower = tips(VirtualRobot(ALONG_X).settle([Condition(0.1, bend(140e3))]))
+    shifted = tips(walk(VirtualRobot(ALONG_X, {"pressure_deadband": 10e3}), [Condition(0.1, bend(150e3))]))
+    lower = tips(walk(VirtualRobot(ALONG_X), [Condition(0.1, bend(140e3))]))
     assert shifted == pytest.approx(lower, abs=0.05)
 
 
 def test_pressure_offset_lengthens_a_robot_whose_sensors_read_zero() -> None:
     robot = VirtualRobot(ALONG_X, {"pressure_offset": 5e3})
-    (reading,) = robot.settle([Condition(0.0)])
+    (reading,) = walk(robot, [Condition(0.0)])
     assert reading.pressures == (0.0,) * 9
     assert 0.5 < change([Condition(0.0)], pressure_offset=5e3)[0, 2] < 1.5
 
@@ -152,15 +161,15 @@ def test_one_spine_modulus_stiffens_most_where_the_table_is_lowest() -> None:
 
 def test_leak_softens_and_the_gauge_sees_most_of_it() -> None:
     robot = VirtualRobot(ALONG_X, {"vacuum_leak": 0.3})
-    (reading,) = robot.settle([Condition(0.15, bend(200e3))])
+    (reading,) = walk(robot, [Condition(0.15, bend(200e3))])
     assert 1 - reading.vacuum / 80e3 == pytest.approx(0.8 * 0.3, abs=0.02)
     assert change([Condition(0.15, bend(200e3))], vacuum_leak=0.3)[0, 0] < -3
 
 
 def test_length_offset_acts_like_a_longer_spine_that_reads_the_same() -> None:
     robot = VirtualRobot(ALONG_X, {"spine_length_offset": 0.012})
-    (reading,) = robot.settle([Condition(0.2, bend(200e3))])
-    (longer,) = VirtualRobot(ALONG_X).settle([Condition(0.212, bend(200e3))])
+    (reading,) = walk(robot, [Condition(0.2, bend(200e3))])
+    (longer,) = walk(VirtualRobot(ALONG_X), [Condition(0.212, bend(200e3))])
     assert reading.spine_length == 0.2
     assert reading.position == pytest.approx(longer.position, abs=1e-6)
 
@@ -205,11 +214,11 @@ def test_obstacle_is_felt_only_beyond_its_place() -> None:
 
 def test_camera_frame_turns_everything_and_marker_offset_turns_with_the_tip() -> None:
     states = [Condition(0.0), Condition(0.0, bend(200e3))]
-    plain = VirtualRobot(ALONG_X).settle(states)
-    turned = VirtualRobot(ALONG_X, {"frame_misalignment": 0.02}).settle(states)
+    plain = walk(VirtualRobot(ALONG_X), states)
+    turned = walk(VirtualRobot(ALONG_X, {"frame_misalignment": 0.02}), states)
     c, s = np.cos(0.02), np.sin(0.02)
     frame = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-    offset = VirtualRobot(ALONG_X, {"marker_offset": 0.006}).settle(states)
+    offset = walk(VirtualRobot(ALONG_X, {"marker_offset": 0.006}), states)
     for p, t, o in zip(plain, turned, offset, strict=True):
         assert t.position == pytest.approx(frame @ p.position, abs=1e-9)
         assert t.rotation == pytest.approx(frame @ p.rotation, abs=1e-9)
@@ -221,12 +230,12 @@ def test_camera_frame_turns_everything_and_marker_offset_turns_with_the_tip() ->
 def test_time_offset_shifts_the_tip_against_the_pressure_while_ramping(offset: float) -> None:
     rate = 20e3
     states = [Condition(0.0, bend(150e3), hold=0.0, rate=rate), Condition(0.0, bend(200e3), hold=10.0, rate=rate)]
-    ramping, settled = VirtualRobot(ALONG_X, {"time_offset": offset}).settle(states)
-    plain_ramping, plain = VirtualRobot(ALONG_X).settle(states)
+    ramping, settled = walk(VirtualRobot(ALONG_X, {"time_offset": offset}), states)
+    plain_ramping, plain = walk(VirtualRobot(ALONG_X), states)
     assert settled.position == pytest.approx(plain.position, abs=1e-6)
     assert settled.pressures == pytest.approx(plain.pressures)
     if offset > 0:
-        (earlier,) = VirtualRobot(ALONG_X).settle([Condition(0.0, bend(150e3 - rate * offset), hold=0.0, rate=rate)])
+        (earlier,) = walk(VirtualRobot(ALONG_X), [Condition(0.0, bend(150e3 - rate * offset), hold=0.0, rate=rate)])
         assert ramping.position == pytest.approx(earlier.position, abs=3e-4)
     else:
         assert ramping.pressures[0] == pytest.approx(150e3 + rate * offset, abs=300)
@@ -248,13 +257,13 @@ def test_drift_and_temperature_soften_as_the_campaign_goes_on() -> None:
     for effect in ("drift", "temperature_step"):
         robot = VirtualRobot(ALONG_X, {effect: SCALES[effect]})
         states = [Condition(0.0, bend(150e3), hold=10), Condition(0.0, bend(150e3), hold=3600)]
-        early, late = robot.settle(states)
+        early, late = walk(robot, states)
         assert late.position[0] < early.position[0] - 2e-3
 
 
 def test_effects_add_up_and_any_subset_may_be_on() -> None:
     robot = VirtualRobot(RobotTruth(), [Effect(i, 0.3 * s) for i, s in SCALES.items()], seed=2)
-    readings = robot.settle(EVERYWHERE)
+    readings = walk(robot, EVERYWHERE)
     assert all(np.all(np.isfinite(r.position)) for r in readings)
 
 

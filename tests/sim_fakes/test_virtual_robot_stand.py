@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim_fakes.plant import Plant
-from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot
+from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot, walk
 from sim_fakes.virtual_robot.truth import TABLE_II
 
 TRUTH = RobotTruth()
@@ -17,7 +17,7 @@ INERTIA = math.pi / 4 * TRUTH.spine_radius**4
 
 def slope(robot: VirtualRobot, mount: str, length: float, depth: float) -> float:
     """Stiffness between two small deflections, N/m."""
-    a, b = robot.settle([Condition(length, mount=mount, deflection=d, hold=10) for d in (depth, 2 * depth)])
+    a, b = walk(robot, [Condition(length, mount=mount, deflection=d, hold=10) for d in (depth, 2 * depth)])
     return (b.force - a.force) / depth
 
 
@@ -105,11 +105,11 @@ def test_a_probe_that_misses_feels_nothing() -> None:
 
 def test_an_unjammed_spine_and_a_missing_one_are_limp() -> None:
     limp, jammed = (
-        VirtualRobot(TRUTH).settle([Condition(0.2, mount="spine", deflection=0.01, vacuum=v)])[0].force
+        walk(VirtualRobot(TRUTH), [Condition(0.2, mount="spine", deflection=0.01, vacuum=v)])[0].force
         for v in (0.0, 80e3)
     )
     assert 0 < limp < 0.01 * jammed
-    assert VirtualRobot(TRUTH).settle([Condition(0.0, mount="spine", deflection=0.01)])[0].force == 0
+    assert walk(VirtualRobot(TRUTH), [Condition(0.0, mount="spine", deflection=0.01)])[0].force == 0
 
 
 def test_stand_pose_turns_the_force_into_the_arm_frame() -> None:
@@ -135,7 +135,7 @@ def test_giving_arm_hides_stiffness_most_of_all_that_of_a_stiff_specimen() -> No
 def test_soft_layer_delays_the_rise_and_bias_shifts_the_zero_under_load() -> None:
     states = [Condition(0.2, mount="spine", deflection=d, hold=5) for d in (0.0005, 0.004)]
     plain, late, biased = (
-        [r.force for r in VirtualRobot(TRUTH, e).settle(states)]
+        [r.force for r in walk(VirtualRobot(TRUTH, e), states)]
         for e in ({}, {"contact_offset": 1e-3}, {"force_bias": 0.1})
     )
     assert late[0] < 0.5 * plain[0]

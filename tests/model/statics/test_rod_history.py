@@ -7,8 +7,9 @@ import pytest
 
 from model.batch import Status
 from model.errors import BadCondition
-from model.statics import FINE, Rods, history, rods, solve, stations
-from model.statics.history import Memory, walk
+from model.statics import FINE, Rods, rods, solve, stations
+from model.statics.friction import history
+from model.statics.friction.history import Memory, walk
 from model.statics.problem import Form
 from tests.model.statics.cases import robots, wild_robots
 

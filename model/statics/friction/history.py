@@ -23,7 +23,18 @@ from model.batch import Status
 from model.errors import BadCondition
 from model.rotation import to_local
 from model.statics import group
-from model.statics.hysteresis import AGREED, COMPLIANCE, LAW, MIDDLE, PLAY, PLAYS, SLOPE, STILL, YIELD, solve_state
+from model.statics.friction.hysteresis import (
+    AGREED,
+    COMPLIANCE,
+    LAW,
+    MIDDLE,
+    PLAY,
+    PLAYS,
+    SLOPE,
+    STILL,
+    YIELD,
+    solve_state,
+)
 from model.statics.problem import Rods
 from model.statics.shape import stations
 from model.statics.solver import DEFAULT, LEAST_MARGIN, Accuracy, Solution, room_for_terms, share_out, solve

@@ -1,0 +1,1 @@
+"""Rods with friction that remembers: a history of states, solved one after the other."""
