@@ -103,8 +103,10 @@ class Alicat:
         self._decimals = [0] * self.channels
 
     def connect(self) -> None:
-        """Open the line and ask nothing: enough for `vent`, which must not wait for a unit that is dead. Raises Unreachable."""
-        self._line.open()
+        """Open the line and ask nothing: enough for `vent`, which must not wait for a unit that is dead; what else is on the
+        line gives way. Raises Unreachable."""
+        with self._line.lock.stopping():
+            self._line.open()
 
     def open(self) -> Identity:
         """Connect and check each unit: that it answers, controls gauge pressure in the unit of rig.yaml, and obeys the line."""

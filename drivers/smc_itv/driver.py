@@ -108,11 +108,12 @@ class SmcItv:
         return self.config.full_scale / STEPS
 
     def connect(self) -> None:
-        """Open those ports that can be opened and ask nothing: enough for `vent`, which must not wait for a dead unit.
+        """Open those ports that can be opened and ask nothing: enough for `vent`, which must not wait for a dead unit;
+        what else is under way gives way.
 
         Raises Unreachable when there is none.
         """
-        with self._lock:
+        with self._lock.stopping():
             failed: list[Unreachable] = []
             for line in self._lines:
                 try:

@@ -6,6 +6,7 @@ LAB_TEST_ALLOW_MOTION=1 as well.
 """
 
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -237,6 +238,30 @@ def test_a_dead_unit_does_not_keep_the_others_from_venting_and_is_named(
     with pytest.raises(InstrumentError, match="did not vent A: .*by hand"):
         regulators.vent()
     assert [fake.device[u].setpoint for u in "ABC"] == [20e3, 0.0, 0.0]
+
+
+def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(
+    make: Callable[..., Alicat], fake: AlicatFake
+) -> None:
+    regulators = make(timeout=2.0)
+    regulators.open()
+    fake.faults.extra["dead"] = "A"
+    ended: list[str] = []
+
+    def poll() -> None:
+        try:
+            regulators.read()
+        except InstrumentError as e:
+            ended.append(str(e))
+
+    heard = len(fake.requests)
+    reading = threading.Thread(target=poll, daemon=True)
+    reading.start()
+    while len(fake.requests) == heard:
+        time.sleep(0.001)
+    regulators.connect()
+    reading.join(10.0)
+    assert len(ended) == 1 and "given up for a stop" in ended[0]
 
 
 def test_a_unit_that_fails_once_is_vented_in_the_second_round(

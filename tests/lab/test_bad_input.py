@@ -14,6 +14,7 @@ from virtual_lab import VirtualLab
 
 from lab.cli import main
 from lab.files.example import paper_robot
+from lab.verbs.fakes import PATIENT_SETTLE
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -162,7 +163,8 @@ def test_a_file_that_is_no_recording_says_so(
 def test_a_recording_cut_in_half_tells_what_is_readable(
     virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = ["--set", "spine_lengths=[0.0]", "--set", "pressures=[50 kPa]", "--set", "unload=false"]
+    short = ("spine_lengths=[0.0]", "pressures=[50 kPa]", "unload=false", *PATIENT_SETTLE)
+    settings = [word for setting in short for word in ("--set", setting)]
     assert main(["run", "bending", "--rig", str(virtual_lab.rig), *settings, "--out", str(tmp_path)]) in (0, 3)
     (file,) = tmp_path.glob("*.mcap")
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
