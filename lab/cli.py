@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 OK, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
-EXPERIMENTS = ("stiffness", "bending", "elongation")
 
 Handler = Callable[[argparse.Namespace], int]
 
@@ -162,7 +161,7 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument(
             "protocol",
             nargs="?" if name == "run" else None,
-            help=f"{', '.join(EXPERIMENTS)}, or a protocol file (.yaml)",
+            help="stiffness, bending, elongation, one of an installed package, or a protocol file (.yaml, .py)",
         )
         p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
         p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one parameter")
@@ -197,7 +196,7 @@ def parser() -> argparse.ArgumentParser:
     p = verb("runs", _runs, "the recordings of a folder tree, with outcome and losses", reads=True)
     p.add_argument("folder", type=Path)
     p.add_argument("--since", default="", metavar="DATE", help="from this date or time on (UTC)")
-    p.add_argument("--protocol", default="", choices=("", *EXPERIMENTS))
+    p.add_argument("--protocol", default="", help="only runs of this protocol")
     p.add_argument("--spine", type=float, metavar="M", help="only runs that set this spine length, m")
     p = verb("verify", _verify, "compare every checksum, record and index of a recording", reads=True)
     p.add_argument("file", type=Path)

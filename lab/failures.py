@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from drivers.errors import InstrumentError, LimitExceeded
 from model.errors import BadEffect, BadRobot, ModelError
-from protocols.errors import MissingInstrument, ProtocolError
+from protocols.errors import BadProtocol, MissingInstrument, ProtocolError
 from recordings.errors import BadTable, Foreign, MissingStream, RecordingError
 
 from .files.config import ConfigError
@@ -17,7 +17,7 @@ from .rig.actuators import ActuatorsLost
 
 def explained(error: Exception) -> tuple[str, int] | None:
     """Message and exit code of a failure that is not a mistake in this program; None for anything else."""
-    if isinstance(error, (ConfigError, MissingInstrument, LimitExceeded, BadRobot, BadEffect)):
+    if isinstance(error, (ConfigError, MissingInstrument, LimitExceeded, BadRobot, BadEffect, BadProtocol)):
         return str(error), 2
     if isinstance(error, (BadTable, Foreign, MissingStream)):
         return str(error), 2

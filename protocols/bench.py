@@ -27,6 +27,8 @@ from .errors import MissingInstrument, NotReached, Stopped
 
 T = TypeVar("T")
 Mount = Literal["robot", "body", "spine"]
+INSTRUMENTS = ("pressure", "spine", "valve", "gauge", "arm", "arm_state", "force", "mocap")
+"""What a protocol may need, by its key in rig.yaml."""
 HOST_PATIENCE = 5.0
 """s of host time that a condition is given at least: at a high speed of the rig's clock the wires need theirs."""
 

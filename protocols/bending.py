@@ -69,6 +69,9 @@ class Bending(Parameters):
         return self
 
 
+PARAMETERS = Bending
+
+
 @dataclass(frozen=True)
 class Level:
     """One state of a sweep: pressure of the group (Pa) and how it is reached."""

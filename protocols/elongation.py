@@ -12,7 +12,7 @@ from .bending import plan as bending_plan
 from .experiment import Plan
 from .parameters import Chamber, Pressure
 
-__all__ = ["NEEDS", "Elongation", "plan", "run"]
+__all__ = ["NEEDS", "PARAMETERS", "Elongation", "plan", "run"]
 
 
 class Elongation(Bending):
@@ -23,6 +23,9 @@ class Elongation(Bending):
     )
     chambers: list[Chamber] = Field([1, 2, 3, 4, 5, 6, 7, 8, 9], min_length=1, max_length=9)
     unload: bool = False
+
+
+PARAMETERS = Elongation
 
 
 def plan(p: Elongation) -> Plan:

@@ -42,5 +42,9 @@ class Suspended(ProtocolError):
         self.cause = cause
 
 
+class BadProtocol(ValueError):
+    """A file or package that should hold a protocol holds none; the message names all that is wrong with it."""
+
+
 class Stopped(ProtocolError):
     """A person asked to stop; what was measured until then is kept."""

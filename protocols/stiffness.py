@@ -87,6 +87,9 @@ class Stiffness(Parameters):
         return 0.1 if self.specimen == "spine" else self.body_length
 
 
+PARAMETERS = Stiffness
+
+
 NEEDS = ("spine", "valve", "gauge", "force", "arm")
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from .bounded import read_bounded
 from .errors import BadTable
 from .own_files import replaced
-from .states.rules import BRANCHES, PROTOCOLS, SPECIMENS
+from .states.rules import BRANCHES, PROTOCOL, SPECIMENS
 from .trials import INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
@@ -32,7 +32,7 @@ SMALLEST_PRESSURE_SPAN = 1000.0
 """Pa: a whole campaign that stays below was probably written in kPa."""
 
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
-_CHOICES = {"protocol": PROTOCOLS, "branch": BRANCHES, "specimen": SPECIMENS}
+_CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS}
 
 
 def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
@@ -133,7 +133,10 @@ def _row(where: str, header: list[str], known: frozenset[str], line: list[str]) 
 def _value(where: str, name: str, text: str) -> Cell:
     """One cell, checked."""
     if name in TEXTS:
-        if text not in _CHOICES[name]:
+        if name == "protocol":
+            if not PROTOCOL.fullmatch(text):
+                raise BadTable(f"{where}, {name}: {text[:80]!r} must be letters, digits, _ and -, 40 at most")
+        elif text not in _CHOICES[name]:
             raise BadTable(f"{where}, {name}: {text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
         return text
     try:

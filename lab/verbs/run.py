@@ -15,10 +15,10 @@ import yaml
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 from model.robot import Robot
-from protocols.catalog import EXPERIMENTS, Experiment
-from protocols.errors import Stopped
-from protocols.experiment import Trials
+from protocols.errors import BadProtocol, Stopped
+from protocols.experiment import Plan, Trials
 from protocols.parameters import Parameters
+from protocols.registry import Experiment, protocol_from_file, protocols
 from recordings.campaign.journal import Journal
 from recordings.campaign.resumed import metadata as campaign
 from recordings.errors import RecordingError
@@ -56,40 +56,65 @@ class Job:
         return yaml.safe_dump(values, sort_keys=False)
 
 
-def job(protocol: str, rig_path: Path, settings: list[str], source: Source | None = None) -> Job:
+def job(
+    protocol: str, rig_path: Path, settings: list[str], source: Source | None = None, own: Path | None = None
+) -> Job:
     """Read and check everything before anything moves; raises ConfigError with all problems.
 
-    `source`: the protocol file, when it was read already.
+    `source`: the protocol file, when it was read already; `own`: the Python file whose protocol it is for.
     """
     rig = load_rig(rig_path)
     robot = load(rig.robot, Robot)
     source = _with(source or _source(protocol), settings)
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
-    if not isinstance(name, str) or name not in EXPERIMENTS:
-        raise ConfigError(
-            f"{source.name}: protocol = {name!r}: must be one of {', '.join(EXPERIMENTS)}, or a protocol file"
-        )
-    experiment = EXPERIMENTS[name]
+    experiment = _experiment(name, own, source.name)
     values = {k: v for k, v in table.items() if k != "protocol"}
     parameters = check(Source(source.name, values, source.lines), experiment.parameters)
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {name} needs instruments.{', instruments.'.join(missing)}; add them")
-    if beyond := problems(experiment.plan(parameters), rig, rig_path, robot):
+    if beyond := problems(_planned(experiment, parameters), rig, rig_path, robot):
         raise ConfigError("\n".join(beyond))
     return Job(experiment, parameters, rig, rig_path)
 
 
 def _source(protocol: str) -> Source:
-    if protocol in EXPERIMENTS:
-        return Source(protocol, {"protocol": protocol}, {})
-    path = Path(protocol)
-    if path.suffix in (".yaml", ".yml"):
-        return read_yaml(path)
-    raise ConfigError(
-        f"{protocol!r} is no protocol; use {', '.join(EXPERIMENTS)}, or the path of a protocol file (.yaml)"
-    )
+    if Path(protocol).suffix in (".yaml", ".yml"):
+        return read_yaml(Path(protocol))
+    return Source(protocol, {"protocol": protocol}, {})
+
+
+def _experiment(name: object, own: Path | None, where: str) -> Experiment:
+    """The protocol that a file, a run or a person names; `own` comes before those that are installed."""
+    if own is not None or (isinstance(name, str) and name.endswith(".py")):
+        found = protocol_from_file(own or Path(str(name)))
+        if own is not None and found.name != name:
+            raise ConfigError(f"{own}: is the protocol {found.name}, {where} is for {name}")
+        return found
+    known = protocols()
+    if not isinstance(name, str) or name not in known:
+        raise ConfigError(
+            f"{where}: protocol = {name!r}: must be one of {', '.join(known)}, or a protocol file (.yaml, .py)"
+        )
+    return known[name]
+
+
+def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
+    """The plan; what a file of one's own does wrong there is told as its fault."""
+    try:
+        found = experiment.plan(parameters)
+    except Exception as error:
+        if experiment.source is None:
+            raise
+        raise BadProtocol(f"{experiment.source}: plan: {type(error).__name__}: {error}") from error
+    if not isinstance(found, Plan):
+        raise BadProtocol(f"{experiment.source or experiment.name}: plan returned {found!r:.80}, not a Plan")
+    if found.protocol != experiment.name:
+        raise BadProtocol(
+            f"{experiment.source or experiment.name}: plan names {found.protocol!r}, not {experiment.name}"
+        )
+    return found
 
 
 def _with(source: Source, settings: list[str]) -> Source:
@@ -145,9 +170,10 @@ def run(
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("name a protocol, or --resume a run")
-    if broken is not None and (protocol is not None or settings or folder is not None):
+    own = Path(protocol) if broken is not None and protocol is not None and protocol.endswith(".py") else None
+    if broken is not None and ((protocol is not None and own is None) or settings or folder is not None):
         raise ConfigError("--resume goes on with the protocol, settings and folder of the run: leave them out")
-    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path)
+    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, own)
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
@@ -174,11 +200,14 @@ def run(
     return 3 if lost else 0
 
 
-def job_again(broken: Broken, rig_path: Path) -> Job:
-    """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one."""
+def job_again(broken: Broken, rig_path: Path, own: Path | None = None) -> Job:
+    """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one.
+
+    `own`: the Python file of its protocol, where it came from one.
+    """
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
-    j = job(name, rig_path, [], source)
+    j = job(name, rig_path, [], source, own)
     if not same_body(j.rig.robot.read_bytes(), broken.robot):
         raise ConfigError(f"{j.rig.robot}: is not the robot.yaml of the run to resume; start a new run instead")
     return j
@@ -219,7 +248,8 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
             "rig.yaml": j.rig_path.read_bytes(),
             "robot.yaml": j.rig.robot.read_bytes(),
             "protocol.yaml": j.protocol_yaml.encode(),
-        },
+        }
+        | ({"protocol.py": j.experiment.source.read_bytes()} if j.experiment.source is not None else {}),
         metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1) | _checked(j),
         markers=markers,
         start=rig.clock.now(),

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -21,7 +22,8 @@ from ..errors import BadMessage
 from ..json_text import read_json
 from ..messages import STREAMS
 
-PROTOCOLS = ("bending", "elongation", "stiffness")
+PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
+"""The name of a protocol; which there are is not known here."""
 BRANCHES = ("load", "unload")
 SPECIMENS = ("spine", "body")
 LARGEST = 1e15
@@ -142,7 +144,8 @@ class State:
     clipped: bool = False
 
     def __post_init__(self) -> None:
-        _one_of("protocol", self.protocol, PROTOCOLS)
+        if not PROTOCOL.fullmatch(self.protocol):
+            raise BadMessage(f"protocol {self.protocol[:80]!r}: must be letters, digits, _ and -, 40 at most")
         _one_of("branch", self.branch, BRANCHES)
         for topic in self.topics:
             _one_of("topic", topic, tuple(STREAMS))

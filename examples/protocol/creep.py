@@ -1,0 +1,64 @@
+"""Creep: one pressure at one spine length, read again and again. `lab plan examples/protocol/creep.py --rig RIG`."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from protocols.actions import home, ramp, set_spine, vent
+from protocols.bench import Bench, Setup
+from protocols.experiment import Ask, Plan, Step, Trials
+from protocols.parameters import Chamber, Jam, Parameters, Pressure, SpineLength, SpineMotion, Vacuum
+from recordings.states.rules import Window
+
+AVERAGE = 1.0
+"""s that each reading is averaged over."""
+
+
+class Creep(Parameters):
+    """What a person may change; SI units."""
+
+    pressure: Pressure = Field(100e3, json_schema_extra={"unit": "Pa"})
+    spine_length: SpineLength = Field(0.1, json_schema_extra={"unit": "m"})
+    vacuum: Vacuum = Field(80e3, json_schema_extra={"unit": "Pa"})
+    chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=9)
+    rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
+    times: list[float] = Field([2.0, 10.0, 30.0], min_length=1, json_schema_extra={"unit": "s"})
+    spine: SpineMotion = SpineMotion()
+    jam: Jam = Jam()
+
+
+PARAMETERS = Creep
+NEEDS = ("pressure", "spine", "valve", "gauge", "mocap")
+
+
+def chambers(p: Creep) -> tuple[float, ...]:
+    """Pressure of each of nine chambers, Pa."""
+    return tuple(p.pressure if i in p.chambers else 0.0 for i in range(1, 10))
+
+
+def plan(p: Creep) -> Plan:
+    """One jamming, one ramp, and the readings."""
+    asks = Ask(chambers(p), p.rate, p.spine_length, p.spine.speed, p.vacuum)
+    first = Step("vent, grow, jam and ramp", 10.0 + p.spine_length / p.spine.speed + p.pressure / p.rate, asks)
+    waits = [later - earlier for earlier, later in zip([0.0, *p.times], p.times, strict=False)]
+    return Plan("creep", [first, *(Step(f"read after {t:g} s", w) for t, w in zip(p.times, waits, strict=True))], {})
+
+
+def run(bench: Bench, p: Creep, trials: Trials) -> None:
+    """Do it; whatever happens, the caller makes the rig safe."""
+    if not trials.remaining([1], 1 + len(p.times)):
+        return
+    vent(bench)
+    bench.operator.prepare(Setup("robot", 0.0, 0.0, p.vacuum))
+    home(bench)
+    ambient = set_spine(bench, p.spine_length, p.vacuum, p.spine, p.jam)
+    trial = trials.begin(repeat=1, spine=p.spine_length, ambient=ambient)
+    arrived = ramp(bench, bench.chambers.setpoints(dict(enumerate(chambers(p), 1))), p.rate)
+    trials.step_done()
+    for t in p.times:
+        trials.read(
+            trial, Window(max(0.0, t - AVERAGE / 2), AVERAGE, 1), branch="load", t_start=arrived, ramp_end=arrived,
+            rate=p.rate, targets=chambers(p), topics=("/pressure", "/tip", "/spine", "/vacuum"), wait=t + 30.0,
+        )  # fmt: skip
+        trials.step_done()
+    trials.end(trial)

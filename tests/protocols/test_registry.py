@@ -1,0 +1,72 @@
+"""Protocols come in by registration: from a file, from an installed package; what is wrong with one is told at once."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from lab.cli import main
+from protocols.errors import BadProtocol
+from protocols.registry import protocol_from_file, protocols
+
+ROOT = Path(__file__).parents[2]
+CREEP = ROOT / "examples/protocol/creep.py"
+RIG = str(ROOT / "examples/rig/rig.yaml")
+
+
+def test_the_project_s_own_are_known() -> None:
+    assert set(protocols()) == {"stiffness", "bending", "elongation"}
+
+
+def test_a_file_is_a_protocol_of_its_name() -> None:
+    creep = protocol_from_file(CREEP)
+    assert creep.name == "creep" and creep.plan(creep.parameters()).protocol == "creep"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1 / 0", "cannot be run: ZeroDivisionError"),
+        ("", "PARAMETERS must be a subclass"),
+        ("NEEDS = ('presure',)", r"NEEDS = \('presure',\) must be a tuple of pressure, spine"),
+    ],
+)
+def test_a_file_that_holds_none_is_told(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    with pytest.raises(BadProtocol, match=words):
+        protocol_from_file(path)
+
+
+def test_a_wrong_one_fails_before_anything_is_connected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.py"
+    for text, words in (
+        (CREEP.read_text(), "plan names 'creep', not mine"),
+        (CREEP.read_text().replace("    asks = ", "    asks = nothing + "), "plan: NameError"),
+    ):
+        path.write_text(text)
+        assert main(["run", str(path), "--rig", RIG, "--out", str(tmp_path)]) == 2
+        assert words in capsys.readouterr().err
+    assert main(["plan", str(tmp_path / "none.py"), "--rig", RIG]) == 2
+    assert main(["plan", "bendin", "--rig", RIG]) == 2
+    assert "must be one of stiffness, bending, elongation, or a protocol file" in capsys.readouterr().err
+
+
+def test_a_plan_of_one_s_own_is_held_against_the_limits(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(CREEP), "--rig", RIG]) == 0
+    assert "read after 30 s" in capsys.readouterr().out
+    assert main(["plan", str(CREEP), "--rig", RIG, "--set", "pressure=290 kPa"]) == 2
+    assert "creep, step 1" in capsys.readouterr().err
+
+
+def test_a_package_announces_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "packaged_creep.py").write_text(CREEP.read_text())
+    info = tmp_path / "packaged-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: packaged\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[softlab.protocols]\ncreep = packaged_creep\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert "creep" in protocols()
+    sys.modules.pop("packaged_creep", None)
