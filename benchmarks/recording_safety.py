@@ -29,7 +29,7 @@ CHILD = textwrap.dedent(
     """
     import os, struct, sys, time
     from benchmarks.rig_stream import Values, schedule
-    from recordings.writer import Recorder
+    from recordings.file.writer import Recorder
     path, fd, factor = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
     values, recorder = Values(), Recorder(path, start_wall_ns=time.time_ns(), keep=60.0)
     begin = time.monotonic()
@@ -124,7 +124,7 @@ FULL = textwrap.dedent(
     import resource, sys, time
     from benchmarks.rig_stream import Values, schedule
     from recordings.errors import WriteFailed
-    from recordings.writer import Recorder
+    from recordings.file.writer import Recorder
     values, recorder = Values(), Recorder(sys.argv[1], start_wall_ns=time.time_ns(), keep=60.0)
     begin, full, limit = time.monotonic(), 0.0, 300_000
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))

@@ -76,10 +76,10 @@ CHILD = textwrap.dedent(
     from pathlib import Path
     from benchmarks.faults.fuzz import forget_peak, memory_of
     from recordings.errors import RecordingError
-    from recordings.info import info
-    from recordings.recover import recover
-    from recordings.replay import replay
-    from recordings.verify import verify
+    from recordings.campaign.info import info
+    from recordings.file.recover import recover
+    from recordings.campaign.replay import replay
+    from recordings.file.verify import verify
     found = {}
     for path in map(Path, sys.argv[1:]):
         most, slowest = 0.0, 0.0

@@ -136,14 +136,14 @@ CHILD = textwrap.dedent(
     """
     import json, resource, sys
     from pathlib import Path
-    import recordings.export, recordings.verify, recordings.recover, recordings.shelf, recordings.replay
+    import recordings.campaign.export, recordings.file.verify, recordings.file.recover, recordings.campaign.shelf, recordings.campaign.replay
     from recordings.errors import RecordingError
-    from recordings.info import info
-    from recordings.player import play
-    from recordings.reader import Recording
-    from recordings.recover import recover
-    from recordings.replay import replay
-    from recordings.verify import verify
+    from recordings.campaign.info import info
+    from recordings.file.player import play
+    from recordings.file.reader import Recording
+    from recordings.file.recover import recover
+    from recordings.campaign.replay import replay
+    from recordings.file.verify import verify
 
     def stream(path):
         recording = Recording.open(path, truncated=True)

@@ -177,7 +177,7 @@ def test_header_schemas_and_attachments_are_in_the_file_before_the_first_sample(
 CHILD = textwrap.dedent(
     """
     import itertools, os, sys, time
-    from recordings.writer import Recorder
+    from recordings.file.writer import Recorder
     recorder = Recorder(sys.argv[1], start_wall_ns=time.time_ns())
     begin = time.monotonic()
     for k in itertools.count():
@@ -215,7 +215,7 @@ FULL = textwrap.dedent(
     """
     import resource, sys
     from recordings.errors import WriteFailed
-    from recordings.writer import Recorder
+    from recordings.file.writer import Recorder
     recorder = Recorder(sys.argv[1], start_wall_ns=0)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))
     import random, time
