@@ -136,7 +136,8 @@ CHILD = textwrap.dedent(
     """
     import json, resource, sys
     from pathlib import Path
-    import recordings.campaign.export, recordings.file.verify, recordings.file.recover, recordings.campaign.shelf, recordings.campaign.replay
+    import recordings.campaign.export, recordings.campaign.replay, recordings.campaign.shelf
+    import recordings.file.recover, recordings.file.verify
     from recordings.errors import RecordingError
     from recordings.campaign.info import info
     from recordings.file.player import play
