@@ -2,7 +2,7 @@
 that something has failed.
 
 After a landing of its own it takes no command until a person has confirmed. The latch is on disk from the first command that
-energises anything until the safe state is read back. In a run the guard is a process of its own (`guard_process.py`); a
+energises anything until the safe state is read back. In a run the guard is a process of its own (`process.py`); a
 program that lands a rig whose guard was lost, and `lab safe`, are the guard themselves, since there is no time to start one.
 """
 

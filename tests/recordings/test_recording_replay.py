@@ -268,9 +268,11 @@ def test_states_survive_as_text_exactly() -> None:
 
 
 def test_a_state_that_cannot_be_right_is_refused(tmp_path: Path) -> None:
-    for change in ({"branch": "up"}, {"protocol": "bend"}, {"topics": ("/tips",)}, {"specimen": "arm"}):
+    for change in ({"branch": "up"}, {"topics": ("/tips",)}, {"specimen": "arm"}):
         with pytest.raises(BadMessage, match="unknown"):
             state(REST, **change)
+    with pytest.raises(BadMessage, match="letters, digits"):
+        state(REST, protocol="bend, twice")
     with pytest.raises(BadMessage, match="unit vector"):
         Probe(direction=(0.0, 0.0, 2.0), origin=(0.0, 0.0, 0.0))
     with pytest.raises(BadMessage, match="/force"):

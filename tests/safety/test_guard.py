@@ -46,7 +46,7 @@ def rig(small: House) -> Iterator[Rig]:
 def guard_of(program: subprocess.Popen[str]) -> int:
     """Process id of the program's guard."""
     for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split():
-        if b"lab.guard.guard" in Path(f"/proc/{child}/cmdline").read_bytes():
+        if b"lab.guard.process" in Path(f"/proc/{child}/cmdline").read_bytes():
             return int(child)
     raise AssertionError("no guard")
 
