@@ -31,7 +31,9 @@ def make(plant: Plant) -> Iterator[Make]:
         clock = SimClock(20.0)
         servo = DynamixelFake(plant, clock, **(fake or {}))
         servo.start()
-        spine = DynamixelSpine("spine", Config(**{"port": servo.port, "metres_per_turn": 0.1} | changes), clock)
+        spine = DynamixelSpine(
+            "spine", Config(**{"port": servo.port, "metres_per_turn": 0.1, "timeout": 0.5} | changes), clock
+        )
         made.append((spine, servo))
         return made[-1]
 
