@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
-import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from recordings.states.rules import PROTOCOL, PROTOCOL_IS
 
 from . import bending, elongation, stiffness
 from .bench import INSTRUMENTS, Bench
@@ -30,7 +31,6 @@ from .experiment import Plan, Trials
 from .parameters import Parameters
 
 GROUP = "softlab.protocols"
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ def _checked(name: str, module: ModuleType, where: str, source: Path | None = No
     """The protocol that a module is, all its faults told at once; raises `BadProtocol`."""
     parameters, needs = getattr(module, "PARAMETERS", None), getattr(module, "NEEDS", None)
     faults = []
-    if not NAME.fullmatch(name):
-        faults.append(f"its name {name[:80]!r} must be letters, digits, _ and -, 40 at most")
+    if not PROTOCOL.fullmatch(name):
+        faults.append(f"its name {name[:80]!r} {PROTOCOL_IS}")
     if not (isinstance(parameters, type) and issubclass(parameters, Parameters)):
         faults.append("PARAMETERS must be a subclass of protocols.parameters.Parameters")
     if not isinstance(needs, (tuple, list)) or not set(needs) <= set(INSTRUMENTS):

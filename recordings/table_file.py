@@ -14,7 +14,7 @@ from pathlib import Path
 from .bounded import read_bounded
 from .errors import BadTable
 from .own_files import replaced
-from .states.rules import BRANCHES, PROTOCOL, SPECIMENS
+from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
 from .trials import INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
@@ -135,7 +135,7 @@ def _value(where: str, name: str, text: str) -> Cell:
     if name in TEXTS:
         if name == "protocol":
             if not PROTOCOL.fullmatch(text):
-                raise BadTable(f"{where}, {name}: {text[:80]!r} must be letters, digits, _ and -, 40 at most")
+                raise BadTable(f"{where}, {name}: {text[:80]!r} {PROTOCOL_IS}")
         elif text not in _CHOICES[name]:
             raise BadTable(f"{where}, {name}: {text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
         return text

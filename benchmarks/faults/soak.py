@@ -97,7 +97,7 @@ def once(fakes: FakeRig, rig: Path, folder: Path, rng: random.Random) -> tuple[s
             if not opened.open_all(lambda name, result: None):
                 done = execute(opened, planned, folder, Screen("soak", planned.rig.clock.speed, quiet=True))
                 outcome = done.outcome
-                wrong = incomplete(done.file, outcome, len(planned.experiment.plan(planned.parameters).steps) - TRIALS)
+                wrong = incomplete(done.file, outcome, len(planned.plan.steps) - TRIALS)
     finally:
         ended.set()
         time.sleep(0.1)

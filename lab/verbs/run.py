@@ -46,6 +46,7 @@ class Job:
 
     experiment: Experiment
     parameters: Parameters
+    plan: Plan
     rig: RigFile
     rig_path: Path
 
@@ -74,9 +75,10 @@ def job(
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {name} needs instruments.{', instruments.'.join(missing)}; add them")
-    if beyond := problems(_planned(experiment, parameters), rig, rig_path, robot):
+    plan = _planned(experiment, parameters)
+    if beyond := problems(plan, rig, rig_path, robot):
         raise ConfigError("\n".join(beyond))
-    return Job(experiment, parameters, rig, rig_path)
+    return Job(experiment, parameters, plan, rig, rig_path)
 
 
 def _source(protocol: str) -> Source:
@@ -137,7 +139,7 @@ def _with(source: Source, settings: list[str]) -> Source:
 def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> int:
     """Print the steps, the duration and the limits; connects to nothing."""
     j = job(protocol, rig_path, settings)
-    p = j.experiment.plan(j.parameters)
+    p = j.plan
     if as_json:
         steps = [{"label": s.label, "seconds": round(s.seconds, 2)} for s in p.steps]
         print(json.dumps({"protocol": p.protocol, "seconds": p.seconds, "limits": p.limits, "steps": steps}, indent=1))
@@ -255,13 +257,12 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         start=rig.clock.now(),
     )
     lost_before = rig.lost()
-    p = j.experiment.plan(j.parameters)
     error: Exception | None = None
     outcome = "completed"
     with journal, screen, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
         rig.stop_now = lambda: interrupts.now
         bench = rig.bench(recorder, screen, interrupts.stopping, j.experiment.needs)
-        trials = Trials(bench, p, journal, finished)
+        trials = Trials(bench, j.plan, journal, finished)
         rig.record_to(recorder)
         try:
             j.experiment.run(bench, j.parameters, trials)

@@ -23,6 +23,7 @@ from ..json_text import read_json
 from ..messages import STREAMS
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
+PROTOCOL_IS = "must be letters, digits, _ and -, 40 at most"
 """The name of a protocol; which there are is not known here."""
 BRANCHES = ("load", "unload")
 SPECIMENS = ("spine", "body")
@@ -145,7 +146,7 @@ class State:
 
     def __post_init__(self) -> None:
         if not PROTOCOL.fullmatch(self.protocol):
-            raise BadMessage(f"protocol {self.protocol[:80]!r}: must be letters, digits, _ and -, 40 at most")
+            raise BadMessage(f"protocol {self.protocol[:80]!r}: {PROTOCOL_IS}")
         _one_of("branch", self.branch, BRANCHES)
         for topic in self.topics:
             _one_of("topic", topic, tuple(STREAMS))
