@@ -16,8 +16,8 @@ from .actuators import Actuators
 from .watch import Watch
 
 LOOK = 0.05
-STEADY = 0.5
-"""Host seconds for which everything must be well before work goes on."""
+STEADY = 1.0
+"""Host seconds for which everything must be well before work goes on: longer than a stream may be late unnoticed."""
 
 
 class PatientOperator:
@@ -46,12 +46,11 @@ class Recovery:
         self._actuators, self._watch, self._operator, self._limits, self._say = actuators, watch, operator, limits, say
 
     def __call__(self, cause: InstrumentError) -> None:
-        """Raises the cause when the pause is not confirmed safe, or the readings do not recover."""
+        """Raises the cause, and what came to it, when the pause is not confirmed safe or the readings do not recover."""
         self._say(f"Paused: {cause}")
         report = self._actuators.pause()
         if not report.confirmed:
-            self._say(f"The pause is not confirmed safe: {report}")
-            raise cause
+            raise _with(cause, f"the pause is not confirmed safe: {report}")
         self._operator.confirm(str(cause))
         try:
             self._actuators.resume()
@@ -71,9 +70,17 @@ class Recovery:
                 self._watch.look(strict=True)
             except (InstrumentError, Suspended) as e:
                 if time.monotonic() > give_up:
-                    raise cause from e
+                    still = (
+                        f"{self._limits.resume_within:g} s (limits.resume_within) after it was confirmed as put right"
+                    )
+                    raise _with(cause, f"{still}, still {e}") from e
                 self._watch.forget()
                 well_since = time.monotonic()
-            except RigLanded:
-                raise cause from None
+            except RigLanded as e:
+                raise _with(cause, str(e)) from e
             time.sleep(LOOK)
+
+
+def _with(cause: InstrumentError, more: str) -> InstrumentError:
+    """The cause of a pause, and what then went wrong."""
+    return type(cause)(cause.instrument, f"{cause.message}; {more}")

@@ -85,7 +85,7 @@ class Watch:
     def look(self, strict: bool = False) -> None:
         """Raises what is wrong: KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended or an InstrumentError.
 
-        `strict` forgives nothing, not even for a moment.
+        `strict` does not forgive a hidden body, not even for a moment.
         """
         if self._stop_now():
             raise KeyboardInterrupt
@@ -139,7 +139,7 @@ class Watch:
                 self._hidden_since = min(self._hidden_since, now)
                 if strict or now - self._hidden_since > self._limits.max_hidden:
                     raise Suspended(e) from e
-            elif self._lateness(name, now, late=True) > GRACE or strict or isinstance(e, DeviceFault):
+            elif self._lateness(name, now, late=True) > GRACE or isinstance(e, DeviceFault):
                 raise
         else:
             if name == "mocap":

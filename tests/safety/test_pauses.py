@@ -54,7 +54,7 @@ def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     during(
         lambda: plant.valve_on and float(plant.regulator.max()) > 100e3, lambda: house.fakes.accidents.begin(accident)
     )
-    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), capsys.readouterr()
+    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
     assert vented and max(vented) < 5e3
     assert len(house.fakes.troubles) == 1 and word in house.fakes.troubles[0]
     (file,) = tmp_path.glob("*.mcap")
@@ -85,7 +85,7 @@ def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
 
     house.fakes.on_confirm = put_right
     during(lambda: abs(plant.probe_force).max() > 1.0, lambda: ur.backdoor(stop))
-    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), capsys.readouterr()
+    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
     assert any(STOPS[stop] in trouble for trouble in house.fakes.troubles)
     assert stopped[0] == stopped[1]  # nothing moves before the person has confirmed
     (file,) = tmp_path.glob("*.mcap")
