@@ -179,14 +179,14 @@ def parser() -> argparse.ArgumentParser:
         "--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"
     )
     p.add_argument("--seed", type=int, default=0, help="seed of all noise")
-    p.add_argument("--regulators", choices=("alicat", "smc_itv"), default="alicat")
+    p.add_argument("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or an installed one")
     p.add_argument("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'")
     p.add_argument("--firmware", default="10v20.0-R24", help="of an Alicat; before 6v00 it does not tell its unit")
     p.add_argument("--unit", default="kPa", help="what an Alicat shows and takes, such as psi")
     p.add_argument(
         "--swap", metavar="I,K", help="two channels whose hoses are exchanged, for `lab check --move` to find"
     )
-    p.add_argument("--spine", choices=("dynamixel", "tmcl"), default="dynamixel")
+    p.add_argument("--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or an installed one")
     p.add_argument("--channels", choices=("3", "9"), default="3", help="three sets of three chambers, or nine separate")
     p.add_argument("--rig", type=Path, help="write rig.yaml and robot.yaml here instead of printing")
     p.add_argument("--list-effects", action="store_true", help="list what can be switched on")

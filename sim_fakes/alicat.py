@@ -20,8 +20,9 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -89,6 +90,13 @@ class AlicatDevice(Device):
 
 class AlicatFake(PtyFake):
     """The units on one pty; `units` are their letters, `chambers` the plant's chambers (1..9) of each."""
+
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("swap", "ABCDEFGHI"),
+        "nak": ("refuse", "ABCDEFGHI"),
+        "stuck": ("stuck", "ABCDEFGHI"),
+        "over_range": ("reading", 450e3),
+    }
 
     def __init__(
         self,

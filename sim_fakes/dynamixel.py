@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import struct
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from .clock import SimClock
 from .plant import Plant
@@ -42,6 +44,9 @@ LAG = 0.02
 """Time by which the shaft follows its trajectory, s."""
 STEP = 0.005
 """Longest step of the physics, s."""
+
+FAR_AWAY = 2_000_000
+"""Counts by which the encoder jumps as a fault."""
 
 
 @dataclass(frozen=True)
@@ -224,6 +229,12 @@ class DrumMotor(Device):
 class DynamixelFake(PtyFake):
     """The servo's wire: Protocol 2.0 packets for one id; other ids meet silence."""
 
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("wrong_id", True),
+        "nak": ("nak", 7),
+        "stuck": ("stuck", True),
+    }
+
     def __init__(
         self,
         plant: Plant,
@@ -255,6 +266,13 @@ class DynamixelFake(PtyFake):
     def restart(self) -> None:
         """The supply fails for an instant."""
         self.motor.restart()
+
+    def begin(self, fault: str) -> Callable[[], None] | None:
+        """Its encoder jumps."""
+        if fault != "over_range":
+            return None
+        self.motor.place(self.motor.counts + FAR_AWAY)
+        return lambda: self.motor.place(self.motor.counts - FAR_AWAY)
 
     def feed(self) -> bool:
         start = self.buffer.find(HEADER)

@@ -12,10 +12,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from .dynamixel import DynamixelFake
+from .motive import MotiveFake
 from .parts import Parts
 from .pty_fake import Faults, PtyFake
-from .tmcl import TmclFake
 
 FAULTS = (
     "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
@@ -26,37 +25,13 @@ LATE = 1.0
 """Host seconds of a delay: longer than any answer may take."""
 NOISE = b"\x00#\x7f!"
 SKEW = 1.2
-FAR_AWAY = 2_000_000
-"""Counts by which an encoder jumps."""
 COMMON: dict[str, tuple[str, Any]] = {
     "silence": ("silent", True), "delay": ("delay", LATE), "half": ("truncate", True), "split": ("split", True),
     "garbage": ("garbage", NOISE), "bad_crc": ("corrupt", True), "freeze": ("freeze", True), "skew": ("skew", SKEW),
     "replay": ("replay", True),
 }  # fmt: skip
-OWN: dict[str, dict[str, tuple[str, Any]]] = {
-    "AlicatFake": {
-        "wrong_id": ("swap", "ABCDEFGHI"), "nak": ("refuse", "ABCDEFGHI"), "stuck": ("stuck", "ABCDEFGHI"),
-        "over_range": ("reading", 450e3),
-    },
-    "SmcItvFake": {
-        "wrong_id": ("refuse", "ITV?"), "nak": ("refuse", "UNKNOWN COMMAND"), "stuck": ("stuck", True),
-        "over_range": ("reading", 1023),
-    },
-    "DynamixelFake": {"wrong_id": ("wrong_id", True), "nak": ("nak", 7), "stuck": ("stuck", True)},
-    "TmclFake": {"wrong_id": ("wrong_address", True), "nak": ("nak", 5), "stuck": ("stuck", True)},
-    "NumatoFake": {
-        "wrong_id": ("foreign", "relay"), "nak": ("foreign", "?"), "stuck": ("stuck", True), "over_range": ("garbled", "2"),
-    },
-    "PfeifferFake": {
-        "wrong_id": ("wrong_address", True), "nak": ("refuse", "_LOGIC"), "over_range": ("value", 5e6),
-    },
-    "Ft300sFake": {
-        "wrong_id": ("foreign", "GRP"), "nak": ("exception", 4), "stuck": ("stuck", True), "over_range": ("over_range", 2),
-    },
-    "MotiveFake": {
-        "wrong_id": ("foreign", True), "nak": ("refuse", True), "over_range": ("nan", True), "replay": ("replay", True),
-    },
-}  # fmt: skip
+NEAREST = {"wrong_id": "bad_crc", "nak": "garbage", "stuck": "freeze", "over_range": "bad_crc"}
+"""What stands for a fault of which an instrument's fake has no way of its own."""
 
 
 class FaultSwitch:
@@ -98,28 +73,22 @@ class FaultSwitch:
                 ur.backdoor(**request)
 
     def _serial(self, line: PtyFake, fault: str) -> None:
-        own = OWN[type(line).__name__]
         if fault == "disconnect":
             line.unplug()
         elif fault == "reset":
             line.reset()
-        elif fault == "over_range" and isinstance(line, DynamixelFake):
-            line.motor.place(line.motor.counts + FAR_AWAY)
-            self._undo.append(lambda: line.motor.place(line.motor.counts - FAR_AWAY))
-        elif fault == "over_range" and isinstance(line, TmclFake):
-            line.drum.set_encoder(line.drum.encoder + 10 * FAR_AWAY)
-        elif fault == "stuck" and fault not in own:
-            line.faults.extra["value"] = float(self._rig.plant.vacuum_absolute)
-        elif fault in own:
-            name, value = own[fault]
+        elif (undo := line.begin(fault)) is not None:
+            self._undo.append(undo)
+        elif fault in line.own_faults:
+            name, value = line.own_faults[fault]
             line.faults.extra[name] = value
         else:
-            name, value = COMMON[fault]
+            name, value = COMMON[NEAREST.get(fault, fault)]
             setattr(line.faults, name, value)
 
     def _mocap(self, fault: str) -> None:
         faults = self._rig.mocap.faults
-        own = OWN["MotiveFake"]
+        own = MotiveFake.own_faults
         if fault == "reset":
             faults.extra["restart"] = True
         elif fault in ("disconnect", "freeze"):

@@ -20,7 +20,9 @@ from __future__ import annotations
 
 import struct
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +110,13 @@ class Ft300sDevice(Device):
 
 class Ft300sFake(PtyFake):
     """The sensor on one pty."""
+
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("foreign", "GRP"),
+        "nak": ("exception", 4),
+        "stuck": ("stuck", True),
+        "over_range": ("over_range", 2),
+    }
 
     def __init__(
         self, plant: Plant, clock: SimClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)

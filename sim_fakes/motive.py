@@ -29,7 +29,9 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +95,13 @@ class Body:
 
 class MotiveFake(threading.Thread):
     """The server: command socket, data socket, and the cameras."""
+
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("foreign", True),
+        "nak": ("refuse", True),
+        "over_range": ("nan", True),
+        "replay": ("replay", True),
+    }
 
     def __init__(
         self,

@@ -12,6 +12,8 @@ Faults by name in `faults.extra`:
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from .clock import SimClock
 from .plant import Plant
@@ -23,6 +25,13 @@ NAMES = "0123456789ABCDEFGHIJKLMNOPQRSTUV"
 
 class NumatoFake(PtyFake):
     """A relay module whose relay `valve` switches the vacuum."""
+
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("foreign", "relay"),
+        "nak": ("foreign", "?"),
+        "stuck": ("stuck", True),
+        "over_range": ("garbled", "2"),
+    }
 
     def __init__(
         self, plant: Plant, clock: SimClock, relays: int = 4, valve: int = 0, baud: int = 19200, seed: int = 0

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 from .clock import SimClock
 from .plant import Plant
@@ -40,6 +42,12 @@ def pressure_digits(pascal: float) -> str:
 class PfeifferFake(PtyFake):
     """A gauge that sees `plant.vacuum_absolute` with `noise` (share of the reading, one sigma)."""
 
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("wrong_address", True),
+        "nak": ("refuse", "_LOGIC"),
+        "over_range": ("value", 5e6),
+    }
+
     def __init__(
         self,
         plant: Plant,
@@ -61,6 +69,13 @@ class PfeifferFake(PtyFake):
 
     def process(self, dt: float) -> None:
         self.seen = self.plant.vacuum_absolute
+
+    def begin(self, fault: str) -> Callable[[], None] | None:
+        """It repeats what it shows now."""
+        if fault != "stuck":
+            return None
+        self.faults.extra["value"] = float(self.plant.vacuum_absolute)
+        return lambda: None
 
     def feed(self) -> bool:
         line, end, rest = self.buffer.partition(b"\r")

@@ -15,7 +15,9 @@ import threading
 import time
 import tty
 from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 from .clock import SimClock
 from .punctual import punctual
@@ -56,6 +58,9 @@ class Device:
 
 class PtyFake(threading.Thread):
     """Serves one pty: collects bytes, hands complete requests to `feed`, which answers with `send`."""
+
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {}
+    """How this instrument has a fault of `faults.FAULTS`: the name in `faults.extra` and its value."""
 
     def __init__(self, name: str, clock: SimClock, baud: int, seed: int = 0) -> None:
         super().__init__(name=f"fake-{name}", daemon=True)
@@ -119,6 +124,10 @@ class PtyFake(threading.Thread):
 
     def idle(self) -> float | None:
         """Called when nothing arrived; may send by itself. Returns host seconds until the next call (None: 20 ms)."""
+        return None
+
+    def begin(self, fault: str) -> Callable[[], None] | None:
+        """Begin a fault that takes more than a value; returns what ends it, None for a fault that does not."""
         return None
 
     # -- the line

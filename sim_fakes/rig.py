@@ -9,28 +9,22 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import yaml
 
 from .accidents import Accidents
-from .alicat import AlicatFake
 from .backdoor import BackDoor
 from .clock import SimClock
-from .dynamixel import DynamixelFake
 from .faults import FaultSwitch
-from .ft300s import Ft300sFake
+from .instrument import Regulators, Site
 from .motive import MOCAP_TO_BASE, MotiveFake
-from .numato import NumatoFake
-from .pfeiffer import PfeifferFake
 from .plant import Plant
 from .pty_fake import PtyFake
 from .punctual import punctual
-from .smc_itv import SmcItvFake
-from .tmcl import TmclFake
+from .registry import fakes, of_role
 from .ur.kinematics import rotation_matrix
 from .ur.process import UrProcess, free_host
 from .virtual_robot import RobotTruth, VirtualRobot
@@ -41,35 +35,6 @@ THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 MOST_PRESSURE = 300e3
 """Pa that rig.yaml allows its regulators unless it says otherwise."""
 NINE = tuple((i,) for i in range(1, 10))
-
-
-@dataclass(frozen=True)
-class Regulators:
-    """Which pressure regulators a rig has, and what may be odd about them; rig.yaml tells all of it but the last."""
-
-    driver: str = "alicat"
-    """alicat or smc_itv."""
-    full_scale: float | None = None
-    """Pa; None: 400 kPa for Alicat, 500 kPa for ITV."""
-    firmware: str = "10v20.0-R24"
-    """Of an Alicat; before 6v00 it does not tell its unit of measure."""
-    unit: str = "kPa"
-    """What an Alicat shows and takes."""
-    swapped: tuple[int, int] | None = None
-    """Two channels (from 1) whose hoses are exchanged: each inflates the other's chambers."""
-
-    @property
-    def range(self) -> float:
-        """Full scale, Pa."""
-        return self.full_scale or (400e3 if self.driver == "alicat" else 500e3)
-
-    def hoses(self, wiring: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
-        """Chambers that each channel really feeds."""
-        groups = list(wiring)
-        if self.swapped is not None:
-            a, b = self.swapped[0] - 1, self.swapped[1] - 1
-            groups[a], groups[b] = groups[b], groups[a]
-        return groups
 
 
 class FakeRig:
@@ -94,14 +59,19 @@ class FakeRig:
         self._warm_up(dict(effects or {}))
         self.wiring = NINE if channels == 9 else THREE_SETS
         self.host = free_host()
-        self.lines: dict[str, PtyFake] = {
-            "force": Ft300sFake(self.plant, self.clock, seed=seed + 1),
-            "valve": NumatoFake(self.plant, self.clock, seed=seed + 3),
-            "gauge": PfeifferFake(self.plant, self.clock, seed=seed + 4),
-        }
-        self.lines["spine"] = (TmclFake if spine == "tmcl" else DynamixelFake)(self.plant, self.clock, seed=seed + 2)
         self.regulators = Regulators(regulators) if isinstance(regulators, str) else regulators
-        self._plug_regulators(seed)
+        self.lines: dict[str, PtyFake] = {}
+        """Serial lines by key of rig.yaml; numbered from 1 where an instrument has several."""
+        self.tables: dict[str, Callable[[], dict[str, Any]]] = {}
+        """What rig.yaml says of each."""
+        for role, driver, own_seed in (
+            ("force", "ft300s", 1),
+            ("spine", spine, 2),
+            ("valve", "numato", 3),
+            ("gauge", "pfeiffer", 4),
+            ("pressure", self.regulators.driver, 5),
+        ):
+            self._plug(role, driver, seed + own_seed)
         self.mocap = MotiveFake(self.plant, self.clock, self.host, markers=len(self.truth.markers), seed=seed + 6)
         self.door = BackDoor(self)
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -117,26 +87,25 @@ class FakeRig:
         self.on_confirm: Callable[[str], None] | None = None
         """What that person does about it."""
 
-    def _plug_regulators(self, seed: int) -> None:
+    def _plug(self, role: str, driver: str, seed: int) -> None:
+        """Plug in the serial fake of one driver; raises ValueError when there is none for this key of rig.yaml."""
+        fake = fakes().get(driver)
+        if fake is None or fake.role != role:
+            raise ValueError(f"no fake {driver} for {role}; one of {', '.join(of_role(role))}")
         how = self.regulators
-        hoses = how.hoses(self.wiring)
-        if how.driver == "smc_itv":
-            for i, group in enumerate(hoses):
-                self.lines[f"pressure{i + 1}"] = SmcItvFake(
-                    self.plant, self.clock, chambers=group, seed=seed + 10 + i, full_scale=how.range
-                )
-            return
-        units = tuple("ABCDEFGHI"[: len(hoses)])
-        self.lines["pressure"] = AlicatFake(
-            self.plant,
-            self.clock,
-            units,
-            hoses,
-            seed=seed + 5,
-            full_scale=how.range,
-            firmware=how.firmware,
-            unit=how.unit,
-        )
+        site = Site(self.plant, self.clock, seed, how.hoses(self.wiring), how.full_scale or fake.full_scale, how)
+        lines = fake.plug(site)
+        self.lines |= {f"{role}{i}" if len(lines) > 1 else role: line for i, line in enumerate(lines, 1)}
+
+        def table() -> dict[str, Any]:
+            table: dict[str, Any] = {"driver": driver}
+            if role == "pressure":
+                table |= {"chambers": [list(group) for group in self.wiring], "full_scale": site.full_scale}
+                if site.full_scale < MOST_PRESSURE:
+                    table["max_pressure"] = site.full_scale
+            return {**table, **fake.table(site, lines)}
+
+        self.tables[role] = table
 
     def _warm_up(self, effects: dict[str, float]) -> None:
         """Have the physics compiled before any instrument answers: a compiler holds the interpreter for seconds."""
@@ -235,20 +204,6 @@ class FakeRig:
     # -- rig.yaml
     def rig_file(self, robot: str = "robot.yaml") -> dict[str, Any]:
         """The contents of the rig.yaml that reaches these instruments."""
-        wiring = [list(group) for group in self.wiring]
-        how = self.regulators
-        pressure: dict[str, Any] = {"driver": how.driver, "chambers": wiring, "full_scale": how.range}
-        if how.range < MOST_PRESSURE:
-            pressure["max_pressure"] = how.range
-        if "pressure" in self.lines:
-            pressure |= {
-                "port": self.lines["pressure"].port,
-                "units": list("ABCDEFGHI"[: len(wiring)]),
-                "unit": how.unit,
-            }
-        else:
-            pressure["ports"] = [self.lines[f"pressure{i + 1}"].port for i in range(len(wiring))]
-        spine = self.lines["spine"]
         stand = np.array(self.truth.stand)
         return {
             "name": "virtual rig",
@@ -257,13 +212,7 @@ class FakeRig:
             "operator": f"unix:{self.door.path}",
             "instruments": {
                 "arm": {"driver": "ur5", "host": self.host},
-                "force": {"driver": "ft300s", "port": self.lines["force"].port},
-                "pressure": pressure,
-                "spine": {
-                    "driver": "tmcl" if isinstance(spine, TmclFake) else "dynamixel", "port": spine.port, "metres_per_turn": 0.1,
-                },
-                "valve": {"driver": "numato", "port": self.lines["valve"].port},
-                "gauge": {"driver": "pfeiffer", "port": self.lines["gauge"].port},
+                **{role: self.tables[role]() for role in ("force", "pressure", "spine", "valve", "gauge")},
                 "mocap": {
                     "driver": "natnet", "server": self.host, "body": "Tip",
                     "markers": [f"M{i + 1}" for i in range(len(self.truth.markers))],

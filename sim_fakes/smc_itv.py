@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -56,6 +57,13 @@ class ItvDevice(Device):
 
 class SmcItvFake(PtyFake):
     """The unit on one pty; `chambers` are the plant's chambers (1..9) that it feeds."""
+
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("refuse", "ITV?"),
+        "nak": ("refuse", "UNKNOWN COMMAND"),
+        "stuck": ("stuck", True),
+        "over_range": ("reading", 1023),
+    }
 
     def __init__(
         self,

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import struct
 import time
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 from .clock import SimClock
 from .plant import Plant
@@ -43,6 +45,9 @@ WRITABLE = {
     MAX_DEVIATION: (0, 2**31 - 1),
 }  # fmt: skip
 START = {MAX_SPEED: 51200, ACCELERATION: 51200, SEARCH_MODE: 1, SEARCH_SPEED: 1000, SWITCH_SPEED: 100, MAX_DEVIATION: 0}
+
+FAR_AWAY = 20_000_000
+"""Counts by which the encoder jumps as a fault."""
 
 
 class StepperDrum(Device):
@@ -155,6 +160,12 @@ class StepperDrum(Device):
 class TmclFake(PtyFake):
     """The module's wire: nine-byte frames."""
 
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "wrong_id": ("wrong_address", True),
+        "nak": ("nak", 5),
+        "stuck": ("stuck", True),
+    }
+
     def __init__(
         self,
         plant: Plant,
@@ -192,6 +203,13 @@ class TmclFake(PtyFake):
         if self.buffer and time.monotonic() - self._heard > GAP_TIME:
             self.buffer = b""
         return None
+
+    def begin(self, fault: str) -> Callable[[], None] | None:
+        """Its encoder jumps; the next reference run finds the switch again."""
+        if fault != "over_range":
+            return None
+        self.drum.set_encoder(self.drum.encoder + FAR_AWAY)
+        return lambda: None
 
     def feed(self) -> bool:
         self._heard = time.monotonic()

@@ -12,9 +12,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from ..chambers import PAPER_WIRING, ChamberMap
+from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
@@ -43,10 +44,8 @@ VENT_WAIT = 0.5
 """but not longer than this, s of host time."""
 
 
-class Config(BaseModel):
+class Config(RegulatorsConfig):
     """How to reach the units, their range, and what may be asked of them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     port: str
     """Serial port of the RS-485 adapter."""
@@ -59,10 +58,6 @@ class Config(BaseModel):
     """Range of the units; `open` compares it with what they say."""
     unit: Literal["Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi"] | None = None
     """What the units' displays show. When not given, kPa is needed; firmware before 6v00 does not tell, so then it must be."""
-    max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
-    max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
-    time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
-    """Slowest that a chamber follows its set-point, through unit, tube and chamber: 63 % of a step in this time."""
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
     """How long a unit may take to answer, host time; a failed request is repeated once."""
     max_age: float = Field(1.0, gt=0, le=10, json_schema_extra={"unit": "s"})

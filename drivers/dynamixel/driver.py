@@ -21,8 +21,9 @@ import time
 from dataclasses import dataclass
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, SpineSample
 from ..stall import StallWatch
@@ -34,10 +35,8 @@ REBOOT_TIME = 2.0
 """Longest wait for a restarted servo, s of host time."""
 
 
-class Config(BaseModel):
+class Config(LengthUnitConfig):
     """Length unit by Dynamixel."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     port: str
     baud: Literal[9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000] = Field(
@@ -48,8 +47,6 @@ class Config(BaseModel):
     """Spine length per turn of the drum."""
     direction: Literal[1, -1] = 1
     """1 when the spine grows as the servo counts up."""
-    max_length: float = Field(default=0.35, gt=0, le=2, json_schema_extra={"unit": "m"})
-    max_speed: float = Field(default=0.05, gt=0, le=0.5, json_schema_extra={"unit": "m/s"})
     current_limit: float = Field(default=1.0, gt=0, le=5, json_schema_extra={"unit": "A"})
     homing_current: float = Field(default=0.3, gt=0, le=5, json_schema_extra={"unit": "A"})
     homing_speed: float = Field(default=0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})

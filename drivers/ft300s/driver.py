@@ -12,11 +12,13 @@ import contextlib
 import logging
 import threading
 import time
+from collections.abc import Callable
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient
 
+from ..configs import ForceConfig
 from ..errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, Sink, Vector6, WrenchSample
 from ..serial_line import SerialLine, show
@@ -38,18 +40,13 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 AXES = (("fx", "N"), ("fy", "N"), ("fz", "N"), ("mx", "N m"), ("my", "N m"), ("mz", "N m"))
 
 
-class Config(BaseModel):
+class Config(ForceConfig):
     """How to reach the sensor and what it can bear."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     port: str
     """Serial port of the sensor's adapter."""
     max_age: float = Field(0.1, ge=0.02, le=5, json_schema_extra={"unit": "s"})
     """Age at which a reading is stale, host time."""
-    max_force: float = Field(300.0, gt=0, le=300, json_schema_extra={"unit": "N"})
-    """Range per axis, on raw readings."""
-    max_moment: float = Field(30.0, gt=0, le=30, json_schema_extra={"unit": "N m"})
     timeout: float = Field(0.3, ge=0.05, le=2, json_schema_extra={"unit": "s"})
     """How long a Modbus answer may take, host time; a failed request is repeated once."""
 
@@ -62,7 +59,15 @@ class FT300S:
     clock does.
     """
 
-    def __init__(self, name: str, config: Config, clock: Clock, sink: Sink[WrenchSample]) -> None:
+    def __init__(
+        self,
+        name: str,
+        config: Config,
+        clock: Clock,
+        sink: Sink[WrenchSample],
+        notice: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """`notice` is never called: this sensor has nothing to tell beside its samples."""
         self.name = name
         self.config = config
         self._clock = clock

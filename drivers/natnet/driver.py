@@ -20,8 +20,9 @@ from collections.abc import Callable
 from natnet.data_descriptions import DataDescriptions
 from natnet.data_frame import DataFrame, RigidBody
 from natnet.exceptions import NatNetError
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
+from ..configs import MocapConfig
 from ..errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from ..frames import apply, compose, matrix_from_quaternion
 from ..interfaces import BodySample, Clock, Identity, Quaternion, Sink, Vector3
@@ -43,8 +44,6 @@ NOWHERE: Vector3 = (math.nan, math.nan, math.nan)
 class Pose(BaseModel):
     """A rigid transform: p_base = R(quaternion) p_mocap + position."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     position: Vector3 = Field(json_schema_extra={"unit": "m"})
     quaternion: Quaternion = Field(json_schema_extra={"unit": ""})
     """w, x, y, z"""
@@ -58,10 +57,8 @@ class Pose(BaseModel):
         return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
 
 
-class Config(BaseModel):
+class Config(MocapConfig):
     """Motion capture by NatNet."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     server: str
     """Address of the computer that runs Motive; nobody else is heard."""
@@ -71,14 +68,10 @@ class Config(BaseModel):
     data_port: int = Field(default=1511, ge=1, le=65535, json_schema_extra={"unit": ""})
     body: str
     """Name of the tip's rigid body in Motive."""
-    markers: tuple[str, ...] = ()
-    """Names of the rigid bodies along the robot, in the order of robot.yaml's marker arc lengths."""
     mocap_to_base: Pose
     """Takes Motive's world (Y up or Z up, as set there) to the robot's base frame; from the calibration of the rig."""
     rate: float = Field(default=100.0, ge=1, le=1000, json_schema_extra={"unit": "Hz"})
     """Frame rate set in Motive."""
-    max_age: float = Field(default=0.1, gt=0, le=10, json_schema_extra={"unit": "s"})
-    """Host time after which a valid sample is too old."""
     timeout: float = Field(default=2.0, gt=0, le=30, json_schema_extra={"unit": "s"})
 
     @model_validator(mode="after")

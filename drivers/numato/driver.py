@@ -12,8 +12,9 @@ import re
 import threading
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from ..configs import ValveConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, ValveSample
 from ..serial_line import SerialLine, show
@@ -23,10 +24,8 @@ RELAY_NAMES = "0123456789ABCDEFGHIJKLMNOPQRSTUV"
 """Relays above 9 are called by letters."""
 
 
-class Config(BaseModel):
+class Config(ValveConfig):
     """Jamming valve by Numato relay module."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     port: str
     baud: int = Field(default=19200, ge=1200, le=921600, json_schema_extra={"unit": "Bd"})

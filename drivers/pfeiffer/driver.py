@@ -11,8 +11,9 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import pfeiffer_vacuum_protocol as protocol
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from ..configs import GaugeConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, GaugeSample, Identity
 from ..serial_line import SerialLine, show
@@ -25,10 +26,8 @@ T = TypeVar("T")
 Query = Callable[["_Wire", int], T]
 
 
-class Config(BaseModel):
+class Config(GaugeConfig):
     """Vacuum gauge by Pfeiffer Vacuum Protocol."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     port: str
     baud: int = Field(default=9600, ge=1200, le=115200, json_schema_extra={"unit": "Bd"})

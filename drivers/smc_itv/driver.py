@@ -11,10 +11,12 @@ import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from ..chambers import ChamberMap
+from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
@@ -36,25 +38,28 @@ VENT_WAIT = 0.5
 """but not longer than this, s of host time."""
 
 
-class Config(BaseModel):
+class Config(RegulatorsConfig):
     """How to reach the units, their range, and what may be asked of them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     ports: tuple[str, ...] = Field(min_length=1)
     """Serial ports, in channel order."""
     chambers: tuple[tuple[int, ...], ...] = ((1,), (2,), (3,), (4,), (5,), (6,), (7,), (8,), (9,))
     """Chambers (1..9) on each channel."""
-    full_scale: float = Field(500e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
-    """Pressure at 1023 counts; the units cannot be asked for it."""
-    max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
-    max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
-    time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
-    """Slowest that a chamber follows its set-point, through unit, tube and chamber: 63 % of a step in this time."""
+    full_scale: float = Field(
+        gt=0,
+        le=1e6,
+        json_schema_extra={
+            "unit": "Pa",
+            "write": "the units cannot be asked: by their label ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
+        },
+    )
+    """Pressure at 1023 counts: without a default, because a wrong one is not seen in the readings."""
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
     """How long a unit may take to answer, host time; a failed request is repeated once."""
     poll_interval: float = Field(0.1, ge=0.0, le=5, json_schema_extra={"unit": "s"})
     """Shortest time between two polls of one unit, host time."""
+
+    widest: ClassVar[float | None] = 900e3
 
     @model_validator(mode="after")
     def _fits_together(self) -> Config:

@@ -21,8 +21,9 @@ import threading
 from dataclasses import dataclass
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, SpineSample
 from .bus import Axis
@@ -43,10 +44,8 @@ SWITCH_SHARE = 0.25
 """Speed for the exact position of the switch, as a share of the homing speed."""
 
 
-class Config(BaseModel):
+class Config(LengthUnitConfig):
     """Length unit by Trinamic module."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     port: str
     baud: Literal[9600, 19200, 38400, 57600, 115200] = Field(115200, json_schema_extra={"unit": "Bd"})
@@ -57,8 +56,6 @@ class Config(BaseModel):
     microsteps_per_turn: int = Field(default=51200, ge=200, le=10_000_000, json_schema_extra={"unit": ""})
     direction: Literal[1, -1] = 1
     """1 when the spine grows as the module counts up."""
-    max_length: float = Field(default=0.35, gt=0, le=2, json_schema_extra={"unit": "m"})
-    max_speed: float = Field(default=0.05, gt=0, le=0.5, json_schema_extra={"unit": "m/s"})
     homing_speed: float = Field(default=0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
     max_deviation: float = Field(default=0.003, gt=0, le=0.05, json_schema_extra={"unit": "m"})
     """Difference of steps and encoder at which the module stops itself."""

@@ -14,10 +14,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from ..configs import ArmConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, WrongDevice
-from ..interfaces import ArmSample, Clock, Identity, Vector3, Vector6
+from ..interfaces import ArmSample, Clock, Identity, Vector6
 from . import motion as ur5_motion
 from . import wire as ur5_wire
 from .control import ControlThread
@@ -46,10 +47,8 @@ FINISH_TIMEOUT = 3.0
 """s of host time for ending the program and disconnecting; the library sleeps 0.5 s in there, twice."""
 
 
-class Config(BaseModel):
+class Config(ArmConfig):
     """How to reach the arm and what may be asked of it. Lengths in its base frame."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     host: str
     """Address of the controller; the ports (29999, 30003, 30004) are fixed by the library."""
@@ -57,15 +56,10 @@ class Config(BaseModel):
     """What the dashboard must call the arm, where it can tell."""
     serial: str = ""
     """Serial number the controller must have; any when empty."""
-    workspace_min: Vector3 = Field((-0.75, -0.75, 0.02), json_schema_extra={"unit": "m"})
-    workspace_max: Vector3 = Field((0.75, 0.75, 0.90), json_schema_extra={"unit": "m"})
-    """Box in which each target must lie."""
     max_step: float = Field(0.3, gt=0, le=1.7, json_schema_extra={"unit": "m"})
     """How far one motion may go."""
     max_turn: float = Field(0.8, gt=0, le=3.2, json_schema_extra={"unit": "rad"})
     """How far one motion may turn the TCP."""
-    max_speed: float = Field(0.1, gt=0, le=1.0, json_schema_extra={"unit": "m/s"})
-    max_acceleration: float = Field(0.5, gt=0, le=5.0, json_schema_extra={"unit": "m/s^2"})
     stop_deceleration: float = Field(2.0, gt=0, le=10.0, json_schema_extra={"unit": "m/s^2"})
     position_tolerance: float = Field(0.5e-3, ge=1e-5, le=0.01, json_schema_extra={"unit": "m"})
     """How near to its target a motion must end,"""

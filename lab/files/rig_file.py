@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, Union
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, create_model, field_validator, model_validator
 
-from drivers.alicat import driver as alicat
-from drivers.dynamixel import driver as dynamixel
-from drivers.ft300s import driver as ft300s
+from drivers.configs import (
+    ArmConfig,
+    ForceConfig,
+    GaugeConfig,
+    InstrumentConfig,
+    LengthUnitConfig,
+    MocapConfig,
+    RegulatorsConfig,
+    ValveConfig,
+)
 from drivers.interfaces import Vector3
-from drivers.natnet import driver as natnet_mocap
-from drivers.numato import driver as numato
-from drivers.pfeiffer import driver as pfeiffer
-from drivers.smc_itv import driver as smc_itv
-from drivers.tmcl import driver as tmcl
-from drivers.ur5 import driver as ur5
+from drivers.registry import ROLES, broken, of_role
 
 from .config import ConfigError, check, read_yaml
 
@@ -28,85 +30,40 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class ArmConfig(ur5.Config):
-    """The arm: motion and streamed state."""
-
-    driver: Literal["ur5"]
-    max_age: float = Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"})
-    """How old its streamed state may be, host time."""
-
-
-class ForceConfig(ft300s.Config):
-    """Force-torque sensor."""
-
-    driver: Literal["ft300s"]
+def _tables() -> dict[str, Any]:
+    """For each key of `instruments` the tables of its registered drivers, told apart by `driver`."""
+    fields: dict[str, Any] = {}
+    for role in ROLES:
+        tables = tuple(_table(name, driver.config) for name, driver in of_role(role).items())
+        one_of: Any = Union[tables]  # noqa: UP007 - of as many as are registered, which no type checker can know
+        if len(tables) > 1:
+            one_of = Annotated[one_of, Field(discriminator="driver")]
+        fields[role] = (Optional[one_of], None)  # noqa: UP045
+    return fields
 
 
-class AlicatConfig(alicat.Config):
-    """Regulators on one bus."""
-
-    driver: Literal["alicat"]
-
-
-class ItvConfig(smc_itv.Config):
-    """Regulators on a port each."""
-
-    driver: Literal["smc_itv"]
-    full_scale: float = Field(
-        gt=0,
-        le=1e6,
-        json_schema_extra={
-            "unit": "Pa",
-            "write": "the units cannot be asked: by their label ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
-        },
-    )
-    """Pressure at 1023 counts: without a default here, because a wrong one is not seen in the readings."""
+def _table(name: str, config: type[InstrumentConfig]) -> type[InstrumentConfig]:
+    """A driver's table in which `driver` must be given."""
+    named: Any = Literal[name]
+    return create_model(f"{name} table", __base__=config, __doc__=config.__doc__, driver=(named, ...))
 
 
-class DynamixelConfig(dynamixel.Config):
-    """Length unit."""
+if TYPE_CHECKING:
 
-    driver: Literal["dynamixel"]
+    class Instruments(Table):
+        """The instruments of the rig; one that is not there is left out."""
 
+        arm: ArmConfig | None = None
+        force: ForceConfig | None = None
+        pressure: RegulatorsConfig | None = None
+        spine: LengthUnitConfig | None = None
+        valve: ValveConfig | None = None
+        gauge: GaugeConfig | None = None
+        mocap: MocapConfig | None = None
 
-class TmclConfig(tmcl.Config):
-    """Length unit."""
-
-    driver: Literal["tmcl"]
-
-
-class ValveConfig(numato.Config):
-    """Jamming valve."""
-
-    driver: Literal["numato"]
-
-
-class GaugeConfig(pfeiffer.Config):
-    """Vacuum gauge at the spine."""
-
-    driver: Literal["pfeiffer"]
-
-
-class MocapConfig(natnet_mocap.Config):
-    """Motion capture of the tip."""
-
-    driver: Literal["natnet"]
-
-
-PressureConfig = Annotated[AlicatConfig | ItvConfig, Field(discriminator="driver")]
-SpineConfig = Annotated[DynamixelConfig | TmclConfig, Field(discriminator="driver")]
-
-
-class Instruments(Table):
-    """The instruments of the rig; one that is not there is left out."""
-
-    arm: ArmConfig | None = None
-    force: ForceConfig | None = None
-    pressure: PressureConfig | None = None
-    spine: SpineConfig | None = None
-    valve: ValveConfig | None = None
-    gauge: GaugeConfig | None = None
-    mocap: MocapConfig | None = None
+else:
+    about = "The instruments of the rig; one that is not there is left out."
+    Instruments = create_model("Instruments", __base__=Table, __doc__=about, **_tables())
 
 
 class ClockConfig(Table):
@@ -244,10 +201,21 @@ class RigFile(Table):
 
 def load_rig(path: Path) -> RigFile:
     """Read rig.yaml; raises ConfigError. The robot's path in the result is absolute."""
-    rig = check(read_yaml(path), RigFile)
+    source = read_yaml(path)
+    _not_broken(source.data, path)
+    rig = check(source, RigFile)
     robot = (path.parent / rig.robot).resolve()
     if not robot.is_file():
         raise ConfigError(
             f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file"
         )
     return rig.model_copy(update={"robot": robot}).read_from(path.resolve())
+
+
+def _not_broken(data: Any, path: Path) -> None:
+    """Raises ConfigError when a driver is named that an installed package announces and that cannot be used."""
+    tables = data.get("instruments") if isinstance(data, dict) else None
+    for key, table in tables.items() if isinstance(tables, dict) else ():
+        name = table.get("driver") if isinstance(table, dict) else None
+        if isinstance(name, str) and name in broken():
+            raise ConfigError(f"{path}: instruments.{key}.driver = {name}: {broken()[name]}")

@@ -10,7 +10,7 @@ import math
 import time
 from statistics import median
 
-from drivers.ft300s import driver as ft300s
+from drivers.configs import ForceConfig
 from drivers.interfaces import WrenchSample
 
 from ..files.rig_file import Limits, RigFile
@@ -26,7 +26,7 @@ FIRST = 5
 class ForceLimit:
     """Judges each sample where it arrives; the guard stops the arm and lands."""
 
-    def __init__(self, limits: Limits, sensor: ft300s.Config, pulse: Pulse) -> None:
+    def __init__(self, limits: Limits, sensor: ForceConfig, pulse: Pulse) -> None:
         self._limits, self._sensor, self._pulse = limits, sensor, pulse
         self._over = 0
         self._first: list[tuple[float, ...]] = []

@@ -18,11 +18,12 @@ from typing import Any
 
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
+from drivers.registry import drivers
 
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .hosted import Hosted
-from .instruments import COMMANDS, CONFIGS, ENERGISING, POLLED, make
+from .instruments import COMMANDS, ENERGISING, POLLED, make
 from .landing import Instruments, Landing, SafeReport
 from .latch import Latch
 from .limit_monitor import LimitMonitor
@@ -93,7 +94,7 @@ class Guard:
         self._closed = False
 
     def _make(self, name: str, config: Any) -> Any:
-        if config.driver in CONFIGS:
+        if drivers()[config.driver].own_process:
             return Hosted(name, config.driver, config, self.clock)
         if name == "valve" and self.rig.safe.keep_vacuum:
             config = config.model_copy(update={"on_close": "keep"})

@@ -18,9 +18,10 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
+from drivers.registry import drivers
 
 from ..files.clock import RigClock
-from .instruments import CONFIGS, make
+from .instruments import make
 
 PING_PERIOD = 0.1
 SILENT_AFTER = 0.6
@@ -36,10 +37,9 @@ class Hosted:
 
     def __init__(self, name: str, driver: str, config: Any, clock: RigClock) -> None:
         self.name = name
-        known = set(CONFIGS[driver].model_fields)
-        own = config.model_dump_json(include=known)
+        own = config.model_dump_json()
         self._setup = (name, driver, own, clock.speed, clock.start)
-        self._outside = make(name, driver, CONFIGS[driver].model_validate_json(own), clock)
+        self._outside = make(name, driver, drivers()[driver].config.model_validate_json(own), clock)
         """Never opened: it looks at the instrument from outside, without the library that may crash."""
         self._lock = threading.Lock()
         self._sending = threading.Lock()
@@ -163,7 +163,7 @@ class Hosted:
 # ------------------------------------------------------------------ the process
 def _serve(line: Connection) -> None:
     name, driver_name, config, speed, start = line.recv()
-    driver = make(name, driver_name, CONFIGS[driver_name].model_validate_json(config), RigClock(speed, start))
+    driver = make(name, driver_name, drivers()[driver_name].config.model_validate_json(config), RigClock(speed, start))
     stopped = True
     with contextlib.suppress(EOFError, OSError):
         while True:

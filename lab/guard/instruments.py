@@ -4,14 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivers.alicat import driver as alicat
-from drivers.dynamixel import driver as dynamixel
 from drivers.interfaces import Clock
-from drivers.numato import driver as numato
-from drivers.pfeiffer import driver as pfeiffer
-from drivers.smc_itv import driver as smc_itv
-from drivers.tmcl import driver as tmcl
-from drivers.ur5 import driver as ur5
+from drivers.registry import drivers
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     "pressure": ("set", "read", "vent"),
@@ -26,14 +20,8 @@ ENERGISING = {("pressure", "set"), ("spine", "home"), ("spine", "move_to"), ("va
 POLLED = ("pressure", "spine", "valve", "gauge")
 ACTUATORS = ("arm", "pressure", "spine", "valve")
 """What can move, push or hold something."""
-DRIVERS: dict[str, Any] = {
-    "alicat": alicat.Alicat, "smc_itv": smc_itv.SmcItv, "dynamixel": dynamixel.DynamixelSpine, "tmcl": tmcl.TmclSpine,
-    "numato": numato.NumatoValve, "pfeiffer": pfeiffer.PfeifferGauge, "ur5": ur5.UR5,
-}  # fmt: skip
-CONFIGS: dict[str, Any] = {"ur5": ur5.Config}
-"""Drivers that run in a process of their own, and how their configuration is read there."""
 
 
 def make(name: str, driver: str, config: Any, clock: Clock) -> Any:
     """The driver of one instrument, not yet opened."""
-    return DRIVERS[driver](name, config, clock)
+    return drivers()[driver].make(name, config, clock)

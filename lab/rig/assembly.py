@@ -10,11 +10,10 @@ from types import TracebackType
 from typing import Any, Self
 
 from drivers.chambers import ChamberMap
+from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
-from drivers.ft300s import driver as ft300s
 from drivers.interfaces import Identity, WrenchSample
-from drivers.natnet import driver as natnet_mocap
-from drivers.ur5 import state as ur5_state
+from drivers.registry import drivers
 from protocols.bench import Bench, Narrator, StandFrame
 from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
@@ -65,14 +64,16 @@ class Rig:
         self._force: ForceLimit | None = None
         if instruments.force:
             self._force = ForceLimit(file.limits, instruments.force, self.actuators.pulse)
-            self.streams["force"] = ft300s.FT300S("force", instruments.force, self.clock, self._sink)
+            self._stream("force", instruments.force)
         if instruments.mocap:
-            self.streams["mocap"] = natnet_mocap.NatNetMocap(
-                "mocap", instruments.mocap, self.clock, self._sink, self._noticed
-            )
+            self._stream("mocap", instruments.mocap)
         if instruments.arm:
-            state = ur5_state.Config(host=instruments.arm.host, max_age=instruments.arm.max_age)
-            self.streams["arm_state"] = HostedArmState("arm_state", state, self.clock, self._sink)
+            self.streams["arm_state"] = HostedArmState("arm_state", instruments.arm, self.clock, self._sink)
+
+    def _stream(self, name: str, config: InstrumentConfig) -> None:
+        """Make the driver of an instrument that sends by itself."""
+        driver = drivers()[config.driver]
+        self.streams[name] = driver.make(name, config, self.clock, self._sink, self._noticed)
 
     @property
     def names(self) -> list[str]:

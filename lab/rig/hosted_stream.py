@@ -17,9 +17,10 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
-from drivers.errors import InstrumentError, NotReady, StaleReading, Unreachable
+from drivers.configs import ArmConfig
+from drivers.errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, Identity, Sink
-from drivers.ur5 import state as ur5_state
+from drivers.registry import drivers
 
 from ..files.clock import RigClock
 
@@ -31,7 +32,7 @@ LONGEST_BATCH = 50
 class HostedArmState:
     """ArmState, by way of a process of its own."""
 
-    def __init__(self, name: str, config: ur5_state.Config, clock: RigClock, sink: Sink[ArmSample]) -> None:
+    def __init__(self, name: str, config: ArmConfig, clock: RigClock, sink: Sink[ArmSample]) -> None:
         self.name, self.config = name, config
         self.lost = 0
         self._clock, self._sink = clock, sink
@@ -39,7 +40,10 @@ class HostedArmState:
         self._line: Connection | None = None
         self._opened: queue.Queue[Identity | InstrumentError] = queue.Queue()
         self._newest: tuple[float, ArmSample] | None = None
+        self._doubt: InstrumentError | None = None
+        """What is wrong with the newest sample."""
         self._error: InstrumentError | None = None
+        """Why the stream has ended."""
 
     def open(self) -> Identity:
         """Start the process and the stream. Raises what UR5State.open raises."""
@@ -50,16 +54,19 @@ class HostedArmState:
             command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
         )
         theirs.close()
-        self._line, self._opened, self._newest, self._error = ours, queue.Queue(), None, None
+        self._line, self._opened = ours, queue.Queue()
+        self._newest = self._doubt = self._error = None
         self.lost = 0
-        ours.send((self.name, self.config, self._clock.speed, self._clock.start))
+        ours.send((self.name, self.config.driver, self.config.model_dump_json(), self._clock.speed, self._clock.start))
         threading.Thread(
             target=self._receive, args=(ours, self._process, self._opened), name=self.name, daemon=True
         ).start()
         try:
             outcome = self._opened.get(timeout=OPEN_WITHIN)
         except queue.Empty:
-            outcome = Unreachable(self.name, f"no state from {self.config.host} within {OPEN_WITHIN:g} s")
+            outcome = Unreachable(
+                self.name, f"no state of the arm within {OPEN_WITHIN:g} s; check the network to its controller"
+            )
         if isinstance(outcome, InstrumentError):
             self.close()
             raise outcome
@@ -92,9 +99,10 @@ class HostedArmState:
             raise StaleReading(
                 self.name,
                 f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
-                f"check the cable to {self.config.host} and the controller",
+                "check the cable to the arm's controller, and the controller",
             )
-        ur5_state.check_plausible(self.name, self.config.host, newest[1])
+        if self._doubt is not None:
+            raise self._doubt
         return newest[1]
 
     def _receive(
@@ -106,10 +114,10 @@ class HostedArmState:
                 if isinstance(message, (Identity, InstrumentError)):
                     opened.put(message)
                     continue
-                self.lost, arrived, samples = message
+                self.lost, arrived, samples, doubt = message
                 for sample in samples:
                     self._sink(sample)
-                self._newest = arrived, samples[-1]
+                self._newest, self._doubt = (arrived, samples[-1]), doubt
         if self._line is not line:
             return  # closed by us
         code = process.wait()
@@ -117,16 +125,18 @@ class HostedArmState:
         self._error = StaleReading(
             self.name,
             f"the process that reads the state ended ({how}): the stream was damaged or the controller went away; check "
-            f"the network to {self.config.host}, then open it again",
+            "the network to the arm, then open it again",
         )
         opened.put(self._error)
 
 
 # ------------------------------------------------------------------ the process
 def _serve(line: Connection) -> None:
-    name, config, speed, start = line.recv()
+    name, driver_name, config, speed, start = line.recv()
     samples: queue.SimpleQueue[ArmSample] = queue.SimpleQueue()
-    driver = ur5_state.UR5State(name, config, RigClock(speed, start), samples.put)
+    of = drivers()[driver_name]
+    assert of.make_state is not None
+    driver = of.make_state(name, of.config.model_validate_json(config), RigClock(speed, start), samples.put)
     try:
         line.send(driver.open())
     except InstrumentError as e:
@@ -140,8 +150,19 @@ def _serve(line: Connection) -> None:
                 while len(batch) < LONGEST_BATCH:
                     batch.append(samples.get_nowait())
             if batch:
-                line.send((driver.lost, time.monotonic(), batch))
+                line.send((driver.lost, time.monotonic(), batch, _doubt(driver)))
     driver.close()
+
+
+def _doubt(driver: Any) -> InstrumentError | None:
+    """What the driver has against the numbers of its newest sample; its age is judged where it is used."""
+    try:
+        driver.latest()
+    except BadReply as e:
+        return e
+    except InstrumentError:
+        pass
+    return None
 
 
 if __name__ == "__main__":

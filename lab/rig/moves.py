@@ -23,7 +23,7 @@ from protocols.bench import Bench
 from protocols.errors import ProtocolError, Stopped
 from protocols.parameters import Jam, SpineMotion
 
-from ..files.rig_file import ItvConfig, RigFile
+from ..files.rig_file import RigFile
 from ..guard.messages import RigLanded
 from .actuators import ActuatorsLost
 from .checked import Moved
@@ -32,8 +32,6 @@ Array = NDArray[np.float64]
 
 STEP = 5e3
 """Pa to which each channel is inflated; no more is ever asked for."""
-WIDEST_ITV = 900e3
-"""Pa; the widest range of an ITV. One that is taken for narrower gets more than it is told."""
 AGREE = 1e3
 """Pa by which a reading may differ from its set-point, and the other channels may move."""
 REST = 2.0
@@ -179,9 +177,9 @@ def _channel(bench: Bench, rig: RigFile, ways: Expected, channel: int) -> str:
     rest = _tip(bench) if way is not None else None
     before = _pressures(bench)
     config = rig.instruments.pressure
-    if isinstance(config, ItvConfig) and config.full_scale < WIDEST_ITV:
+    if config is not None and config.widest is not None and config.full_scale < config.widest:
         # It cannot be asked for its range. So much that even the widest one stays below 5 kPa goes first.
-        told = STEP * config.full_scale / WIDEST_ITV
+        told = STEP * config.full_scale / config.widest
         _inflate(bench, channel, told, before)
         if way is not None and rest is not None:
             _judge(_tip(bench) - rest, way * told, told, least=0.0)

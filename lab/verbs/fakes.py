@@ -13,7 +13,9 @@ from typing import Any
 import yaml
 
 from drivers.alicat.wire import UNITS
-from sim_fakes.rig import FakeRig, Regulators
+from sim_fakes.instrument import BadFake, Regulators
+from sim_fakes.registry import of_role
+from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import list_effects
 
 from ..console import out
@@ -37,7 +39,7 @@ PATIENT: dict[str, Any] = {
 """Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
 be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""
 
-PATIENT_SETTLE = ("settle.still_distance=5 mm", "settle.max_hidden=5 s", "settle.max_gap=10 s")
+PATIENT_SETTLE = ("settle.still_distance=5 mm", "settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
 """The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms
 of a busy computer."""
 
@@ -48,14 +50,10 @@ def serve(a: argparse.Namespace) -> int:
         for e in list_effects():
             out.print(f"{e.id:24s} {e.scale:10.4g} {e.unit:12s} {e.physics}")
         return 0
-    rig = FakeRig(
-        speed=a.speed,
-        effects=effects(a.effect),
-        seed=a.seed,
-        regulators=regulators(a),
-        spine=a.spine,
-        channels=int(a.channels),
-    )
+    try:
+        rig = _rig(a)
+    except BadFake as e:
+        raise ConfigError(str(e)) from e
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
@@ -67,6 +65,21 @@ def serve(a: argparse.Namespace) -> int:
             out.print(rig.rig_yaml(str(paper_robot())), soft_wrap=True)
         ended.wait()
     return 0
+
+
+def _rig(a: argparse.Namespace) -> FakeRig:
+    """The fakes that the options ask for; raises ConfigError, BadFake."""
+    for option, role, driver in (("--regulators", "pressure", a.regulators), ("--spine", "spine", a.spine)):
+        if driver not in of_role(role):
+            raise ConfigError(f"{option} {driver}: must be one of {', '.join(of_role(role))}")
+    return FakeRig(
+        speed=a.speed,
+        effects=effects(a.effect),
+        seed=a.seed,
+        regulators=regulators(a),
+        spine=a.spine,
+        channels=int(a.channels),
+    )
 
 
 def regulators(a: argparse.Namespace) -> Regulators:

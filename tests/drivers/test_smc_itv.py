@@ -281,4 +281,4 @@ def test_another_instrument_on_a_port_is_told_at_opening(
 )
 def test_a_configuration_that_cannot_work_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
-        Config(**({"ports": list("abcdefghi")} | changes))
+        Config(**({"ports": list("abcdefghi"), "full_scale": FULL_SCALE} | changes))

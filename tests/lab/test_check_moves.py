@@ -17,7 +17,8 @@ from lab.rig.checked import Moved, keep, last, place
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, write_rig
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
-from sim_fakes.rig import FakeRig, Regulators
+from sim_fakes.instrument import Regulators
+from sim_fakes.rig import FakeRig
 from sim_fakes.smc_itv import STEPS, SmcItvFake
 
 Start = Callable[..., tuple[FakeRig, Path]]

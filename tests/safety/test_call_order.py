@@ -62,6 +62,9 @@ NEVER: dict[str, tuple[Call, ...]] = {
 """Calls that are allowed in no state."""
 
 
+ONE_SET: dict[str, Any] = {"timeout": 0.5, "full_scale": 500e3, "chambers": ((1, 2, 3),)}
+
+
 def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable[[Plant, SimClock], PtyFake]) -> type:
     """The machine of a driver on a serial fake."""
 
@@ -137,7 +140,7 @@ MACHINES = {
     ),
     "smc_itv": serial(
         "pressure",
-        lambda f, c: smc_itv.SmcItv("it", smc_itv.Config(timeout=0.5, ports=(f.port,), chambers=((1, 2, 3),)), c),
+        lambda f, c: smc_itv.SmcItv("it", smc_itv.Config(ports=(f.port,), **ONE_SET), c),
         lambda p, c: SmcItvFake(p, c, (1, 2, 3)),
     ),
     "dynamixel": serial(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from model.effects.layout import FORM
 from model.errors import BadCondition
-from model.statics import Accuracy, Form, Rods, energy, energy_sensitivities, solve
+from model.statics import Accuracy, Rods, energy, energy_sensitivities, solve
 from tests.model.statics.cases import robots
 from tests.model.statics.test_sensitivity_outputs import rich_rods, sizes
 
@@ -48,7 +49,7 @@ def test_the_energy_changes_with_every_field_as_differences_say(name: str) -> No
 
 
 def test_hyperelastic_terms_are_refused() -> None:
-    made = robots(1, 100e3, 0.1, form=Form(2, hyperelastic=True))
+    made = robots(1, 100e3, 0.1, form=FORM)
     along = np.zeros((1, 1, made.form.width))
     assert energy_sensitivities(made, solve(made), along)[0, 0] == 0.0
     made.form.view(along, "series")[...] = 1.0

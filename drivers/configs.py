@@ -1,0 +1,87 @@
+"""What a rig asks of every instrument's table in rig.yaml, whatever its driver; each driver adds how it is reached."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from .interfaces import Vector3
+
+
+class InstrumentConfig(BaseModel):
+    """One instrument's table: no unknown keys, no NaN, unchangeable."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    driver: str = ""
+    """The driver's registered name; rig.yaml must give it."""
+
+
+class RegulatorsConfig(InstrumentConfig):
+    """Pressure regulators, one channel each."""
+
+    chambers: tuple[tuple[int, ...], ...]
+    """Chambers on each channel, in channel order."""
+    max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
+    time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
+    """Slowest that a chamber follows its set-point, through unit, tube and chamber: 63 % of a step in this time."""
+    full_scale: float = Field(gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
+    """Range of the units."""
+
+    widest: ClassVar[float | None] = None
+    """Where the units cannot be asked for their range: the widest that there is, Pa; a first try is made so that even that
+    one stays below 5 kPa."""
+
+
+class LengthUnitConfig(InstrumentConfig):
+    """The unit that grows and retracts the spine."""
+
+    max_length: float = Field(0.35, gt=0, le=2, json_schema_extra={"unit": "m"})
+    max_speed: float = Field(0.05, gt=0, le=0.5, json_schema_extra={"unit": "m/s"})
+
+
+class ValveConfig(InstrumentConfig):
+    """The jamming valve."""
+
+    on_close: str = "release"
+    """What a driver leaves when it is closed: "release", or "keep", which leaves the spine jammed."""
+
+
+class GaugeConfig(InstrumentConfig):
+    """The vacuum gauge at the spine."""
+
+
+class StreamConfig(InstrumentConfig):
+    """An instrument that sends by itself."""
+
+    max_age: float = Field(0.1, gt=0, le=10, json_schema_extra={"unit": "s"})
+    """Age at which its newest sample is too old, host time."""
+
+
+class ForceConfig(StreamConfig):
+    """The force-torque sensor."""
+
+    max_force: float = Field(300.0, gt=0, le=300, json_schema_extra={"unit": "N"})
+    """Range per axis, on raw readings."""
+    max_moment: float = Field(30.0, gt=0, le=30, json_schema_extra={"unit": "N m"})
+
+
+class MocapConfig(StreamConfig):
+    """Motion capture of the tip."""
+
+    markers: tuple[str, ...] = ()
+    """Names of the rigid bodies along the robot, in the order of robot.yaml's marker arc lengths."""
+
+
+class ArmConfig(StreamConfig):
+    """The arm: motion and streamed state. Lengths in its base frame."""
+
+    max_age: float = Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"})
+    """How old its streamed state may be, host time."""
+    workspace_min: Vector3 = Field((-0.75, -0.75, 0.02), json_schema_extra={"unit": "m"})
+    workspace_max: Vector3 = Field((0.75, 0.75, 0.90), json_schema_extra={"unit": "m"})
+    """Box in which each target must lie."""
+    max_speed: float = Field(0.1, gt=0, le=1.0, json_schema_extra={"unit": "m/s"})
+    max_acceleration: float = Field(0.5, gt=0, le=5.0, json_schema_extra={"unit": "m/s^2"})

@@ -1,0 +1,67 @@
+"""What a fake serial instrument is to a rig of fakes: where it is plugged in, and what rig.yaml then says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .clock import SimClock
+from .plant import Plant
+from .pty_fake import PtyFake
+
+
+class BadFake(ValueError):
+    """An installed package announces a fake that is none."""
+
+
+@dataclass(frozen=True)
+class Regulators:
+    """Which pressure regulators a rig has, and what may be odd about them; rig.yaml tells all of it but the last."""
+
+    driver: str = "alicat"
+    """A registered fake of the role pressure."""
+    full_scale: float | None = None
+    """Pa; None: the fake's own."""
+    firmware: str = "10v20.0-R24"
+    """Of an Alicat; before 6v00 it does not tell its unit of measure."""
+    unit: str = "kPa"
+    """What an Alicat shows and takes."""
+    swapped: tuple[int, int] | None = None
+    """Two channels (from 1) whose hoses are exchanged: each inflates the other's chambers."""
+
+    def hoses(self, wiring: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
+        """Chambers that each channel really feeds."""
+        groups = list(wiring)
+        if self.swapped is not None:
+            a, b = self.swapped[0] - 1, self.swapped[1] - 1
+            groups[a], groups[b] = groups[b], groups[a]
+        return tuple(groups)
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a fake is plugged in."""
+
+    plant: Plant
+    clock: SimClock
+    seed: int
+    hoses: tuple[tuple[int, ...], ...] = ()
+    """Of regulators: the chambers that each channel feeds."""
+    full_scale: float = 0.0
+    """Of regulators: their range, Pa."""
+    regulators: Regulators = Regulators()
+
+
+@dataclass(frozen=True)
+class Fake:
+    """One kind of fake serial instrument, for the driver of the same name."""
+
+    role: str
+    """Key in rig.yaml."""
+    plug: Callable[[Site], Sequence[PtyFake]]
+    """Makes its lines, one or one a channel; not yet started."""
+    table: Callable[[Site, Sequence[PtyFake]], Mapping[str, Any]]
+    """What its table in rig.yaml says beside `driver`, and of regulators beside chambers and full_scale."""
+    full_scale: float = 500e3
+    """Of regulators: Pa, unless asked for otherwise."""

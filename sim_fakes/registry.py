@@ -1,0 +1,98 @@
+"""All fake serial instruments by the name of their driver: the project's own and those of installed packages.
+
+A package announces one, an `instrument.Fake`, as an entry point of the group `softlab.fakes`, under the name of the driver
+that it announces in `softlab.drivers`.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from .alicat import AlicatFake
+from .dynamixel import DynamixelFake
+from .ft300s import Ft300sFake
+from .instrument import BadFake, Fake, Site
+from .numato import NumatoFake
+from .pfeiffer import PfeifferFake
+from .pty_fake import PtyFake
+from .smc_itv import SmcItvFake
+from .tmcl import TmclFake
+
+GROUP = "softlab.fakes"
+METRES_PER_TURN = 0.1
+LETTERS = "ABCDEFGHI"
+
+
+def _alicat(site: Site) -> list[PtyFake]:
+    how = site.regulators
+    units = LETTERS[: len(site.hoses)]
+    fake = AlicatFake(
+        site.plant, site.clock, units, site.hoses, seed=site.seed, full_scale=site.full_scale, firmware=how.firmware,
+        unit=how.unit,
+    )  # fmt: skip
+    return [fake]
+
+
+def _alicat_table(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:
+    return {"port": lines[0].port, "units": list(LETTERS[: len(site.hoses)]), "unit": site.regulators.unit}
+
+
+def _smc_itv(site: Site) -> list[PtyFake]:
+    return [
+        SmcItvFake(site.plant, site.clock, chambers=group, seed=site.seed + 5 + i, full_scale=site.full_scale)
+        for i, group in enumerate(site.hoses)
+    ]
+
+
+def _ports(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:
+    return {"ports": [line.port for line in lines]}
+
+
+def _port(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:
+    return {"port": lines[0].port}
+
+
+def _length_unit(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:
+    return {"port": lines[0].port, "metres_per_turn": METRES_PER_TURN}
+
+
+OWN: Mapping[str, Fake] = MappingProxyType(
+    {
+        "ft300s": Fake("force", lambda s: [Ft300sFake(s.plant, s.clock, seed=s.seed)], _port),
+        "alicat": Fake("pressure", _alicat, _alicat_table, full_scale=400e3),
+        "smc_itv": Fake("pressure", _smc_itv, _ports),
+        "dynamixel": Fake(
+            "spine", lambda s: [DynamixelFake(s.plant, s.clock, METRES_PER_TURN, seed=s.seed)], _length_unit
+        ),
+        "tmcl": Fake("spine", lambda s: [TmclFake(s.plant, s.clock, METRES_PER_TURN, seed=s.seed)], _length_unit),
+        "numato": Fake("valve", lambda s: [NumatoFake(s.plant, s.clock, seed=s.seed)], _port),
+        "pfeiffer": Fake("gauge", lambda s: [PfeifferFake(s.plant, s.clock, seed=s.seed)], _port),
+    }
+)
+
+
+@functools.cache
+def fakes() -> Mapping[str, Fake]:
+    """The project's own and those of installed packages; raises `BadFake` when one of these is none."""
+    found = dict(OWN)
+    for entry in importlib.metadata.entry_points(group=GROUP):
+        where = f"entry point {entry.name} = {entry.value} of {GROUP}"
+        if entry.name in found:
+            raise BadFake(f"{where}: the name is taken, choose another")
+        try:
+            fake = entry.load()
+        except Exception as error:
+            raise BadFake(f"{where}: cannot be loaded: {type(error).__name__}: {error}") from error
+        if not isinstance(fake, Fake):
+            raise BadFake(f"{where}: is of type {type(fake).__name__}, not sim_fakes.instrument.Fake")
+        found[entry.name] = fake
+    return MappingProxyType(found)
+
+
+def of_role(role: str) -> tuple[str, ...]:
+    """The names of the fakes of one key in rig.yaml."""
+    return tuple(name for name, fake in fakes().items() if fake.role == role)

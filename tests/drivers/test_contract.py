@@ -1,0 +1,124 @@
+"""Every driver does what every driver must; so does one that a package of a lab's own brings, without a line of ours."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.registry import OWN
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "examples/regulator"
+DRIVERS = [name for name, driver in OWN.items() if driver.role not in ("arm", "mocap")]
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of a machine on which the example's package is installed."""
+    folder = tmp_path_factory.mktemp("site")
+    install(folder, PACKAGE)
+    return {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(PACKAGE)))}
+
+
+def install(folder: Path, package: Path) -> None:
+    """What an installer writes of a package's entry points."""
+    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
+    about = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    groups = (
+        f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in entries.items())
+        for group, entries in project["entry-points"].items()
+    )
+    (about / "entry_points.txt").write_text("\n".join(groups))
+
+
+@pytest.mark.parametrize("driver", ["bench_pr4", *(pytest.param(d, marks=pytest.mark.long) for d in DRIVERS)])
+def test_the_contract(driver: str, installed: dict[str, str], tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pytest", "--pyargs", "lab.driver_contract", "-k", driver]
+    command += ["-q", "-n0", "-c", os.devnull, "-p", "no:cacheprovider", f"--basetemp={tmp_path / 'pytest'}"]
+    done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "passed" in done.stdout
+
+
+@pytest.fixture
+def fakes(installed: dict[str, str], tmp_path: Path) -> Iterator[Path]:
+    """rig.yaml of a rig whose regulators are the package's."""
+    rig = tmp_path / "rig.yaml"
+    command = [
+        sys.executable,
+        "-m",
+        "lab.cli",
+        "fakes",
+        "--regulators",
+        "bench_pr4",
+        "--speed",
+        "20",
+        "--rig",
+        str(rig),
+    ]
+    running = subprocess.Popen(command, env=installed, stdout=subprocess.PIPE, text=True)
+    try:
+        assert running.stdout is not None and running.stdout.readline()
+        yield rig
+    finally:
+        running.terminate()
+        running.wait(30)
+
+
+def test_a_rig_with_a_regulator_of_one_s_own_is_opened_and_moved(fakes: Path, installed: dict[str, str]) -> None:
+    assert "driver: bench_pr4" in fakes.read_text()
+    command = [sys.executable, "-m", "lab.cli", "check", "--rig", str(fakes), "--seconds", "1"]
+    done = subprocess.run(command, env=installed, capture_output=True, text=True, timeout=300)
+    assert done.returncode in (0, 3), done.stdout + done.stderr  # 3: samples lost on a busy computer
+    assert "Bench PR4" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        ("raise ImportError('no serial for you')", "cannot be loaded: ImportError: no serial for you"),
+        ("DRIVER = 3", "is of type int, not drivers.registry.Driver"),
+        (
+            "from drivers.registry import Driver\nDRIVER = Driver('presure', dict, dict)",
+            "role 'presure' must be one of arm",
+        ),
+        (
+            "from drivers.registry import Driver\nDRIVER = Driver('pressure', dict, 1)",
+            "config must be a subclass of drivers.configs.RegulatorsConfig; make must be callable",
+        ),
+    ],
+)
+def test_a_package_whose_driver_is_none_is_named_where_it_is_used_and_nowhere_else(
+    tmp_path: Path, module: str, words: str
+) -> None:
+    package = tmp_path / "broken"
+    package.mkdir()
+    (package / "broken.py").write_text(module)
+    (package / "pyproject.toml").write_text(
+        '[project]\nname = "broken"\nversion = "1"\n[project.entry-points."softlab.drivers"]\nbroken = "broken:DRIVER"\n'
+    )
+    install(tmp_path, package)
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), str(package)))}
+    rig = (ROOT / "examples/rig/rig.yaml").read_text().replace("../paper", str(ROOT / "examples/paper"))
+    for text, code, told in (
+        (rig, 0, ""),
+        (
+            rig.replace("driver: alicat", "driver: broken"),
+            2,
+            "instruments.pressure.driver = broken: entry point broken",
+        ),
+    ):
+        path = tmp_path / "rig.yaml"
+        path.write_text(text)
+        command = [sys.executable, "-m", "lab.cli", "plan", "bending", "--rig", str(path)]
+        done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
+        assert done.returncode == code, done.stdout + done.stderr
+        assert told in done.stderr and (code == 0 or words in done.stderr)
