@@ -96,7 +96,7 @@ def figures(quick: bool) -> list[dict[str, object]]:
     along, solved = directions(part), solve(part)
     both = measure(lambda: (solve(part), sensitivities(part, solved, along)), rounds)
     lines.append(row("batch with 8 sensitivities", both, len(part), "<= 3x plain"))
-    soft = paper_rods(n // 4, seed=1, form=Form(elements=2, hyperelastic=True))
+    soft = paper_rods(n // 4, seed=1, form=Form(elements=2, full=True))
     soft.field("series")[:, 1] = (0.02, 0.0, 1.0)
     lines.append(
         row("hyperelastic section", measure(lambda: solve(soft), rounds), n // 4, "<= 10x plain", error_of(soft))

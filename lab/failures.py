@@ -8,6 +8,7 @@ from drivers.errors import InstrumentError, LimitExceeded
 from model.errors import BadEffect, BadRobot, ModelError
 from protocols.errors import BadProtocol, MissingInstrument, ProtocolError
 from recordings.errors import BadTable, Foreign, MissingStream, RecordingError
+
 from .files.config import ConfigError
 from .guard.latch import RigLocked
 from .guard.messages import RigLanded

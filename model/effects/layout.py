@@ -33,7 +33,7 @@ from model.statics.layout import (
     TIP_MOMENT,
 )
 
-FORM = Form(elements=2, springs=3, hyperelastic=True, graded=True)
+FORM = Form(elements=2, springs=3, full=True)
 SPRINGS, SPRING_WIDTH = HEAD, SPRING
 ELEMENTS, ELEMENT_WIDTH, WIDTH = FORM.head, FORM.block, FORM.width
 

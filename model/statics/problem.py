@@ -43,8 +43,7 @@ _PER_ELEMENT = {
     "rest_strain": (layout.REST_STRAIN, 3),
     "load": (layout.LOAD, 3),
 }
-_HYPERELASTIC = {"series": (layout.SERIES, 3)}
-_GRADED = {"curvature_rise": (layout.RISE, 9)}
+_FURTHER = {"series": (layout.SERIES, 3), "curvature_rise": (layout.RISE, 9)}
 MOST_SPRINGS = 3
 
 
@@ -54,10 +53,9 @@ class Form:
 
     elements: int
     springs: int = 0
-    hyperelastic: bool = False
-    """Sections have the terms a, b, c of `equations.strains`."""
-    graded: bool = False
-    """u* varies along elements: u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0..1 from the element's base end."""
+    full: bool = False
+    """Sections have the hyperelastic terms a, b, c of `equations.strains`, and u* varies along elements:
+    u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0..1 from the element's base end."""
 
     def __post_init__(self) -> None:
         if self.elements < 1:
@@ -73,9 +71,7 @@ class Form:
     @property
     def block(self) -> int:
         """Columns of one element."""
-        if self.graded:
-            return layout.BLOCK
-        return layout.RISE if self.hyperelastic else layout.SERIES
+        return layout.BLOCK if self.full else layout.SERIES
 
     @property
     def width(self) -> int:
@@ -91,12 +87,7 @@ class Form:
         return _PER_SPRING if self.springs else {}
 
     def _element_fields(self) -> dict[str, tuple[int, int]]:
-        found = dict(_PER_ELEMENT)
-        if self.hyperelastic or self.graded:
-            found |= _HYPERELASTIC
-        if self.graded:
-            found |= _GRADED
-        return found
+        return _PER_ELEMENT | _FURTHER if self.full else _PER_ELEMENT
 
     def view(self, values: Array, name: str) -> Array:
         """The field `name` of rows (..., width) as a view: (...[, k]), (..., springs[, k]) or (..., elements[, k])."""

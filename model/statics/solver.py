@@ -23,7 +23,6 @@ from model.batch import Status
 from model.errors import BadCondition, SolveFailed
 from model.statics import group
 from model.statics.follow import FOLLOWED, follow_load
-from model.statics.layout import SERIES
 from model.statics.problem import Form, Rods
 
 Array = NDArray[np.float64]
@@ -183,9 +182,9 @@ def steps_of(rods: Rods, steps: Steps | None) -> Steps:
 
 def room_for_terms(form: Form) -> tuple[Array | None, Array | None]:
     """Arrays for the graded and the hyperelastic terms of one group, None for what rods of this form do not have."""
-    rises = np.zeros(9 * form.elements * group.LANES) if form.graded else None
-    series = np.zeros(3 * form.elements * group.LANES) if form.block > SERIES else None
-    return rises, series
+    if not form.full:
+        return None, None
+    return np.zeros(9 * form.elements * group.LANES), np.zeros(3 * form.elements * group.LANES)
 
 
 def share_out(part: Callable[[slice], None], n: int, cores: int) -> None:

@@ -30,7 +30,7 @@ def energy_sensitivities(rods: Rods, solution: Solution, directions: Array, accu
     NaN where a rod was not solved; raises `BadCondition` where hyperelastic terms are used, for which this is not offered.
     """
     form, length = rods.form, rods.field("length")
-    if (form.hyperelastic or form.graded) and (rods.field("series").any() or form.view(directions, "series").any()):
+    if form.full and (rods.field("series").any() or form.view(directions, "series").any()):
         raise BadCondition("series: must be zero in rods and directions; for linear sections alone is dU offered")
     n, elements = length.shape
     places, weights = np.polynomial.legendre.leggauss(GAUSS)
@@ -60,7 +60,7 @@ def _at_fixed_strain(rods: Rods, directions: Array, m: Array, force: Array, z: A
     bend, stretch = rods.field("bend_stiffness")[:, :, None], rods.field("stretch_stiffness")[:, :, None]
     curvature, strain = m / bend, force / stretch
     density = 0.5 * (m * curvature + force * strain).sum(-1)
-    work = (m * (curvature + _rest(rods.field, form.graded, z))).sum(-1)
+    work = (m * (curvature + _rest(rods.field, form.full, z))).sum(-1)
     work += (force * (strain + rods.field("rest_strain")[:, :, None])).sum(-1)
 
     def by(name: str) -> Array:
@@ -68,16 +68,16 @@ def _at_fixed_strain(rods: Rods, directions: Array, m: Array, force: Array, z: A
 
     per_length = 0.5 * np.einsum("negi,nkei->nkeg", curvature**2, by("bend_stiffness"))
     per_length += 0.5 * np.einsum("negi,nkei->nkeg", strain**2, by("stretch_stiffness"))
-    per_length -= np.einsum("negi,nkegi->nkeg", m, _rest(by, form.graded, z))
+    per_length -= np.einsum("negi,nkegi->nkeg", m, _rest(by, form.full, z))
     per_length -= np.einsum("negi,nkei->nkeg", force, by("rest_strain"))
     total = np.einsum("nkeg,ne,g->nk", per_length, length, weights)
     return np.asarray(total + np.einsum("neg,nke,g->nk", density - work, by("length"), weights))
 
 
-def _rest(field: Callable[[str], Array], graded: bool, z: Array) -> Array:
+def _rest(field: Callable[[str], Array], full: bool, z: Array) -> Array:
     """(..., E, GAUSS, 3) 1/m: u*, or its change, at the shares z of each element."""
     rest = field("rest_curvature")[..., None, :] + np.zeros((len(z), 1))
-    if graded:
+    if full:
         rises = field("curvature_rise")
         for power in (1, 2, 3):
             rest = rest + z[:, None] ** power * rises[..., None, 3 * power - 3 : 3 * power]

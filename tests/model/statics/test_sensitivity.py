@@ -69,7 +69,7 @@ def test_the_default_setting_is_good_to_a_ten_thousandth() -> None:
 
 
 def test_springs_graded_curvature_series_and_compliance_have_sensitivities_too() -> None:
-    form = Form(elements=2, springs=1, hyperelastic=True, graded=True)
+    form = Form(elements=2, springs=1, full=True)
     rods = robots(2, np.array([120e3, 200e3]), 0.15, form=form)
     rods.field("spring_direction")[:] = (1.0, 0.0, 0.0)
     rods.field("spring_stiffness")[:], rods.field("spring_origin")[:] = 60.0, -0.05

@@ -17,7 +17,7 @@ Array = np.ndarray
 
 def rich_rods() -> Rods:
     """Two rods with everything there is: three springs, softening, graded curvature, a base that gives and is tilted."""
-    rods = robots(2, np.array([120e3, 200e3]), 0.15, roll=0.4, form=Form(2, springs=3, hyperelastic=True, graded=True))
+    rods = robots(2, np.array([120e3, 200e3]), 0.15, roll=0.4, form=Form(2, springs=3, full=True))
     rods.field("spring_direction")[:] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8]]
     rods.field("spring_stiffness")[:] = [20.0, 30.0, 60.0]
     rods.field("spring_origin")[:] = [0.01, 0.0, 0.3]

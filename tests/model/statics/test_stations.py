@@ -33,7 +33,7 @@ def test_markers_agree_with_the_slow_converged_solver() -> None:
 
 @pytest.mark.parametrize("series", [None, (0.03, 0.5, 1.0), (-0.01, -2.0, -1.0)])
 def test_the_work_of_a_dead_load_is_the_energy_it_leaves(series: tuple[float, ...] | None) -> None:
-    rods = robots(1, 0.0, 0.1, tip_weight=0.0, weight=0.0, form=Form(elements=2, hyperelastic=series is not None))
+    rods = robots(1, 0.0, 0.1, tip_weight=0.0, weight=0.0, form=Form(elements=2, full=series is not None))
     if series is not None:
         rods.field("series")[:] = series
     rods.field("dead_force")[:] = (3.0, 1.0, 8.0)
