@@ -8,6 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .interfaces import Vector3
 
+PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
+"""Keys of an instrument's table that hold the path of a serial line, and the address of a computer: every table has one of them,
+by which a fake is told from what is real."""
+
 
 class InstrumentConfig(BaseModel):
     """One instrument's table: no unknown keys, no NaN, unchangeable."""
@@ -58,6 +62,13 @@ class StreamConfig(InstrumentConfig):
 
     max_age: float = Field(0.1, gt=0, le=10, json_schema_extra={"unit": "s"})
     """Age at which its newest sample is too old, host time."""
+
+
+class SensorConfig(StreamConfig):
+    """A sensor of the lab's own, under `instruments.sensors` by a name of its own."""
+
+    max_age: float = Field(10.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
+    """Age at which its newest sample is too old and the run ends, host time."""
 
 
 class ForceConfig(StreamConfig):

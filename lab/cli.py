@@ -187,6 +187,9 @@ def parser() -> argparse.ArgumentParser:
         "--swap", metavar="I,K", help="two channels whose hoses are exchanged, for `lab check --move` to find"
     )
     p.add_argument("--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or an installed one")
+    p.add_argument(
+        "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="a sensor of the lab's own (repeatable)"
+    )
     p.add_argument("--channels", choices=("3", "9"), default="3", help="three sets of three chambers, or nine separate")
     p.add_argument("--rig", type=Path, help="write rig.yaml and robot.yaml here instead of printing")
     p.add_argument("--list-effects", action="store_true", help="list what can be switched on")

@@ -102,6 +102,8 @@ class Bench:
     arm_state: ArmState | None = None
     force: ForceSensor | None = None
     mocap: MotionCapture | None = None
+    sensors: tuple[str, ...] = ()
+    """Topics of the lab's own sensors; every state is read with them."""
     clipped: bool = False
     """The last ramp's set-points were clipped on their way by the rig's limits."""
 

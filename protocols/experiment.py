@@ -140,6 +140,7 @@ class Trials:
     ) -> TrialRow:
         """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s."""
         self._step += 1
+        topics = (*topics, *self.bench.sensors)
         state = State(
             trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
             t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,

@@ -12,13 +12,15 @@ Every message begins with `t`: rig time in seconds, a whole number of nanosecond
 from __future__ import annotations
 
 import math
+import re
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from .errors import BadMessage
@@ -302,9 +304,63 @@ STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, 
 """The streams of a recording with nine chambers and no body markers, by topic."""
 
 
-def streams(chambers: int = 9, markers: int = 0) -> dict[str, MessageType]:
-    """The streams of a recording, by topic, for a robot with so many chambers and tracked body markers."""
-    return STREAMS | {
+def streams(chambers: int = 9, markers: int = 0, sensors: Sequence[MessageType] = ()) -> dict[str, MessageType]:
+    """The streams of a recording, by topic, for a robot with so many chambers and tracked body markers, and with sensors of
+    the lab's own (see `sensor`)."""
+    own = {
         "/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)),
         "/tip": TIP.sized(markers=(markers, 3)),
     }
+    return STREAMS | own | {message.topic: message for message in sensors}
+
+
+SENSORS = "/sensor/"
+"""The topics of sensors of the lab's own begin so; the sensor's name follows."""
+_SENSOR_MESSAGE = "Sensor_"
+NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
+"""The name of a sensor, and of what it measures."""
+MOST_QUANTITIES = 100
+"""Of one sensor."""
+
+
+def sensor(name: str, quantities: Mapping[str, str]) -> MessageType:
+    """The stream of a sensor of the lab's own: one number a quantity (name -> unit). Raises `BadMessage`."""
+    for text in (name, *quantities):
+        if not NAME.fullmatch(text) or text == "t":
+            raise BadMessage(
+                f"sensor {name[:80]!r}: {text[:80]!r} must be small letters, digits and _, 30 at most, and not t"
+            )
+    if not 1 <= len(quantities) <= MOST_QUANTITIES:
+        raise BadMessage(f"sensor {name}: measures {len(quantities)} quantities, must be 1 to {MOST_QUANTITIES}")
+    fields = tuple(Field(quantity, "double", (), unit) for quantity, unit in quantities.items())
+    return MessageType(_SENSOR_MESSAGE + name, SENSORS + name, (_T, *fields), "a sensor of the lab's own")
+
+
+def is_stream(topic: str) -> bool:
+    """Whether a topic carries samples of an instrument."""
+    return topic in STREAMS or topic.startswith(SENSORS)
+
+
+def stream_message(topic: str, schema: bytes, units: Mapping[str, str]) -> MessageType:
+    """The message of a stream of a file: known beforehand, or, of a sensor of the lab's own, as the file's schema tells.
+
+    `units`: quantity -> unit. Raises `BadMessage` for a schema that is not of such a sensor.
+    """
+    if topic in STREAMS:
+        return STREAMS[topic]
+    name = topic.removeprefix(SENSORS)
+    try:
+        files = FileDescriptorSet.FromString(schema).file
+        fields = [field.name for file in files for message in file.message_type for field in message.field]
+    except (DecodeError, ValueError) as error:
+        raise BadMessage(f"{topic}: its schema cannot be read: {error}") from error
+    if fields[:1] != ["t"] or len(set(fields)) < len(fields):
+        raise BadMessage(f"{topic}: its schema is not that of a sensor")
+    return sensor(name, {field: units.get(field, "") for field in fields[1:]})
+
+
+def message_name(topic: str) -> str | None:
+    """Full name of the message on a topic of samples; None for any other topic."""
+    if topic in STREAMS:
+        return STREAMS[topic].full_name
+    return f"{PACKAGE}.{_SENSOR_MESSAGE}{topic.removeprefix(SENSORS)}" if topic.startswith(SENSORS) else None

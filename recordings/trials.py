@@ -3,11 +3,12 @@
 Columns, in this order (SI; a column that was never measured is absent, a cell that was not measured is empty):
 
     trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg p1..pN x y z
-    qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped  sd_<column> ..
+    qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped  sensor_<name>_<quantity> ..  sd_<column> ..
 
 `t` s, middle of the time that was averaged; `rate` Pa/s of the ramp that led here; `hold` s from the ramp's end to the
 reading, 0 when read while ramping; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame;
-`clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty; `sd_` the standard deviation of
+`clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty; `sensor_` what sensors of the
+lab's own measured, in their units; `sd_` the standard deviation of
 the samples that were averaged (not of their mean).
 """
 
@@ -40,8 +41,9 @@ TAIL = ("specimen", "force", "deflection", "clipped")
 
 _PRESSURE = re.compile(r"p([1-9][0-9]?)")
 _MARKER = re.compile(r"m([1-9][0-9]?)([xyz])")
+_SENSOR = re.compile(r"sensor_[a-z][a-z0-9_]{0,60}")
 """Of chambers and markers no robot has a hundred."""
-PRESSURES, MARKERS = 1, 4
+PRESSURES, MARKERS, SENSORS, SD = 1, 4, 6, 7
 """Where these groups of columns stand."""
 LARGEST_INTEGER = 2**53
 
@@ -56,8 +58,10 @@ def column_order(name: str) -> tuple[int, int, int] | None:
         return (PRESSURES, int(match[1]), 0)
     if match := _MARKER.fullmatch(name):
         return (MARKERS, int(match[1]), "xyz".index(match[2]))
+    if _SENSOR.fullmatch(name):
+        return (SENSORS, 0, 0)
     if name.startswith("sd_") and (of := column_order(name[3:])) is not None and not name.startswith("sd_sd_"):
-        return (6 + of[0], of[1], of[2])
+        return (SD + of[0], of[1], of[2])
     return None
 
 
@@ -88,6 +92,8 @@ class TrialRow:
     deflection: float | None = None
     clipped: bool = False
     """The rig's limits clipped set-points on the way here."""
+    sensors: Mapping[str, float] = field(default_factory=dict)
+    """What sensors of the lab's own measured, by column."""
     sd: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the averaged samples, by column."""
 
@@ -99,6 +105,7 @@ class TrialRow:
         values |= dict(zip(TIP, self.tip or (), strict=False))
         values |= dict(zip(ORIENTATION, self.orientation or (), strict=False))
         values |= {f"m{i}{axis}": c for i, m in enumerate(self.markers, 1) for axis, c in zip("xyz", m, strict=True)}
+        values |= self.sensors
         values |= {f"sd_{name}": value for name, value in self.sd.items()}
         measured = {name: v for name, v in values.items() if v is not None and v == v}
         return {name: measured[name] for name in sorted(measured, key=_place)}
@@ -130,6 +137,7 @@ class TrialRow:
             markers=tuple(
                 _group(given, [f"m{i}{axis}" for axis in "xyz"]) or (math.nan,) * 3 for i in range(1, markers + 1)
             ),
+            sensors={name: value for name, value in given.items() if name.startswith("sensor_")},
             sd={name[3:]: value for name, value in given.items() if name.startswith("sd_")},
         )
 
@@ -154,11 +162,11 @@ def _fits(name: str, value: object) -> bool:
     return type(value) is float or (type(value) is int and abs(value) <= LARGEST_INTEGER)
 
 
-def _place(name: str) -> tuple[int, int, int]:
+def _place(name: str) -> tuple[int, int, int, str]:
     order = column_order(name)
     if order is None:
         raise BadTable(f"unknown column {name}")
-    return order
+    return (*order, name)
 
 
 def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:

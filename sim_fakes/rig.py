@@ -31,6 +31,8 @@ from .virtual_robot import RobotTruth, VirtualRobot
 
 PLANT_PERIOD = 0.01
 """Host seconds between two steps of the plant."""
+SENSORS = "sensors."
+"""A sensor of the lab's own is this and its name, as in rig.yaml."""
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 MOST_PRESSURE = 300e3
 """Pa that rig.yaml allows its regulators unless it says otherwise."""
@@ -50,8 +52,10 @@ class FakeRig:
         spine: str = "dynamixel",
         channels: int = 3,
         truth: RobotTruth | None = None,
+        sensors: Mapping[str, str] | None = None,
     ) -> None:
-        """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions."""
+        """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions. `sensors`: name -> driver
+        of sensors of the lab's own."""
         self.plant = Plant()
         self.clock = SimClock(speed)
         self.truth = truth or RobotTruth()
@@ -71,7 +75,9 @@ class FakeRig:
             ("gauge", "pfeiffer", 4),
             ("pressure", self.regulators.driver, 5),
         ):
-            self._plug(role, driver, seed + own_seed)
+            self._plug(role, role, driver, seed + own_seed)
+        for number, (name, driver) in enumerate((sensors or {}).items()):
+            self._plug("sensor", f"{SENSORS}{name}", driver, seed + 100 + number)
         self.mocap = MotiveFake(self.plant, self.clock, self.host, markers=len(self.truth.markers), seed=seed + 6)
         self.door = BackDoor(self)
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -87,7 +93,7 @@ class FakeRig:
         self.on_confirm: Callable[[str], None] | None = None
         """What that person does about it."""
 
-    def _plug(self, role: str, driver: str, seed: int) -> None:
+    def _plug(self, role: str, instrument: str, driver: str, seed: int) -> None:
         """Plug in the serial fake of one driver; raises ValueError when there is none for this key of rig.yaml."""
         fake = fakes().get(driver)
         if fake is None or fake.role != role:
@@ -95,7 +101,7 @@ class FakeRig:
         how = self.regulators
         site = Site(self.plant, self.clock, seed, how.hoses(self.wiring), how.full_scale or fake.full_scale, how)
         lines = fake.plug(site)
-        self.lines |= {f"{role}{i}" if len(lines) > 1 else role: line for i, line in enumerate(lines, 1)}
+        self.lines |= {f"{instrument}{i}" if len(lines) > 1 else instrument: line for i, line in enumerate(lines, 1)}
 
         def table() -> dict[str, Any]:
             table: dict[str, Any] = {"driver": driver}
@@ -105,7 +111,7 @@ class FakeRig:
                     table["max_pressure"] = site.full_scale
             return {**table, **fake.table(site, lines)}
 
-        self.tables[role] = table
+        self.tables[instrument] = table
 
     def _warm_up(self, effects: dict[str, float]) -> None:
         """Have the physics compiled before any instrument answers: a compiler holds the interpreter for seconds."""
@@ -205,6 +211,7 @@ class FakeRig:
     def rig_file(self, robot: str = "robot.yaml") -> dict[str, Any]:
         """The contents of the rig.yaml that reaches these instruments."""
         stand = np.array(self.truth.stand)
+        sensors = {key.removeprefix(SENSORS): table() for key, table in self.tables.items() if key.startswith(SENSORS)}
         return {
             "name": "virtual rig",
             "robot": robot,
@@ -212,7 +219,8 @@ class FakeRig:
             "operator": f"unix:{self.door.path}",
             "instruments": {
                 "arm": {"driver": "ur5", "host": self.host},
-                **{role: self.tables[role]() for role in ("force", "pressure", "spine", "valve", "gauge")},
+                **{key: table() for key, table in self.tables.items() if not key.startswith(SENSORS)},
+                **({"sensors": sensors} if sensors else {}),
                 "mocap": {
                     "driver": "natnet", "server": self.host, "body": "Tip",
                     "markers": [f"M{i + 1}" for i in range(len(self.truth.markers))],

@@ -53,7 +53,7 @@ def work(todo: Job, line: Connection) -> Result:
         planned = job(todo.protocol, path, list(todo.settings))
         with Told(load_rig(path)) as rig:
             rig.line = line
-            failures = rig.open_all(lambda name, outcome: None)
+            failures = rig.open_all(lambda name, outcome: None, rig.needed(planned.experiment.needs))
             if failures:
                 error, ended = failures[0], time.monotonic()
             else:

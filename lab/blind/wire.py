@@ -77,7 +77,7 @@ def _record(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: fl
         (folder / "robot.yaml").write_text(robot_yaml)
         asked = job(sweep.protocol, folder / "rig.yaml", sweep.settings())
         with Rig(load_rig(folder / "rig.yaml")) as rig:
-            connect(rig, quiet=True)
+            connect(rig, asked.experiment.needs, quiet=True)
             outcome = execute(rig, asked, folder, Screen(sweep.name, speed, quiet=True))
     if outcome.error is not None:
         raise RuntimeError(f"{sweep.name}: {outcome.error}") from outcome.error

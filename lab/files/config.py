@@ -122,6 +122,8 @@ def _unit(field: FieldInfo) -> str | None:
 
 def _models(annotation: object, value: object) -> type[BaseModel] | None:
     """The model that `value` is meant to be, through unions told apart by a key that can have one value only (`driver`)."""
+    if get_origin(annotation) is dict:
+        return None
     options = [a for a in _leaves(annotation) if isinstance(a, type) and issubclass(a, BaseModel)]
     if len(options) > 1 and isinstance(value, dict):
         for option in options:
@@ -129,6 +131,14 @@ def _models(annotation: object, value: object) -> type[BaseModel] | None:
                 if get_origin(field.annotation) is Literal and get_args(field.annotation) == (value.get(key),):
                     return option
     return options[0] if len(options) == 1 else None
+
+
+def _inner(field: FieldInfo) -> FieldInfo:
+    """Of a table whose keys are names that a person gives: the field that each of its values is; else the field itself."""
+    tables = [a for a in _leaves(field.annotation) if isinstance(a, type) and issubclass(a, BaseModel)]
+    if get_origin(field.annotation) is not dict or not tables:
+        return field
+    return FieldInfo.from_annotation(get_args(field.annotation)[1])
 
 
 def _leaves(annotation: object) -> list[object]:
@@ -153,7 +163,7 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
         inner = _models(field.annotation, value)
         if inner is not None:
             return _convert_model(value, inner, loc, problems)
-        return {k: _convert(v, field, (*loc, k), problems) for k, v in value.items()}
+        return {k: _convert(v, _inner(field), (*loc, k), problems) for k, v in value.items()}
     if isinstance(value, list):
         return [_convert(v, field, (*loc, i), problems) for i, v in enumerate(value)]
     if isinstance(value, str) and unit is not None:
@@ -241,6 +251,8 @@ def _find(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | N
             current = None
         data = _inside(data, step)
         if field is not None and isinstance(data, dict):
+            if current is None and step not in siblings and get_origin(field.annotation) is dict:
+                field = _inner(field)
             current = _models(field.annotation, data)
     return field, siblings
 

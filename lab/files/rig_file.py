@@ -6,7 +6,16 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, Union
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, create_model, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    StringConstraints,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
 from drivers.configs import (
     ArmConfig,
@@ -16,10 +25,12 @@ from drivers.configs import (
     LengthUnitConfig,
     MocapConfig,
     RegulatorsConfig,
+    SensorConfig,
     ValveConfig,
 )
 from drivers.interfaces import Vector3
 from drivers.registry import ROLES, broken, of_role
+from recordings.messages import NAME
 
 from .config import ConfigError, check, read_yaml
 
@@ -30,16 +41,40 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+SENSOR = "sensor"
+SENSORS = "sensors."
+"""A sensor's place in `instruments`, and the name of the instrument: this and its own."""
+SensorName = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
+"""The lab's own name for a sensor: it goes into topics and columns."""
+
+
+class NoSensor(SensorConfig):
+    """What stands for a sensor's table where no driver of one is installed."""
+
+    @field_validator("driver")
+    @classmethod
+    def _none(cls, driver: str) -> str:
+        raise ValueError("no driver of a sensor is installed; docs/drivers.md tells how one is added")
+
+
 def _tables() -> dict[str, Any]:
     """For each key of `instruments` the tables of its registered drivers, told apart by `driver`."""
     fields: dict[str, Any] = {}
     for role in ROLES:
         tables = tuple(_table(name, driver.config) for name, driver in of_role(role).items())
-        one_of: Any = Union[tables]  # noqa: UP007 - of as many as are registered, which no type checker can know
-        if len(tables) > 1:
-            one_of = Annotated[one_of, Field(discriminator="driver")]
-        fields[role] = (Optional[one_of], None)  # noqa: UP045
+        if role == SENSOR:
+            one: Any = _one_of(tables or (NoSensor,))
+            fields["sensors"] = (dict[SensorName, one], {})
+        else:
+            fields[role] = (Optional[_one_of(tables)], None)  # noqa: UP045
     return fields
+
+
+def _one_of(tables: tuple[type[InstrumentConfig], ...]) -> Any:
+    """A table of one of these kinds: of as many as are registered, which no type checker can know."""
+    kinds: Any = tables
+    one: Any = Union[kinds]  # noqa: UP007
+    return Annotated[one, Field(discriminator="driver")] if len(tables) > 1 else one
 
 
 def _table(name: str, config: type[InstrumentConfig]) -> type[InstrumentConfig]:
@@ -60,10 +95,25 @@ if TYPE_CHECKING:
         valve: ValveConfig | None = None
         gauge: GaugeConfig | None = None
         mocap: MocapConfig | None = None
+        sensors: dict[str, SensorConfig] = {}
 
 else:
     about = "The instruments of the rig; one that is not there is left out."
     Instruments = create_model("Instruments", __base__=Table, __doc__=about, **_tables())
+
+
+def present(instruments: Instruments) -> tuple[str, ...]:
+    """The instruments that are there: their keys in rig.yaml, and the names of the lab's own sensors."""
+    keys = tuple(key for key in ROLES if key != SENSOR and getattr(instruments, key) is not None)
+    return keys + tuple(SENSORS + name for name in instruments.sensors)
+
+
+def table_of(instruments: Instruments, name: str) -> InstrumentConfig:
+    """What rig.yaml says of an instrument that is there; the arm's state stands with the arm."""
+    if name.startswith(SENSORS):
+        return instruments.sensors[name.removeprefix(SENSORS)]
+    found: InstrumentConfig = getattr(instruments, "arm" if name == "arm_state" else name)
+    return found
 
 
 class ClockConfig(Table):
@@ -215,7 +265,10 @@ def load_rig(path: Path) -> RigFile:
 def _not_broken(data: Any, path: Path) -> None:
     """Raises ConfigError when a driver is named that an installed package announces and that cannot be used."""
     tables = data.get("instruments") if isinstance(data, dict) else None
-    for key, table in tables.items() if isinstance(tables, dict) else ():
+    tables = tables if isinstance(tables, dict) else {}
+    sensors = tables.get("sensors")
+    named = {**tables, **{f"sensors.{k}": v for k, v in (sensors if isinstance(sensors, dict) else {}).items()}}
+    for key, table in named.items():
         name = table.get("driver") if isinstance(table, dict) else None
         if isinstance(name, str) and name in broken():
             raise ConfigError(f"{path}: instruments.{key}.driver = {name}: {broken()[name]}")

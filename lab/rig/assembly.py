@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -17,8 +18,9 @@ from drivers.registry import drivers
 from protocols.bench import Bench, Narrator, StandFrame
 from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
+from recordings.messages import MessageType, sensor
 
-from ..files.rig_file import RigFile
+from ..files.rig_file import SENSORS, RigFile
 from ..guard.force_limit import ForceLimit
 from ..guard.instruments import ACTUATORS
 from ..guard.landing import SafeReport
@@ -31,11 +33,13 @@ from .interrupts import Shielded
 from .limits import within_robot
 from .real_time import clock_of, demand_fakes
 from .recovery import PatientOperator, Recovery
-from .streams import TOPICS, recorded
+from .streams import OF_INSTRUMENT, TOPICS, recorded
 from .watch import Vital, Watch, WatchedClock
 
 ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
 """The order of connecting: what only reads or holds nothing first, what moves last."""
+FIRST = 1
+"""So many come before the lab's own sensors."""
 
 
 class Rig:
@@ -60,6 +64,8 @@ class Rig:
         self.chambers = ChamberMap(instruments.pressure.chambers if instruments.pressure else ())
         self.actuators = act.Actuators(file, self.clock, self._polled, self._told, despite_latch)
         self.streams: dict[str, Any] = {}
+        self.sensors: dict[str, MessageType] = {}
+        """The messages of the lab's own sensors, by instrument."""
         self.watch = Watch(self.actuators, self.vital, self.streams, file.limits, lambda: self.stop_now())
         self._force: ForceLimit | None = None
         if instruments.force:
@@ -67,19 +73,26 @@ class Rig:
             self._stream("force", instruments.force)
         if instruments.mocap:
             self._stream("mocap", instruments.mocap)
+        for name, config in instruments.sensors.items():
+            self._stream(SENSORS + name, config)
         if instruments.arm:
             self.streams["arm_state"] = HostedArmState("arm_state", instruments.arm, self.clock, self._sink)
 
     def _stream(self, name: str, config: InstrumentConfig) -> None:
         """Make the driver of an instrument that sends by itself."""
         driver = drivers()[config.driver]
-        self.streams[name] = driver.make(name, config, self.clock, self._sink, self._noticed)
+        sink = self._sink
+        if name.startswith(SENSORS):
+            message = sensor(name.removeprefix(SENSORS), driver.quantities)
+            self.sensors[name] = message
+            sink = functools.partial(self._take, message.topic)
+        self.streams[name] = driver.make(name, config, self.clock, sink, self._noticed)
 
     @property
     def names(self) -> list[str]:
         """The instruments that rig.yaml has, in the order of connecting."""
         present = [n for n in act.COMMANDS if getattr(self.file.instruments, n) is not None]
-        return [n for n in ORDER if n in present or n in self.streams]
+        return [n for n in (*ORDER[:FIRST], *self.sensors, *ORDER[FIRST:]) if n in present or n in self.streams]
 
     def open(self, name: str) -> Identity:
         """Connect one instrument; raises InstrumentError, and ConfigError where only a fake may be."""
@@ -90,10 +103,18 @@ class Rig:
         self.identities[name] = identity
         return identity
 
-    def open_all(self, announce: Callable[[str, Identity | InstrumentError], None]) -> list[InstrumentError]:
-        """Connect everything, telling each outcome; returns what failed."""
+    def needed(self, needs: Sequence[str]) -> list[str]:
+        """Of what the rig has, what a protocol with these needs opens: beside them the lab's own sensors, and the regulators,
+        which cannot be vented unless they are open."""
+        wanted = {*needs, "pressure", *self.sensors, *(("arm_state",) if "arm" in needs else ())}
+        return [name for name in self.names if name in wanted]
+
+    def open_all(
+        self, announce: Callable[[str, Identity | InstrumentError], None], names: Sequence[str] | None = None
+    ) -> list[InstrumentError]:
+        """Connect everything, or `names`, telling each outcome; returns what failed."""
         failures: list[InstrumentError] = []
-        for name in self.names:
+        for name in self.names if names is None else names:
             try:
                 announce(name, self.open(name))
             except InstrumentError as e:
@@ -104,7 +125,8 @@ class Rig:
     # -- samples
     def record_to(self, recorder: Recorder | None) -> None:
         """From now on every sample goes to this recording (None: to none)."""
-        sinks = {topic: recorder.sink(topic) for topic in TOPICS.values()} if recorder is not None else {}
+        topics = (*TOPICS.values(), *(message.topic for message in self.sensors.values()))
+        sinks = {topic: recorder.sink(topic) for topic in topics} if recorder is not None else {}
         with self._lock:
             self._sinks = sinks
             self._recorder = recorder
@@ -115,7 +137,10 @@ class Rig:
     def _sink(self, sample: Any) -> None:
         if isinstance(sample, WrenchSample) and self._force is not None:
             self._force.judge(sample)
-        topic = TOPICS[type(sample)]
+        self._take(TOPICS[type(sample)], sample)
+
+    def _take(self, topic: str, sample: Any) -> None:
+        """Count a sample, and record it."""
         with self._lock:
             self.counts[topic] = self.counts.get(topic, 0) + 1
             sink = self._sinks.get(topic)
@@ -147,8 +172,11 @@ class Rig:
 
     def lost(self) -> dict[str, int]:
         """Samples that the streaming drivers know to be lost, by topic."""
-        topics = {"force": "/force", "mocap": "/tip", "arm_state": "/arm"}
-        return {topics[name]: driver.lost for name, driver in self.streams.items() if name in self.identities}
+        return {self.topic(name): driver.lost for name, driver in self.streams.items() if name in self.identities}
+
+    def topic(self, name: str) -> str:
+        """Where an instrument's samples are recorded; empty for one that has none."""
+        return self.sensors[name].topic if name in self.sensors else OF_INSTRUMENT.get(name, "")
 
     # -- protocols
     def bench(
@@ -164,7 +192,8 @@ class Rig:
             recorder.log("warning", text, self.clock.now())
 
         self.vital.landed = None
-        self.watch.over([n for n in needs if has(n)])
+        sensors = [n for n in self.sensors if has(n)]
+        self.watch.over([*(n for n in needs if has(n)), *sensors])
         return Bench(
             clock=WatchedClock(self.clock, self.actuators, self.watch),
             recorder=recorder,
@@ -185,6 +214,7 @@ class Rig:
             arm_state=self.streams["arm_state"] if has("arm_state") else None,
             force=self.streams["force"] if has("force") else None,
             mocap=self.streams["mocap"] if has("mocap") else None,
+            sensors=tuple(self.sensors[n].topic for n in sensors),
         )
 
     # -- the end

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from recordings.campaign.info import StreamInfo, info
-from recordings.messages import STREAMS
+from recordings.messages import is_stream
 
 HEAD = [
     "recording",
@@ -31,7 +31,7 @@ def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
     rows, gone, total, anew = [], 0, 0, 0
     for file in files:
         for topic, stream in info(file).streams.items():
-            if topic in STREAMS and stream.timing.count + (stream.dropped or 0) + (stream.lost or 0):
+            if is_stream(topic) and stream.timing.count + (stream.dropped or 0) + (stream.lost or 0):
                 rows.append([file.name, topic, *_row(stream)])
                 anew += stream.restarts
                 missing = stream.lost or 0

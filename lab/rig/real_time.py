@@ -12,12 +12,12 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from drivers.configs import HOSTS, PORTS
+
 from ..files.clock import RigClock
 from ..files.config import ConfigError
-from ..files.rig_file import ClockConfig, Instruments, RigFile
+from ..files.rig_file import ClockConfig, Instruments, RigFile, present, table_of
 
-PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
-"""Keys of an instrument's table that hold the path of a serial line, and the address of a computer."""
 PSEUDO_TERMINALS = range(136, 144)
 """Major device numbers of the slave ends of pseudo-terminals on Linux."""
 
@@ -53,8 +53,8 @@ def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:
 
 def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
     """(instrument, what is real about it). A port that is not there is left to opening, which looks again."""
-    for name in type(instruments).model_fields:
-        config = getattr(instruments, name)
+    for name in present(instruments):
+        config = table_of(instruments, name)
         for key in (*PORTS, *HOSTS):
             value = getattr(config, key, None)
             for address in value if isinstance(value, tuple) else (value,):

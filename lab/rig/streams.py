@@ -21,6 +21,11 @@ TOPICS: dict[type, str] = {
     WrenchSample: "/force", ArmSample: "/arm", BodySample: "/tip",
 }  # fmt: skip
 """A sample's attributes have the names of its topic's fields."""
+OF_INSTRUMENT = {
+    "pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge": "/vacuum", "force": "/force", "mocap": "/tip",
+    "arm_state": "/arm",
+}  # fmt: skip
+"""The topic of each instrument's samples; the lab's own sensors have theirs beside it."""
 
 
 def recorded(sample: Any, chambers: ChamberMap) -> Any:

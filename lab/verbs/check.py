@@ -21,7 +21,7 @@ from recordings.file.writer import Recorder
 
 from ..console import Screen, err, out, styled
 from ..files.config import ConfigError, load
-from ..files.rig_file import RigFile, load_rig
+from ..files.rig_file import RigFile, load_rig, table_of
 from ..guard.latch import Latch
 from ..rig.assembly import Rig
 from ..rig.checked import Moved, keep
@@ -29,8 +29,6 @@ from ..rig.interrupts import Interrupts
 from ..rig.losses import newly_lost
 from ..rig.moves import STEP, moves
 
-STREAMED = {"force": "/force", "mocap": "/tip", "arm_state": "/arm"}
-POLLED = {"pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge": "/vacuum"}
 VACUUM = 80e3
 """Pa below ambient that the supply is set to."""
 
@@ -109,7 +107,13 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
     with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
         now = rig.clock.now()
         start = time.time_ns() - round(now * 1e9)
-        recorder = Recorder(Path(folder) / "moves.mcap", start_wall_ns=start, markers=markers, start=now)
+        recorder = Recorder(
+            Path(folder) / "moves.mcap",
+            start_wall_ns=start,
+            markers=markers,
+            sensors=tuple(rig.sensors.values()),
+            start=now,
+        )
         rig.stop_now = lambda: interrupts.now
         bench = rig.bench(recorder, screen, interrupts.stopping, list(rig.identities))
         rig.record_to(recorder)
@@ -139,13 +143,13 @@ def _row(
     if isinstance(result, InstrumentError):
         return {"instrument": name, "ok": False, "problem": result.message}
     row: dict[str, Any] = {"instrument": name, "ok": True, **asdict(result)}
-    topic = STREAMED.get(name) or POLLED.get(name)
-    if topic is not None:
+    topic = rig.topic(name)
+    if topic:
         row["samples"] = rig.counts.get(topic, 0) - before.get(topic, 0)
         row["rate_hz"] = round(row["samples"] / span, 1) if span > 0 else None
     if topic in lost_before:
         row["lost"] = newly_lost(lost_before[topic], rig.lost()[topic])
-    config = getattr(rig.file.instruments, "arm" if name == "arm_state" else name)
+    config = table_of(rig.file.instruments, name)
     row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}
     return row
 

@@ -88,7 +88,7 @@ def _on_the_rig(story: Story, folder: Path, seed: int, speed: float, seal: Seal)
         if story.step("lab check", lambda: check(rig_path, 2.0, False)) == 1:
             return None
         with Rig(load_rig(rig_path)) as rig:
-            connect(rig, quiet=True)
+            connect(rig, rig.names, quiet=True)
             jobs = [("stiffness", STIFFNESS), ("bending", BENDING)]
             return [
                 story.step(f"lab run {name}", partial(_run, rig, rig_path, folder, name, how)) for name, how in jobs

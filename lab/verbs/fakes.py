@@ -72,6 +72,11 @@ def _rig(a: argparse.Namespace) -> FakeRig:
     for option, role, driver in (("--regulators", "pressure", a.regulators), ("--spine", "spine", a.spine)):
         if driver not in of_role(role):
             raise ConfigError(f"{option} {driver}: must be one of {', '.join(of_role(role))}")
+    sensors = dict(option.partition("=")[::2] for option in a.sensor)
+    for name, driver in sensors.items():
+        if driver not in of_role("sensor"):
+            known = ", ".join(of_role("sensor")) or "those of installed packages; there is none"
+            raise ConfigError(f"--sensor {name}={driver}: must be NAME=DRIVER with one of {known}")
     return FakeRig(
         speed=a.speed,
         effects=effects(a.effect),
@@ -79,6 +84,7 @@ def _rig(a: argparse.Namespace) -> FakeRig:
         regulators=regulators(a),
         spine=a.spine,
         channels=int(a.channels),
+        sensors=sensors,
     )
 
 

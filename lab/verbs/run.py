@@ -6,6 +6,7 @@ import contextlib
 import copy
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -179,7 +180,7 @@ def run(
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
-        connect(rig, quiet=as_json)
+        connect(rig, j.experiment.needs, quiet=as_json)
         if isinstance(none := last(rig_path, j.rig), str) and not as_json:
             out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
         result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
@@ -215,8 +216,8 @@ def job_again(broken: Broken, rig_path: Path, own: Path | None = None) -> Job:
     return j
 
 
-def connect(rig: Rig, quiet: bool = False) -> None:
-    """Open every instrument of the rig; raises the first InstrumentError after all were tried."""
+def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
+    """Open what an experiment with these needs uses; raises the first InstrumentError after all were tried."""
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
         if quiet:
@@ -226,7 +227,7 @@ def connect(rig: Rig, quiet: bool = False) -> None:
         else:
             out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
 
-    failures = rig.open_all(announce)
+    failures = rig.open_all(announce, rig.needed(needs))
     if failures:
         raise failures[0]
 
@@ -254,6 +255,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         | ({"protocol.py": j.experiment.source.read_bytes()} if j.experiment.source is not None else {}),
         metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1) | _checked(j),
         markers=markers,
+        sensors=tuple(rig.sensors.values()),
         start=rig.clock.now(),
     )
     lost_before = rig.lost()

@@ -19,7 +19,7 @@ from google.protobuf.json_format import MessageToDict, SerializeToJsonError
 
 from ..errors import Damaged
 from ..events import EVENTS
-from ..messages import STREAMS
+from ..messages import is_stream
 from . import protobuf_runtime
 from .reader import Recording
 
@@ -55,7 +55,7 @@ def messages(recording: Recording) -> Iterator[Played]:
     start = recording.start_wall_ns
     recording.load()
     topics = [topic for topic in dict.fromkeys(recording.topics) if recording.knows(topic)]
-    makers = [_stream(recording, topic) if topic in STREAMS else _events(recording, topic) for topic in topics]
+    makers = [_stream(recording, topic) if is_stream(topic) else _events(recording, topic) for topic in topics]
     times = [_times(recording, topic) for topic in topics]
     of = np.repeat(np.arange(len(topics)), [len(t) for t in times])
     rows = np.concatenate([np.arange(len(t)) for t in times]) if times else np.zeros(0, np.int64)
@@ -85,7 +85,7 @@ def play(recording: Recording, sink: Callable[[Played], None], speed: float = ma
 
 
 def _times(recording: Recording, topic: str) -> np.ndarray[Any, np.dtype[np.int64]]:
-    if topic in STREAMS:
+    if is_stream(topic):
         return recording.log_times(topic)  # in the order of the stream's own stamps, from which they are made
     return np.array([log_time for log_time, _ in recording.payloads(EVENTS[topic])], dtype=np.int64)
 

@@ -17,9 +17,9 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import Damaged, Foreign, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
+from ..errors import BadMessage, Damaged, Foreign, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
 from ..events import EVENTS, EventType
-from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType
+from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType, is_stream, message_name, stream_message
 from ..states.rules import State
 from ..trials import TrialRow
 from . import protobuf_runtime
@@ -38,12 +38,15 @@ COUNTERS = ("device_time", "frame")
 SHOWN = 12
 """Topics of a foreign file that an error lists."""
 _LEVELS = {number: name.lower() for name, number in events.Log.Level.items()}
-_NAMES = {topic: message.full_name for topic, message in (STREAMS | events.EVENTS).items()}
-"""Topic -> full name of its message."""
+
+
+def _message_name(topic: str) -> str | None:
+    """Full name of a topic's message; None for a topic that this software does not write."""
+    return events.EVENTS[topic].full_name if topic in events.EVENTS else message_name(topic)
 
 
 def _name(topic: str) -> str:
-    return f"{topic} ({_NAMES[topic]}, protobuf)"
+    return f"{topic} ({_message_name(topic)}, protobuf)"
 
 
 @dataclass(frozen=True)
@@ -165,12 +168,12 @@ class Recording:
     @property
     def streams(self) -> tuple[str, ...]:
         """The topics with samples as this software writes them, in the order of their channels."""
-        return tuple(topic for topic in dict.fromkeys(self.topics) if topic in STREAMS and self.knows(topic))
+        return tuple(topic for topic in dict.fromkeys(self.topics) if is_stream(topic) and self.knows(topic))
 
     def _ours(self, channel: Channel) -> bool:
         """Whether a channel is as this software writes it; one whose schema was lost may be, and is damaged."""
         schema = self.contents.schemas.get(channel.schema_id)
-        name = _NAMES.get(channel.topic)
+        name = _message_name(channel.topic)
         return channel.message_encoding == "protobuf" and name is not None and (schema is None or schema.name == name)
 
     def _described(self) -> str:
@@ -246,7 +249,7 @@ class Recording:
         listed = self._listed()
         for number in wanted:
             channel = self.contents.channels[number]
-            if channel.topic in STREAMS and self._ours(channel) and self._version(channel) == SCHEMA_VERSION:
+            if is_stream(channel.topic) and self._ours(channel) and self._version(channel) == SCHEMA_VERSION:
                 message = self._message(channel)
                 self._samples[number] = Samples(message, min(listed[number], self._unpacked // message.size))
         kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
@@ -280,7 +283,7 @@ class Recording:
 
     def _decode(self, topic: str) -> NDArray[np.void]:
         channel = self._channel(topic)
-        if topic not in STREAMS:
+        if not is_stream(topic):
             raise MissingStream(f"{topic} is no stream of numbers; those are {', '.join(STREAMS)}")
         self.need(topic)
         self._check_version(channel)
@@ -321,7 +324,7 @@ class Recording:
             raise Oversized(
                 f"{self.path}: {channel.topic} tells arrays of shape {shapes}, read are {MAX_NUMBERS} numbers at most"
             )
-        message = STREAMS[channel.topic]
+        message = self._stream_message(channel)
         usual = {field.name: field.shape for field in message.fields}
         for name, shape in shapes.items():
             like = usual.get(name, ())
@@ -332,6 +335,16 @@ class Recording:
                     f"{self.path}: {channel.topic} tells {name} of shape {shape}, this software reads {like}"
                 )
         return message.sized(**shapes)
+
+    def _stream_message(self, channel: Channel) -> MessageType:
+        schema = self.contents.schemas.get(channel.schema_id)
+        if schema is None and channel.topic not in STREAMS:
+            raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is not there")
+        units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
+        try:
+            return stream_message(channel.topic, b"" if schema is None else schema.data, units)
+        except BadMessage as error:
+            raise Damaged(f"{self.path}: {error}") from error
 
     def _version(self, channel: Channel) -> str:
         return channel.metadata.get("schema_version", SCHEMA_VERSION)

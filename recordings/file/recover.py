@@ -17,7 +17,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from ..errors import NotARecording, RecordingError, WriteFailed
-from ..messages import STREAMS
+from ..messages import is_stream
 from ..own_files import replacing
 from .container import MAGIC
 from .counts import StreamCounts, counted
@@ -80,7 +80,7 @@ class _Kept:
         """
         if not self.numbers:
             return 0
-        if self.topic not in STREAMS:  # events may be told later than they happened
+        if not is_stream(self.topic):  # events may be told later than they happened
             return max(self.numbers)
         numbers = np.array(self.numbers)[np.lexsort((self.numbers, self.log_times))]
         ends = np.append(np.flatnonzero(np.diff(numbers) < 0), len(numbers) - 1)

@@ -16,7 +16,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -63,8 +63,8 @@ class Recorder:
     """One recording in progress.
 
     `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name ->
-    bytes. `metadata`: record name -> texts. `start`: rig time (s) now, the first stamp of the file. Raises `WriteFailed`
-    when the file exists or cannot be written.
+    bytes. `metadata`: record name -> texts. `sensors`: the messages of sensors of the lab's own. `start`: rig time (s)
+    now, the first stamp of the file. Raises `WriteFailed` when the file exists or cannot be written.
     """
 
     def __init__(
@@ -76,12 +76,13 @@ class Recorder:
         metadata: Mapping[str, Mapping[str, str]] | None = None,
         chambers: int = 9,
         markers: int = 0,
+        sensors: Sequence[MessageType] = (),
         keep: float = KEEP,
         start: float = 0.0,
     ) -> None:
         self.path = Path(path)
         self.start_wall_ns = start_wall_ns
-        self.messages: dict[str, MessageType] = streams(chambers, markers)
+        self.messages: dict[str, MessageType] = streams(chambers, markers, sensors)
         self.buffers = Buffers(self.messages, keep)
         self._topics = {topic: Tally() for topic in (*self.messages, *events.EVENTS)}
         self._queue: deque[_Item | threading.Event | None] = deque()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import NotSettled
+from ..messages import SENSORS
 from ..trials import TrialRow
 from .averaging import (
     Estimate,
@@ -37,6 +38,17 @@ AVERAGED = {
 """What must be a number in every sample that is averaged; of the tip only tracked samples count."""
 SEEN = {"/tip": ("position", "orientation", "markers")}
 """What may be missing (NaN), but not beyond all measure."""
+
+
+def of_sensor(topic: str) -> bool:
+    """Whether a topic is that of a sensor of the lab's own. How often it measures is not known here: it is read like those
+    that are polled seldom."""
+    return topic.startswith(SENSORS)
+
+
+def sensor_column(topic: str, quantity: str) -> str:
+    """The column of what a sensor measures."""
+    return f"sensor_{topic.removeprefix(SENSORS)}_{quantity}"
 
 
 Count = Callable[[int], object]
@@ -73,7 +85,7 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
         return crossing_window(pressure, rule, start, state.ramp_end, watermark)
     if len(state.targets) != chambers:
         raise NotSettled(f"{len(state.targets)} pressures are asked for, /pressure has {chambers}")
-    further = [topic for topic in state.topics if topic not in ("/pressure", "/tip")]
+    further = [topic for topic in state.topics if topic not in ("/pressure", "/tip") and not of_sensor(topic)]
     others = {topic: streams.window(topic, start, until)["t"] for topic in further}
     tip = streams.window("/tip", start, until)
     return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
@@ -83,7 +95,8 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
     """Average every stream that the state relies on over the span."""
     rule = state.rule
     estimate: Estimator = Line(span.at) if isinstance(rule, Crossing) else Mean()
-    slow = () if isinstance(rule, Settled) else SLOW
+    own = tuple(filter(of_sensor, state.topics))
+    slow = own if isinstance(rule, Settled) else SLOW + own
     starts = {topic: min(span.t0, span.t1 - SLOW_BACK) if topic in slow else span.t0 for topic in state.topics}
     samples = {topic: streams.window(topic, start, span.t1) for topic, start in starts.items()}
     for topic in slow:
@@ -115,6 +128,9 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
     if (vacuum := samples.get("/vacuum")) is not None:
         absolute = Mean()(vacuum["t"], vacuum["absolute"])
         measured["vacuum"] = Estimate(state.ambient - absolute.value, absolute.sd)
+    for topic in own:
+        for name in (samples[topic].dtype.names or ())[1:]:
+            measured[sensor_column(topic, name)] = Mean()(samples[topic]["t"], samples[topic][name])
     if state.probe is not None:
         force, deflection = _push(estimate, state.probe, samples["/force"], samples["/arm"])
         measured |= {"force": force, "deflection": deflection}
@@ -140,6 +156,7 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
         force=value.get("force"),
         deflection=value.get("deflection"),
         clipped=state.clipped,
+        sensors={name: v for name, v in value.items() if name.startswith("sensor_")},
         sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
     )
 
@@ -147,10 +164,11 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
 def _demand_numbers(topic: str, samples: Samples) -> None:
     """Raises NotSettled when a sample holds NaN or a value beyond all measure: an average that leaves it out would hide a
     fault."""
-    for name in (*AVERAGED.get(topic, ()), *SEEN.get(topic, ())):
+    averaged = (samples.dtype.names or ())[1:] if of_sensor(topic) else AVERAGED.get(topic, ())
+    for name in (*averaged, *SEEN.get(topic, ())):
         values = np.abs(samples[name].reshape(len(samples), -1))
         bad = (values > LARGEST).any(axis=1)
-        if name in AVERAGED.get(topic, ()):
+        if name in averaged:
             bad |= np.isnan(values).any(axis=1)
         if bad.any():
             raise NotSettled(

@@ -20,7 +20,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from ..errors import BadMessage
 from ..json_text import read_json
-from ..messages import STREAMS
+from ..messages import STREAMS, is_stream
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 PROTOCOL_IS = "must be letters, digits, _ and -, 40 at most"
@@ -149,7 +149,8 @@ class State:
             raise BadMessage(f"protocol {self.protocol[:80]!r}: {PROTOCOL_IS}")
         _one_of("branch", self.branch, BRANCHES)
         for topic in self.topics:
-            _one_of("topic", topic, tuple(STREAMS))
+            if not is_stream(topic):
+                _one_of("topic", topic, tuple(STREAMS))
         if self.specimen is not None:
             _one_of("specimen", self.specimen, SPECIMENS)
         if isinstance(self.rule, Settled) and not {"/pressure", "/tip"} <= set(self.topics):

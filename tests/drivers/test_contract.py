@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -10,20 +11,26 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from drivers.registry import OWN
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
+from recordings.campaign.replay import replay, table_of
+from recordings.file.reader import Recording
+from recordings.table_file import read_csv, write_csv
 
 ROOT = Path(__file__).parents[2]
-PACKAGE = ROOT / "examples/regulator"
+PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor")
 DRIVERS = [name for name, driver in OWN.items() if driver.role not in ("arm", "mocap")]
 
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The environment of a machine on which the example's package is installed."""
+    """The environment of a machine on which the examples' packages are installed."""
     folder = tmp_path_factory.mktemp("site")
-    install(folder, PACKAGE)
-    return {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(PACKAGE)))}
+    for package in PACKAGES:
+        install(folder, package)
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (folder, *PACKAGES)))}
 
 
 def install(folder: Path, package: Path) -> None:
@@ -50,35 +57,55 @@ def test_the_contract(driver: str, installed: dict[str, str], tmp_path: Path) ->
 
 @pytest.fixture
 def fakes(installed: dict[str, str], tmp_path: Path) -> Iterator[Path]:
-    """rig.yaml of a rig whose regulators are the package's."""
+    """rig.yaml of a rig whose regulators and one of whose sensors are the packages'."""
     rig = tmp_path / "rig.yaml"
-    command = [
-        sys.executable,
-        "-m",
-        "lab.cli",
-        "fakes",
-        "--regulators",
-        "bench_pr4",
-        "--speed",
-        "20",
-        "--rig",
-        str(rig),
-    ]
+    command = [sys.executable, "-m", "lab.cli", "fakes", "--speed", "20", "--rig", str(rig)]
+    command += ["--regulators", "bench_pr4", "--sensor", "skin=skin_thermometer"]
     running = subprocess.Popen(command, env=installed, stdout=subprocess.PIPE, text=True)
     try:
         assert running.stdout is not None and running.stdout.readline()
+        made = yaml.safe_load(rig.read_text())
+        for name, values in PATIENT["instruments"].items():
+            made["instruments"][name] |= values
+        rig.write_text(yaml.safe_dump({**made, "limits": PATIENT["limits"], "safe": PATIENT["safe"]}))
         yield rig
     finally:
         running.terminate()
         running.wait(30)
 
 
-def test_a_rig_with_a_regulator_of_one_s_own_is_opened_and_moved(fakes: Path, installed: dict[str, str]) -> None:
-    assert "driver: bench_pr4" in fakes.read_text()
-    command = [sys.executable, "-m", "lab.cli", "check", "--rig", str(fakes), "--seconds", "1"]
-    done = subprocess.run(command, env=installed, capture_output=True, text=True, timeout=300)
-    assert done.returncode in (0, 3), done.stdout + done.stderr  # 3: samples lost on a busy computer
-    assert "Bench PR4" in done.stdout
+def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
+    fakes: Path, installed: dict[str, str], tmp_path: Path
+) -> None:
+    def lab(*words: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "lab.cli", *words], env=installed, capture_output=True, text=True, timeout=300
+        )
+        assert done.returncode in (0, 3), done.stdout + done.stderr  # 3: samples lost on a busy computer
+        return done.stdout
+
+    told = json.loads(lab("check", "--rig", str(fakes), "--seconds", "1", "--json"))
+    rows = {row["instrument"]: row for row in told["instruments"]}
+    assert rows["pressure"]["model"] == "PR4" and rows["sensors.skin"]["samples"] > 0
+    settings = ("spine_lengths=[0.05]", "pressures=[60 kPa]", "unload=false", *PATIENT_SETTLE)
+    how = [word for setting in settings for word in ("--set", setting)]
+    lab("run", "bending", "--rig", str(fakes), *how, "--out", str(tmp_path))
+    (file,) = tmp_path.glob("*.mcap")
+    assert "equal to the live run's" in lab("replay", str(file))
+    # from here on without the packages: the recording tells what the sensor measured
+    recording = Recording.open(file)
+    assert not recording.metadata.get("identity.arm") and not len(recording.stream("/arm"))  # a sweep needs no arm
+    samples = recording.stream("/sensor/skin")
+    assert samples.dtype.names == ("t", "temperature", "humidity") and len(samples) > 20
+    table = table_of(recording)
+    seen = [(row.t, row.sensors) for row in table]
+    for t, sensors in seen:
+        before = samples[(samples["t"] > t - 20) & (samples["t"] < t + 20)]["temperature"]
+        assert before.min() <= sensors["sensor_skin_temperature"] <= before.max()
+    write_csv(table, tmp_path / "trials.csv")
+    again = read_csv(tmp_path / "trials.csv")
+    assert not again.ignored and [row.sensors for row in again] == [row.sensors for row in table]
+    assert replay(file)["sensor_skin_humidity"].tolist() == [0.38] * len(table)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +120,11 @@ def test_a_rig_with_a_regulator_of_one_s_own_is_opened_and_moved(fakes: Path, in
         (
             "from drivers.registry import Driver\nDRIVER = Driver('pressure', dict, 1)",
             "config must be a subclass of drivers.configs.RegulatorsConfig; make must be callable",
+        ),
+        (
+            "from drivers.registry import Driver\nfrom drivers.configs import SensorConfig\n"
+            "DRIVER = Driver('sensor', SensorConfig, print, quantities={'T': 'K'})",
+            "config must have one of port, ports, host, server, local, where it is reached; quantity 'T': 'K' must be",
         ),
     ],
 )
