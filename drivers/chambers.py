@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-CHAMBERS = 9
-"""Chambers of the robot, numbered 1..9 around its axis."""
+MOST_CHAMBERS = 64
+"""Of a robot; chambers are numbered from 1 around its axis."""
 PAPER_WIRING = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 """Nine chambers in three sets of three neighbours, each set on one channel."""
 
 
 class ChamberMap:
-    """The wiring: `channels[i]` are the chambers (1..9) that hang on channel i, in the regulators' order."""
+    """The wiring: `channels[i]` are the chambers that hang on channel i, in the regulators' order; `count` has the robot."""
 
-    def __init__(self, chambers_by_channel: Sequence[Sequence[int]]) -> None:
-        """Raises ValueError for a number outside 1..9, a chamber named twice, or a channel without a chamber."""
+    def __init__(self, chambers_by_channel: Sequence[Sequence[int]], count: int | None = None) -> None:
+        """`count`: chambers that the robot has; as many as are wired when it is not known.
+
+        Raises ValueError for a number outside 1..count, a chamber named twice, or a channel without a chamber.
+        """
+        wired = [n for group in chambers_by_channel for n in group if isinstance(n, int)]
+        self.count = min(max(wired, default=0), MOST_CHAMBERS) if count is None else count
         self.channels = tuple(tuple(group) for group in chambers_by_channel)
         self._channel_of: dict[int, int] = {}
         for channel, group in enumerate(self.channels):
             if not group:
                 raise ValueError(f"channel {channel + 1} feeds no chamber; name its chambers or leave the channel out")
             for chamber in group:
-                _check_number(chamber)
+                self._check_number(chamber)
                 if chamber in self._channel_of:
                     raise ValueError(
                         f"chamber {chamber} is named for channel {self._channel_of[chamber] + 1} and for channel "
@@ -36,7 +41,8 @@ class ChamberMap:
         chambers on one channel are to have different pressures.
         """
         for chamber, pressure in chamber_pressures.items():
-            _check_number(chamber)
+            if pressure:
+                self._check_number(chamber)
             if chamber not in self._channel_of and pressure != 0:
                 raise ValueError(
                     f"chamber {chamber} is not connected to any channel, but {pressure:g} Pa are asked of it; "
@@ -55,7 +61,7 @@ class ChamberMap:
         return tuple(result)
 
     def by_chamber(self, channel_values: Sequence[float]) -> tuple[float, ...]:
-        """Nine values, one a chamber, from one value a channel; 0 for a chamber that is not connected.
+        """One value a chamber from one value a channel; 0 for a chamber that is not connected.
 
         Raises ValueError when the number of values is not the number of channels.
         """
@@ -63,7 +69,7 @@ class ChamberMap:
             raise ValueError(
                 f"{len(channel_values)} values for {len(self.channels)} channels; give one value a channel"
             )
-        values = [0.0] * CHAMBERS
+        values = [0.0] * self.count
         for chamber, channel in self._channel_of.items():
             values[chamber - 1] = float(channel_values[channel])
         return tuple(values)
@@ -71,7 +77,6 @@ class ChamberMap:
     def _connected(self) -> str:
         return ", ".join(map(str, sorted(self._channel_of))) or "none"
 
-
-def _check_number(chamber: int) -> None:
-    if isinstance(chamber, bool) or not isinstance(chamber, int) or not 1 <= chamber <= CHAMBERS:
-        raise ValueError(f"{chamber!r} is not a chamber; chambers are numbered 1 to {CHAMBERS}")
+    def _check_number(self, chamber: int) -> None:
+        if isinstance(chamber, bool) or not isinstance(chamber, int) or not 1 <= chamber <= self.count:
+            raise ValueError(f"{chamber!r} is not a chamber; chambers are numbered 1 to {self.count}")

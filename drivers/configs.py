@@ -10,7 +10,7 @@ from .interfaces import Vector3
 
 PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
 """Keys of an instrument's table that hold the path of a serial line, and the address of a computer: every table has one of them,
-by which a fake is told from what is real."""
+and tells by it whether the instrument is on this computer alone."""
 
 
 class InstrumentConfig(BaseModel):

@@ -191,6 +191,7 @@ def parser() -> argparse.ArgumentParser:
         "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="a sensor of the lab's own (repeatable)"
     )
     p.add_argument("--channels", choices=("3", "9"), default="3", help="three sets of three chambers, or nine separate")
+    p.add_argument("--robot", type=Path, help="robot.yaml of the robot to play; the paper's unless given")
     p.add_argument("--rig", type=Path, help="write rig.yaml and robot.yaml here instead of printing")
     p.add_argument("--list-effects", action="store_true", help="list what can be switched on")
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import fmean
 
+from recordings.states.rules import AMBIENT
+
 from .bench import Bench
 from .parameters import Jam, SpineMotion
 
@@ -36,9 +38,9 @@ def vent(bench: Bench, within: float = 20.0) -> None:
 
 
 def home(bench: Bench, within: float = 120.0) -> None:
-    """Find the spine's zero when it is not known."""
-    unit = bench.need(bench.spine, "spine")
-    if unit.read().homed:
+    """Find the spine's zero when it is not known; a robot without a spine has none."""
+    unit = bench.spine
+    if unit is None or unit.read().homed:
         return
     release(bench, Jam())
     bench.say("Homing the spine")
@@ -118,9 +120,14 @@ def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
 
 
 def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, rules: Jam) -> float:
-    """Vent, un-jam, grow to `length` and jam at `vacuum`; returns ambient pressure, Pa absolute."""
+    """Vent, un-jam, grow to `length` and jam at `vacuum`; returns ambient pressure, Pa absolute.
+
+    Of a robot without a spine only the chambers are vented.
+    """
     if bench.pressure is not None:
         vent(bench)
+    if bench.spine is None and length == 0:
+        return AMBIENT
     ambient = release(bench, rules)
     grow(bench, length, motion)
     jam(bench, ambient, vacuum, rules)

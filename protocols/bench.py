@@ -107,6 +107,10 @@ class Bench:
     clipped: bool = False
     """The last ramp's set-points were clipped on their way by the rig's limits."""
 
+    def has_topic(self, topic: str) -> bool:
+        """Whether the instrument behind a topic is there: a robot without a spine has neither /spine nor /vacuum."""
+        return {"/spine": self.spine, "/vacuum": self.gauge}.get(topic, self) is not None
+
     def need(self, instrument: T | None, name: str) -> T:
         """The instrument, or MissingInstrument naming what rig.yaml lacks."""
         if instrument is None:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -22,7 +22,7 @@ from .actions import home, ramp, set_spine, vent
 from .bench import Bench, Setup
 from .errors import WrongWiring
 from .experiment import Ask, Plan, Step, Trial, Trials, settled
-from .parameters import Chamber, Jam, Parameters, Pressure, Settle, SpineLength, SpineMotion, Vacuum
+from .parameters import Chamber, Jam, Parameters, Pressure, Robot, Settle, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
 
 
@@ -36,8 +36,9 @@ class Bending(Parameters):
         [50e3, 100e3, 150e3, 200e3, 250e3], min_length=1, max_length=200, json_schema_extra={"unit": "Pa"}
     )
     """Levels of the load branch, rising."""
-    chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=9)
-    """The group that is inflated; all nine make the robot longer."""
+    chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=64)
+    """The group that is inflated: the paper's or, where that is not connected, the first channel's; all chambers together
+    make the robot longer."""
     unload: bool = True
     """Read the same levels on the way down too."""
     zero_state: bool = True
@@ -57,6 +58,17 @@ class Bending(Parameters):
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
     settle: Settle = Settle()
+
+    @classmethod
+    def usual(cls, robot: Robot) -> dict[str, Any]:
+        """Its tip mass; the first channel's chambers where the paper's group is not connected; no spine where there is none."""
+        found: dict[str, Any] = {"tip_mass": robot.tip_mass}
+        if not robot.spine:
+            found |= {"spine_lengths": [0.0], "vacuums": [0.0]}
+        connected = {c for group in robot.channels for c in group}
+        if connected and not connected >= set(cls.model_fields["chambers"].default):
+            found["chambers"] = list(robot.channels[0])
+        return found
 
     @model_validator(mode="after")
     def _orders(self) -> Bending:
@@ -92,12 +104,17 @@ def _sweeps(p: Bending) -> Iterator[tuple[int, float, float]]:
     return itertools.product(range(1, p.repeats + 1), p.vacuums, p.spine_lengths)
 
 
+def _reach(spine: float, vacuum: float) -> str:
+    """How far the spine is grown and how it is jammed, for people."""
+    return f"spine {spine * 100:g} cm, {vacuum / 1e3:g} kPa" if spine or vacuum else "no spine"
+
+
 def plan(p: Bending, name: str = "bending") -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     steps: list[Step] = []
     length = 0.0
     for repeat, vacuum, spine in _sweeps(p):
-        reach = f"spine {spine * 100:g} cm, {vacuum / 1e3:g} kPa, repeat {repeat}"
+        reach = f"{_reach(spine, vacuum)}, repeat {repeat}"
         steps.append(
             Step(
                 f"vent, release, grow and jam: {reach}",
@@ -136,9 +153,7 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
         home(bench)
         for repeat, _, spine in sweeps:
             bench.check_stop()
-            bench.say(
-                f"Spine to {spine * 100:g} cm, jammed at {vacuum / 1e3:g} kPa below ambient (repeat {repeat} of {p.repeats})"
-            )
+            bench.say(f"{_reach(spine, vacuum).capitalize()} (repeat {repeat} of {p.repeats})")
             ambient = through_pauses(bench, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
@@ -234,8 +249,8 @@ def _read(
 
 
 def _chambers(p: Bending, pressure: float) -> list[float]:
-    """Nine chamber targets, Pa, with the group at one pressure."""
-    return [pressure if c in p.chambers else 0.0 for c in range(1, 10)]
+    """Target of each chamber up to the last of the group, Pa, with the group at one pressure."""
+    return [pressure if c in p.chambers else 0.0 for c in range(1, max(p.chambers) + 1)]
 
 
 def _channels(bench: Bench, p: Bending, pressure: float) -> tuple[float, ...]:

@@ -1,16 +1,18 @@
-"""Elongation: all nine chambers at once, per spine length; the robot gets longer instead of bending.
+"""Elongation: all chambers at once, per spine length; the robot gets longer instead of bending.
 
 It is the bending sweep with another group of chambers and the paper's lower pressures, 30..150 kPa by 30 kPa.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import Field
 
 from .bending import NEEDS, Bending, run
 from .bending import plan as bending_plan
 from .experiment import Plan
-from .parameters import Chamber, Pressure
+from .parameters import Chamber, Pressure, Robot
 
 __all__ = ["NEEDS", "PARAMETERS", "Elongation", "plan", "run"]
 
@@ -21,8 +23,15 @@ class Elongation(Bending):
     pressures: list[Pressure] = Field(
         [30e3, 60e3, 90e3, 120e3, 150e3], min_length=1, max_length=200, json_schema_extra={"unit": "Pa"}
     )
-    chambers: list[Chamber] = Field([1, 2, 3, 4, 5, 6, 7, 8, 9], min_length=1, max_length=9)
+    chambers: list[Chamber] = Field([1, 2, 3, 4, 5, 6, 7, 8, 9], min_length=1, max_length=64)
+    """By default all that are connected."""
     unload: bool = False
+
+    @classmethod
+    def usual(cls, robot: Robot) -> dict[str, Any]:
+        """All chambers that are connected; no spine where there is none."""
+        found = super().usual(robot)
+        return {**found, "chambers": sorted(c for group in robot.channels for c in group)} if robot.channels else found
 
 
 PARAMETERS = Elongation

@@ -140,7 +140,8 @@ class Trials:
     ) -> TrialRow:
         """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s."""
         self._step += 1
-        topics = (*topics, *self.bench.sensors)
+        topics = (*filter(self.bench.has_topic, topics), *self.bench.sensors)
+        targets = (*targets, *(0.0,) * (self.bench.chambers.count - len(targets)))
         state = State(
             trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
             t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,

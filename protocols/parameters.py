@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What protocols know of the robot before anything is opened."""
+
+    chambers: int
+    channels: tuple[tuple[int, ...], ...]
+    """Chambers on each channel of the regulators; empty when the rig has none."""
+    tip_mass: float
+    """Hung at its tip, kg."""
+    spine: bool
+    """It has one; else neither length unit nor valve nor gauge is needed."""
 
 
 class Parameters(BaseModel):
@@ -12,11 +26,16 @@ class Parameters(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    @classmethod
+    def usual(cls, robot: Robot) -> dict[str, Any]:
+        """Values that fit a robot, of keys that a person has left out; where none is given here the default holds."""
+        return {}
+
 
 SpineLength = Annotated[float, Field(ge=0, le=0.35)]
 Pressure = Annotated[float, Field(ge=1e3, le=300e3)]
 Vacuum = Annotated[float, Field(ge=0, le=95e3)]
-Chamber = Annotated[int, Field(ge=1, le=9)]
+Chamber = Annotated[int, Field(ge=1, le=64)]
 
 
 class Jam(Parameters):

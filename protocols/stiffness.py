@@ -273,7 +273,7 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: Probe
             at_rest = bench.clock.now()
             return trials.read(
                 trial, Window(p.dwell, average, 3), branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0,
-                targets=(0.0,) * 9, topics=TOPICS, wait=p.dwell + average + 20.0,
+                targets=(), topics=TOPICS, wait=p.dwell + average + 20.0,
             )  # fmt: skip
 
         try:

@@ -25,9 +25,12 @@ def _zeros(n: int) -> Array:
 class Plant:
     """State shared by all fakes of one rig; SI units, robot base frame unless a name says otherwise."""
 
+    chambers: int = 9
+    """Of the robot."""
+
     # inputs, written by actuator fakes and by the person at the rig
-    regulator: Array = field(default_factory=lambda: _zeros(9))
-    """Pressure each chamber's regulator drives towards, Pa gauge, chamber 1..9."""
+    regulator: Array = field(init=False)
+    """Pressure each chamber's regulator drives towards, Pa gauge, in the order of the chambers."""
     spine_drive: float = 0.0
     """Length the length unit has paid out, m."""
     valve_on: bool = False
@@ -48,7 +51,7 @@ class Plant:
     # outputs, written by the virtual robot
     time: float = 0.0
     """Rig time of the outputs, s."""
-    chamber_pressure: Array = field(default_factory=lambda: _zeros(9))
+    chamber_pressure: Array = field(init=False)
     """What a pressure sensor at each regulator sees, Pa gauge, before noise."""
     spine_length: float = 0.0
     """Length the unit's encoder corresponds to, m (the true spine may differ by an effect)."""
@@ -68,3 +71,6 @@ class Plant:
     """False when the tip is hidden from the cameras."""
 
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
+
+    def __post_init__(self) -> None:
+        self.regulator, self.chamber_pressure = _zeros(self.chambers), _zeros(self.chambers)

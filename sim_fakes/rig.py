@@ -36,7 +36,6 @@ SENSORS = "sensors."
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 MOST_PRESSURE = 300e3
 """Pa that rig.yaml allows its regulators unless it says otherwise."""
-NINE = tuple((i,) for i in range(1, 10))
 
 
 class FakeRig:
@@ -54,14 +53,17 @@ class FakeRig:
         truth: RobotTruth | None = None,
         sensors: Mapping[str, str] | None = None,
     ) -> None:
-        """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions. `sensors`: name -> driver
-        of sensors of the lab's own."""
-        self.plant = Plant()
-        self.clock = SimClock(speed)
+        """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions. `spine`: the length unit's
+        driver; empty for a robot without a spine, which has no valve and gauge either. `sensors`: name -> driver of
+        sensors of the lab's own.
+        """
         self.truth = truth or RobotTruth()
+        chambers = len(self.truth.chamber_azimuths_deg)
+        self.plant = Plant(chambers)
+        self.clock = SimClock(speed)
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
         self._warm_up(dict(effects or {}))
-        self.wiring = NINE if channels == 9 else THREE_SETS
+        self.wiring = THREE_SETS if channels == 3 and chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
         self.host = free_host()
         self.regulators = Regulators(regulators) if isinstance(regulators, str) else regulators
         self.lines: dict[str, PtyFake] = {}
@@ -71,10 +73,12 @@ class FakeRig:
         for role, driver, own_seed in (
             ("force", "ft300s", 1),
             ("spine", spine, 2),
-            ("valve", "numato", 3),
-            ("gauge", "pfeiffer", 4),
+            ("valve", "numato" if spine else "", 3),
+            ("gauge", "pfeiffer" if spine else "", 4),
             ("pressure", self.regulators.driver, 5),
         ):
+            if not driver:
+                continue
             self._plug(role, role, driver, seed + own_seed)
         for number, (name, driver) in enumerate((sensors or {}).items()):
             self._plug("sensor", f"{SENSORS}{name}", driver, seed + 100 + number)
@@ -115,7 +119,7 @@ class FakeRig:
 
     def _warm_up(self, effects: dict[str, float]) -> None:
         """Have the physics compiled before any instrument answers: a compiler holds the interpreter for seconds."""
-        plant = Plant()
+        plant = Plant(self.plant.chambers)
         for plant.mount in ("robot", "body", "spine"):
             plant.regulator[:3], plant.valve_on, plant.spine_drive = 50e3, True, 0.1
             robot = VirtualRobot(self.truth, effects)

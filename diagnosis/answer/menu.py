@@ -70,7 +70,8 @@ def menu(robot: Robot, s: States) -> list[Experiment]:
     chambers = _inflated(s)
     others = [(c - 1 + len(robot.chambers.azimuths_deg) // 3) % len(robot.chambers.azimuths_deg) + 1 for c in chambers]
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
-    vacuum = float(np.median([80e3 if r.vacuum is None else r.vacuum for r in s.rows]))
+    usual = 80e3 if robot.spine is not None else 0.0
+    vacuum = float(np.median([usual if r.vacuum is None else r.vacuum for r in s.rows]))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": lengths, "pressures": pressures, "chambers": chambers, "unload": False,
         "repeats": 2, "rate": RATE, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
@@ -91,9 +92,10 @@ def menu(robot: Robot, s: States) -> list[Experiment]:
         Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
         Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", heavy, 3.0),
         Experiment("hold", "hold each pressure and read again and again", hold, 0.0),
-        Experiment("vacuum", "sweep the vacuum", {**base, "vacuums": vacuums}, 0.0),
         Experiment("rate", "read on the fly on a fast ramp, up and down", fast, 0.0),
     ]
+    if robot.spine is not None:
+        offered.insert(-1, Experiment("vacuum", "sweep the vacuum", {**base, "vacuums": vacuums}, 0.0))
     if robot.markers:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offered.append(Experiment("markers", "put markers along the body", base, 20.0, names))

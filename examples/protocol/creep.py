@@ -20,7 +20,7 @@ class Creep(Parameters):
     pressure: Pressure = Field(100e3, json_schema_extra={"unit": "Pa"})
     spine_length: SpineLength = Field(0.1, json_schema_extra={"unit": "m"})
     vacuum: Vacuum = Field(80e3, json_schema_extra={"unit": "Pa"})
-    chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=9)
+    chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=64)
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
     times: list[float] = Field([2.0, 10.0, 30.0], min_length=1, json_schema_extra={"unit": "s"})
     spine: SpineMotion = SpineMotion()
@@ -32,8 +32,8 @@ NEEDS = ("pressure", "spine", "valve", "gauge", "mocap")
 
 
 def chambers(p: Creep) -> tuple[float, ...]:
-    """Pressure of each of nine chambers, Pa."""
-    return tuple(p.pressure if i in p.chambers else 0.0 for i in range(1, 10))
+    """Pressure of each chamber up to the last one, Pa."""
+    return tuple(p.pressure if i in p.chambers else 0.0 for i in range(1, max(p.chambers) + 1))
 
 
 def plan(p: Creep) -> Plan:

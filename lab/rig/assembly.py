@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.chambers import ChamberMap
 from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity, WrenchSample
@@ -30,7 +29,7 @@ from . import actuators as act
 from . import operator as op
 from .hosted_stream import HostedArmState
 from .interrupts import Shielded
-from .limits import within_robot
+from .limits import wiring, within_robot
 from .real_time import clock_of, demand_fakes
 from .recovery import PatientOperator, Recovery
 from .streams import OF_INSTRUMENT, TOPICS, recorded
@@ -61,7 +60,7 @@ class Rig:
         self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()
         instruments = file.instruments
-        self.chambers = ChamberMap(instruments.pressure.chambers if instruments.pressure else ())
+        self.chambers = wiring(file)
         self.actuators = act.Actuators(file, self.clock, self._polled, self._told, despite_latch)
         self.streams: dict[str, Any] = {}
         self.sensors: dict[str, MessageType] = {}

@@ -12,7 +12,7 @@ from model.robot import Robot
 from model.section import annulus_second_moment, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 
-from ..files.config import load
+from ..files.config import ConfigError, load
 from ..files.rig_file import RigFile, Stand
 
 SLACK = 1 + 1e-9
@@ -49,6 +49,17 @@ def within_robot(rig: RigFile, robot: Robot | None = None) -> RigFile:
         return rig
     lower = pressure.model_copy(update={"max_pressure": most})
     return rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"pressure": lower})})
+
+
+def wiring(rig: RigFile, robot: Robot | None = None) -> ChamberMap:
+    """Which channel feeds which chambers of the rig's robot (robot.yaml, read unless given); raises ConfigError."""
+    count = len((robot or load(rig.robot, Robot)).chambers.azimuths_deg)
+    pressure = rig.instruments.pressure
+    try:
+        return ChamberMap(pressure.chambers if pressure is not None else (), count)
+    except ValueError as e:
+        where = f"{rig.path or 'rig.yaml'}: instruments.pressure.chambers: {e}"
+        raise ConfigError(f"{where}; the robot of {rig.robot} has {count}") from e
 
 
 def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
@@ -91,6 +102,9 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
         most = getattr(instrument, key.partition(".")[2], None)
         if value is not None and most is not None:
             yield from _above(value, unit, f"instruments.{key}", most, path)
+    if robot.spine is None and ask.spine_length:
+        remedy = "write spine_lengths: [0], or describe the spine there"
+        yield Excess(ask.spine_length, "m", f"what {rig.robot} has: it has no spine", math.inf, remedy, "a spine of ")
     if ask.vacuum is not None:
         yield from _above(ask.vacuum, "Pa", "limits.max_vacuum", rig.limits.max_vacuum, path, "vacuum of ")
     if rig.stand is not None and instruments.arm is not None:
@@ -123,10 +137,10 @@ def _pressures(pressures: Sequence[float], rig: RigFile, path: Path, robot: Robo
     limit = "limits.max_total_pressure"
     yield from _above(total, "Pa", limit, rig.limits.max_total_pressure, path, "a sum over the chambers of ", remedy)
     try:
-        ChamberMap(regulators.chambers).setpoints(dict(enumerate(pressures, 1)))
+        wiring(rig, robot).setpoints(dict(enumerate(pressures, 1)))
     except ValueError as e:
-        wiring = f"what instruments.pressure.chambers of {path} can make"
-        yield Excess(highest, "Pa", wiring, 1.0, str(e), outside=True)
+        channels = f"what instruments.pressure.chambers of {path} can make"
+        yield Excess(highest, "Pa", channels, 1.0, str(e), outside=True)
 
 
 def _probe(

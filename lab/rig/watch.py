@@ -49,6 +49,17 @@ class Vital:
     pause: Event | None = None
 
 
+@dataclass
+class Shown:
+    """What a stream showed: its values, the stamp of the newest sample that had them, and when that was looked at."""
+
+    values: tuple[float, ...]
+    t: float
+    at: float
+    took: float = 0.0
+    """Host seconds over which samples have come with these values."""
+
+
 class Watch:
     """Looks at the instruments that the experiment needs."""
 
@@ -66,8 +77,8 @@ class Watch:
         self._hidden_since = math.inf
         self._late: dict[str, tuple[float, float]] = {}
         """Host seconds for which a stream was late, less those for which it was not; when that was counted."""
-        self._values: dict[str, tuple[tuple[float, ...] | None, float]] = {}
-        """What a stream showed last, and since when (host time)."""
+        self._values: dict[str, Shown] = {}
+        """What a stream showed last."""
         self._began = self._looked = time.monotonic()
 
     def over(self, needed: Sequence[str]) -> None:
@@ -167,11 +178,14 @@ class Watch:
         if not isinstance(sample, (WrenchSample, BodySample)):
             return
         values = sample.raw if isinstance(sample, WrenchSample) else (*sample.position, *sample.orientation)
-        before, since = self._values.get(name, (None, now))
-        if values != before:
-            self._values[name] = (values, now)
-        elif now - since > STUCK:
-            stuck = StaleReading(name, f"every value has been the same for {now - since:.1f} s; restart the sensor")
+        before = self._values.get(name)
+        if before is None or values != before.values:
+            self._values[name] = Shown(values, sample.t, now)
+            return
+        before.took += now - before.at if sample.t != before.t else 0.0  # one that is late repeats nothing
+        before.t, before.at = sample.t, now
+        if before.took > STUCK:
+            stuck = StaleReading(name, f"every value has been the same for {before.took:.1f} s; restart the sensor")
             raise Suspended(stuck) if name == "mocap" else stuck
 
 

@@ -110,6 +110,7 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
         recorder = Recorder(
             Path(folder) / "moves.mcap",
             start_wall_ns=start,
+            chambers=rig.chambers.count,
             markers=markers,
             sensors=tuple(rig.sensors.values()),
             start=now,

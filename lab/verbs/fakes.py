@@ -11,15 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import ValidationError
 
 from drivers.alicat.wire import UNITS
+from model.robot import Robot
 from sim_fakes.instrument import BadFake, Regulators
 from sim_fakes.registry import of_role
 from sim_fakes.rig import FakeRig
-from sim_fakes.virtual_robot import list_effects
+from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import out
-from ..files.config import ConfigError
+from ..files.config import ConfigError, load
 from ..files.example import paper_robot
 from ..files.units import to_si
 
@@ -59,10 +61,10 @@ def serve(a: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: ended.set())
     with rig:
         if a.rig is not None:
-            write_rig(rig, a.rig)
+            write_rig(rig, a.rig, robot=a.robot)
             out.print(f"{a.rig} reaches the fakes; Ctrl-C ends them")
         else:
-            out.print(rig.rig_yaml(str(paper_robot())), soft_wrap=True)
+            out.print(rig.rig_yaml(str(a.robot or paper_robot())), soft_wrap=True)
         ended.wait()
     return 0
 
@@ -77,15 +79,44 @@ def _rig(a: argparse.Namespace) -> FakeRig:
         if driver not in of_role("sensor"):
             known = ", ".join(of_role("sensor")) or "those of installed packages; there is none"
             raise ConfigError(f"--sensor {name}={driver}: must be NAME=DRIVER with one of {known}")
+    robot = None if a.robot is None else load(a.robot, Robot)
     return FakeRig(
+        truth=None if robot is None else played(robot),
         speed=a.speed,
         effects=effects(a.effect),
         seed=a.seed,
         regulators=regulators(a),
-        spine=a.spine,
+        spine=a.spine if robot is None or robot.spine is not None else "",
         channels=int(a.channels),
         sensors=sensors,
     )
+
+
+def played(robot: Robot) -> RobotTruth:
+    """The virtual robot that has the geometry and the material of a robot.yaml; an area factor by length is taken at 0."""
+    factor = robot.area_factor
+    known: dict[str, Any] = {
+        "length": robot.length,
+        "outer_radius": robot.outer_radius,
+        "inner_radius": robot.inner_radius,
+        "density": robot.density,
+        "youngs_modulus": robot.youngs_modulus,
+        "shear_ratio": robot.shear_modulus / robot.youngs_modulus,
+        "gravity": robot.gravity,
+        "markers": robot.markers,
+        "chamber_radius": robot.chambers.radius,
+        "chamber_path_radius": robot.chambers.path_radius,
+        "chamber_azimuths_deg": robot.chambers.azimuths_deg,
+        "area_factor": factor[min(factor)] if isinstance(factor, Mapping) else factor,
+    }
+    if robot.spine is not None:
+        known |= {"spine_radius": robot.spine.radius}
+        if len(robot.spine.modulus) > 1:
+            known |= {"spine_modulus": dict(robot.spine.modulus)}
+    try:
+        return RobotTruth(**known)
+    except ValidationError as e:
+        raise ConfigError(f"{robot.name}: cannot be played: {e.errors()[0]['msg']}") from e
 
 
 def regulators(a: argparse.Namespace) -> Regulators:
@@ -103,10 +134,10 @@ def regulators(a: argparse.Namespace) -> Regulators:
     return Regulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
-def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None) -> None:
-    """Write rig.yaml, with `changes` to its tables, and beside it the paper's robot.yaml."""
+def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None, robot: Path | None = None) -> None:
+    """Write rig.yaml, with `changes` to its tables, and beside it robot.yaml, the paper's unless given."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(paper_robot(), path.parent / "robot.yaml")
+    shutil.copy(robot or paper_robot(), path.parent / "robot.yaml")
     path.write_text(yaml.safe_dump(_merged(rig.rig_file("robot.yaml"), changes or {}), sort_keys=False))
 
 

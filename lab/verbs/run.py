@@ -7,7 +7,7 @@ import copy
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from model.robot import Robot
 from protocols.errors import BadProtocol, Stopped
 from protocols.experiment import Plan, Trials
 from protocols.parameters import Parameters
+from protocols.parameters import Robot as Known
 from protocols.registry import Experiment, protocol_from_file, protocols
 from recordings.campaign.journal import Journal
 from recordings.campaign.resumed import metadata as campaign
@@ -34,7 +35,7 @@ from ..files.rig_file import RigFile, load_rig
 from ..rig.assembly import Rig
 from ..rig.checked import last
 from ..rig.interrupts import Interrupts
-from ..rig.limits import problems
+from ..rig.limits import problems, wiring
 from ..rig.losses import newly_lost
 from ..rig.provenance import provenance
 
@@ -72,7 +73,11 @@ def job(
     name = table.get("protocol", protocol)
     experiment = _experiment(name, own, source.name)
     values = {k: v for k, v in table.items() if k != "protocol"}
+    known = _known(rig, robot)
+    values = {**experiment.parameters.usual(known), **values}
     parameters = check(Source(source.name, values, source.lines), experiment.parameters)
+    if not known.spine:
+        experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {name} needs instruments.{', instruments.'.join(missing)}; add them")
@@ -80,6 +85,16 @@ def job(
     if beyond := problems(plan, rig, rig_path, robot):
         raise ConfigError("\n".join(beyond))
     return Job(experiment, parameters, plan, rig, rig_path)
+
+
+OF_SPINE = ("spine", "valve", "gauge")
+"""Instruments that a robot without a spine does not need."""
+
+
+def _known(rig: RigFile, robot: Robot) -> Known:
+    """What protocols know of the robot; raises ConfigError when its chambers are not wired as it has them."""
+    chambers = wiring(rig, robot)
+    return Known(chambers.count, chambers.channels, robot.tip_mass, robot.spine is not None)
 
 
 def _source(protocol: str) -> Source:
@@ -254,6 +269,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         }
         | ({"protocol.py": j.experiment.source.read_bytes()} if j.experiment.source is not None else {}),
         metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1) | _checked(j),
+        chambers=rig.chambers.count,
         markers=markers,
         sensors=tuple(rig.sensors.values()),
         start=rig.clock.now(),

@@ -27,7 +27,7 @@ TWIST_GROWTH = 0.3
 
 
 class Pneumatics:
-    """Nine chambers; pressures in Pa gauge, chamber 1..9."""
+    """The chambers; pressures in Pa gauge, in the order of their numbers."""
 
     def __init__(self, truth: RobotTruth, laws: Laws, directions: Directions) -> None:
         self._truth = truth
@@ -38,7 +38,7 @@ class Pneumatics:
 
     def reset(self) -> None:
         """All chambers at ambient."""
-        self.seen = np.zeros(9)
+        self.seen = np.zeros(len(self._azimuths))
         """What the sensors read."""
 
     def step(self, regulator: Array, dt: float) -> None:
@@ -64,7 +64,7 @@ class Pneumatics:
         if self._laws.pressure_deadband:
             k, p0 = DEADBAND_SHARPNESS, self._laws.pressure_deadband
             p = p0 / k * (np.logaddexp(0.0, k * (p / p0 - 1)) - math.log1p(math.exp(-k)))
-        area = np.full(9, self._truth.chamber_area)
+        area = np.full(len(p), self._truth.chamber_area)
         if self._laws.chamber_ballooning:
             area = area * (1 + self._laws.chamber_ballooning * np.sign(p) * np.abs(p / BALLOON_AT) ** BALLOON_POWER)
         if self._laws.weak_chamber:

@@ -35,8 +35,9 @@ LONGEST_REST = 0.5
 """s after which it is computed again in any case."""
 CLEARANCE = 0.002
 """m between probe and specimen from which the probe counts as clear."""
-INPUT_STEPS = np.array([*[1e-4] * 9, 1e-7, 1e-6, 1e-6, 1e-6, 1e-7, 1e-4])
-"""Changes that count: nine chamber forces (N), spine length (m), jamming, tip mass (kg), roll (rad), probe level and
+FORCE_STEP = 1e-4
+INPUT_STEPS = np.array([1e-7, 1e-6, 1e-6, 1e-6, 1e-7, 1e-4])
+"""Changes that count: chamber forces (N); spine length (m), jamming, tip mass (kg), roll (rad), probe level and
 place (m)."""
 
 
@@ -70,6 +71,7 @@ class VirtualRobot:
         self._cameras = Cameras(self.truth.markers, self.laws, self.directions)
         self._tip_delay = Delay(self.laws.time_offset)
         self._pressure_delay = Delay(-self.laws.time_offset)
+        self._steps = np.concatenate([np.full(len(self.truth.chamber_azimuths_deg), FORCE_STEP), INPUT_STEPS])
         self.reset()
 
     def reset(self) -> None:
@@ -109,7 +111,7 @@ class VirtualRobot:
         self.time += dt
         self._pending += dt
         inputs = self._input_vector()
-        still = bool(np.all(np.abs(inputs - self._inputs) <= INPUT_STEPS))
+        still = bool(np.all(np.abs(inputs - self._inputs) <= self._steps))
         if still and self._speed * self._pending < UNSEEN_MOTION and self._pending < LONGEST_REST:
             return
         step, self._pending, self._inputs = self._pending, 0.0, inputs

@@ -83,8 +83,8 @@ class RobotTruth(BaseModel):
     def _consistent(self) -> RobotTruth:
         if self.inner_radius >= self.outer_radius:
             raise ValueError(f"inner_radius {self.inner_radius} m must be below outer_radius {self.outer_radius} m")
-        if len(self.chamber_azimuths_deg) != 9:
-            raise ValueError(f"chamber_azimuths_deg has {len(self.chamber_azimuths_deg)} entries, 9 are needed")
+        if not 1 <= len(self.chamber_azimuths_deg) <= 64:
+            raise ValueError(f"chamber_azimuths_deg has {len(self.chamber_azimuths_deg)} entries, must have 1 to 64")
         if any(not 0 < s < self.length for s in self.markers) or list(self.markers) != sorted(self.markers):
             raise ValueError(f"markers {self.markers} m must rise and lie inside the body of {self.length} m")
         if len(self.stand) != 4 or self.stand[3] != (0.0, 0.0, 0.0, 1.0):

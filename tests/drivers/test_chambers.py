@@ -29,7 +29,7 @@ def test_a_chamber_left_out_counts_as_zero_so_it_cannot_follow_its_neighbours_un
 
 
 def test_a_chamber_that_is_not_connected_cannot_be_inflated_but_may_stay_flat() -> None:
-    wiring = ChamberMap([[1], [2]])
+    wiring = ChamberMap([[1], [2]], 9)
     assert wiring.setpoints({1: 1e4, 7: 0.0}) == (1e4, 0.0)
     with pytest.raises(ValueError, match="chamber 7 is not connected.*connected are 1, 2"):
         wiring.setpoints({7: 1e4})
@@ -56,8 +56,15 @@ def test_a_wrong_number_of_channel_values_is_refused() -> None:
 )
 def test_a_wiring_that_cannot_be_is_refused(chambers: list[list[int]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        ChamberMap(chambers)
+        ChamberMap(chambers, 9)
 
 
 def test_a_rig_without_regulators_has_an_empty_wiring() -> None:
-    assert ChamberMap([]).by_chamber(()) == (0.0,) * 9
+    assert ChamberMap([], 9).by_chamber(()) == (0.0,) * 9
+
+
+def test_a_robot_has_as_many_chambers_as_it_has() -> None:
+    three = ChamberMap([[1], [2], [3]], 3)
+    assert three.by_chamber((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
+    with pytest.raises(ValueError, match="4 is not a chamber; chambers are numbered 1 to 3"):
+        three.setpoints({4: 1e4})

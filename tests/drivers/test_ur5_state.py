@@ -105,7 +105,7 @@ def test_a_frozen_controller_makes_the_reading_stale_and_its_gap_is_counted(rig:
 def test_a_dropped_connection_is_taken_up_again_and_its_gap_is_counted(rig: Rig, stream: Stream) -> None:
     before, interruptions = stream.driver.lost, stream.driver.interruptions
     rig.fake.backdoor("drop")
-    wait_until(lambda: stream.driver.lost > before)
+    wait_until(lambda: stream.driver.interruptions > interruptions and stream.driver.lost > before)
     assert stream.driver.interruptions == interruptions + 1
     accounted(stream)
     assert rig.fake.backdoor()["violations"] == []

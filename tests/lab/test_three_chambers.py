@@ -1,0 +1,107 @@
+"""A robot with three chambers and no spine: the robot decides, from the plan to the diagnosis."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lab.cli import main
+from lab.files.config import load
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, played, write_rig
+from model.robot import Robot
+from recordings.campaign.replay import table_of
+from recordings.file.reader import Recording
+from sim_fakes.rig import FakeRig
+
+ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
+SWEEP = ("pressures=[30 kPa, 60 kPa]", "repeats=2", "settle.min_samples=3", *PATIENT_SETTLE)
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    path = tmp_path_factory.mktemp("three") / "rig.yaml"
+    with FakeRig(speed=20.0, seed=7, truth=played(load(ROBOT, Robot)), spine="") as fakes:
+        present = fakes.rig_file()["instruments"]
+        changes = {**PATIENT, "instruments": {k: v for k, v in PATIENT["instruments"].items() if k in present}}
+        write_rig(fakes, path, changes, ROBOT)
+        yield path
+
+
+def settings(*more: str) -> list[str]:
+    return [word for setting in (*SWEEP, *more) for word in ("--set", setting)]
+
+
+@pytest.fixture(scope="module")
+def files(rig: Path) -> list[Path]:
+    for chamber in (1, 2):
+        code = main(["run", "bending", "--rig", str(rig), *settings(f"chambers=[{chamber}]"), "--out", str(rig.parent)])
+        assert code in (0, 3)
+    return sorted(rig.parent.glob("*.mcap"))
+
+
+def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(
+    rig: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not {"spine", "valve", "gauge"} & set(yaml.safe_load(rig.read_text())["instruments"])
+    assert main(["plan", "bending", "--rig", str(rig), "--json"]) == 2  # the paper's 250 kPa are too much for it
+    assert "above max_pressure = 80000 Pa" in capsys.readouterr().err
+    for protocol in ("bending", "elongation"):
+        assert main(["plan", protocol, "--rig", str(rig), "--set", "pressures=[30 kPa]", "--json"]) == 0
+        plan = json.loads(capsys.readouterr().out)
+        assert plan["limits"]["spine_length_m"] == 0 and "no spine" in plan["steps"][0]["label"]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "setting", "words"),
+    [
+        ("bending", "spine_lengths=[0.1]", "it has no spine"),
+        ("bending", "chambers=[4]", "4 is not a chamber; chambers are numbered 1 to 3"),
+        ("stiffness", "lengths=[0.1]", "it has no spine"),
+    ],
+)
+def test_what_it_has_not_is_told_before_anything_moves(
+    rig: Path, capsys: pytest.CaptureFixture[str], protocol: str, setting: str, words: str
+) -> None:
+    low = () if protocol == "stiffness" else ("--set", "pressures=[30 kPa]")
+    assert main(["plan", protocol, "--rig", str(rig), *low, "--set", setting]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_wiring_beyond_its_chambers_is_told(rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = yaml.safe_load(rig.read_text()) | {"robot": str(ROBOT)}
+    data["instruments"]["pressure"]["chambers"] = [[1], [2], [4]]
+    path = tmp_path / "rig.yaml"
+    path.write_text(yaml.safe_dump(data))
+    assert main(["plan", "bending", "--rig", str(path)]) == 2
+    assert "instruments.pressure.chambers: 4 is not a chamber" in capsys.readouterr().err
+
+
+def test_rows_have_three_pressures_and_replay_is_equal(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    for file, chamber in zip(files, (1, 2), strict=True):
+        assert main(["replay", str(file)]) == 0
+        rows = table_of(Recording.open(file)).rows
+        assert all(len(row.pressures) == 3 and row.spine_length == 0.0 and row.vacuum is None for row in rows)
+        highest = max(rows, key=lambda row: row.pressures[chamber - 1])
+        assert highest.pressures[chamber - 1] == pytest.approx(60e3, rel=0.03)
+        assert max(p for i, p in enumerate(highest.pressures) if i != chamber - 1) < 2e3
+    assert "equal to the live run's" in capsys.readouterr().out
+
+
+def test_it_is_compared_and_fitted(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", *map(str, files), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["fit", *map(str, files), "--json"]) == 0
+    factor = json.loads(capsys.readouterr().out)["area_factor"]
+    (found,) = factor.values() if "value" not in factor else (factor,)
+    assert found["value"] == pytest.approx(1.5, rel=0.05)
+
+
+@pytest.mark.long
+def test_it_is_diagnosed(files: list[Path], tmp_path: Path) -> None:
+    assert main(["diagnose", *map(str, files), "--json", str(tmp_path / "d.json")]) == 0
+    answer = json.loads((tmp_path / "d.json").read_text())
+    assert all("vacuum" not in e["experiment"] for e in answer["next_experiments"])
