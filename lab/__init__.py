@@ -1,1 +1,25 @@
-"""What a person runs: the `lab` command, rig assembly, processes, figures and reports."""
+"""What a person runs: the `lab` command, rig assembly, processes, figures and reports.
+
+`import lab` is the front door for scripts and notebooks; `lab.api` documents its names.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .api import Case, case, compare, diagnose, fit, load_robot, open_rig, predict, read, run
+
+__all__ = ["Case", "case", "compare", "diagnose", "fit", "load_robot", "open_rig", "predict", "read", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    """A name of the front door, when it is first used: the command's own start does not wait for all of it."""
+    if name in __all__:
+        return getattr(import_module(".api", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -125,11 +125,29 @@ def _demo(a: argparse.Namespace) -> int:
     return demo(a.out, a.seed, a.speed)
 
 
+def _schema(a: argparse.Namespace) -> int:
+    from .verbs.schema import schema
+
+    return schema(a.file)
+
+
+class Version(argparse.Action):
+    """Prints the version; found out only when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from .console import out
+        from .version import told
+
+        out.print(told())
+        parser.exit()
+
+
 def parser() -> argparse.ArgumentParser:
     """All verbs and their options."""
     top = argparse.ArgumentParser(
         prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model."
     )
+    top.add_argument("--version", action=Version, nargs=0, help="print the version, of a checkout with its commit")
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
     def verb(name: str, handler: Handler, text: str, reads: bool = False) -> argparse.ArgumentParser:
@@ -256,6 +274,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, default=Path("out/effects"), help="folder for the picture")
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the paper's robot)")
     own_effects(p)
+
+    p = verb("schema", _schema, "the JSON schema of a file that people write, for their editor")
+    p.add_argument("file", metavar="rig|robot|PROTOCOL")
 
     p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/paper"), help="folder for the figures")

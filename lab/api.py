@@ -1,0 +1,136 @@
+"""The names behind `import lab`: what a person uses from Python, in a notebook or a script of their own.
+
+    import lab
+
+    robot = lab.load_robot("robot.yaml")
+    tips = lab.predict(robot, [[60e3, 0, 0], [80e3, 0, 0]])        # (2, 3) m
+    case = lab.case("runs/bending-20261121-101500.mcap")           # recordings, or a folder with robot.yaml and trials.csv
+    case.table["x"], case.table.columns                            # numpy columns by name
+    fitted = lab.fit(case)                                         # moduli and area factors with their intervals
+    gap = lab.compare(lab.Case(fitted.robot, case.table))          # tips measured and predicted
+    answer = lab.diagnose(case)                                    # answer.statement, answer.attribute.ranking, ...
+
+    with lab.open_rig("rig.yaml") as rig:                          # instruments, or fakes: lab fakes --rig rig.yaml
+        lab.run(rig, "bending", pressures=[60e3, 80e3], out="runs")
+
+Everything is in SI units. Errors are those of the command: `ConfigError`, `RecordingError`, `InstrumentError` and so on, each
+with what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+from diagnosis.answer.result import Diagnosis
+from diagnosis.diagnose import Options
+from diagnosis.diagnose import diagnose as _diagnose
+from model.condition import conditions
+from model.robot import Robot
+from model.rod import solve
+from recordings.file.reader import Recording
+
+from .calibration import Calibration, calibrate
+from .comparison import Comparison, comparison
+from .files.config import ConfigError, load
+from .files.inputs import Case, read_case
+from .files.rig_file import load_rig
+from .rig.assembly import Rig
+
+Place = str | Path
+
+
+def load_robot(path: Place) -> Robot:
+    """The robot of a robot.yaml; numbers in it may carry units. Raises ConfigError."""
+    return load(Path(path), Robot)
+
+
+def case(*inputs: Place, robot: Place | None = None) -> Case:
+    """Recordings (.mcap) and case folders as one: `case.robot`, and `case.table` with a row a state.
+
+    `robot`: a robot.yaml instead of the one in the input. Raises ConfigError, RecordingError.
+    """
+    return read_case([Path(place) for place in inputs], None if robot is None else Path(robot))
+
+
+def read(path: Place, truncated: bool = False) -> Recording:
+    """A recording: `stream("/tip")` as a structured array, `trials`, `metadata`. Raises RecordingError."""
+    return Recording.open(Path(path), truncated=truncated)
+
+
+def predict(
+    robot: Robot,
+    pressures: ArrayLike,
+    spine_length: ArrayLike = 0.0,
+    tip_mass: float | None = None,
+    roll: float = 0.0,
+) -> NDArray[np.float64]:
+    """Tip positions (n, 3) m in the base frame, by the Cosserat rod model; NaN where there is no equilibrium.
+
+    `pressures` (n, chambers) or (chambers,) Pa gauge; `spine_length` m, one or (n,); `tip_mass` kg, robot.yaml's unless
+    given; `roll` rad of the body in its mount. Raises BadCondition.
+    """
+    p = np.atleast_2d(np.asarray(pressures, float))
+    n = len(p)
+    mass = robot.tip_mass if tip_mass is None else tip_mass
+    lengths = np.broadcast_to(np.asarray(spine_length, float), (n,))
+    found = solve(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll)))
+    return np.where(found.ok[:, None], found.tip, np.nan)
+
+
+def fit(measured: Case) -> Calibration:
+    """Moduli from stiffness trials, area factors from tips; `.robot` has them. Raises ConfigError."""
+    return calibrate(measured)
+
+
+def compare(measured: Case) -> Comparison:
+    """Every measured tip beside the one that the case's robot predicts. Raises ConfigError."""
+    return comparison(measured)
+
+
+def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
+    """Where the gap lies, which effect may cause it, how far it shrinks, what to do next. Raises DiagnosisError."""
+    return _diagnose(measured, options)
+
+
+def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:
+    """The instruments of a rig.yaml, connected: a context that leaves the rig vented, stopped and released, confirmed by
+    reading back.
+
+    `needs`: those that an experiment needs; all unless given. Raises ConfigError, RigLocked, InstrumentError.
+    """
+    rig = Rig(load_rig(Path(path)))
+    try:
+        failures = rig.open_all(lambda name, outcome: None, None if needs is None else rig.needed(needs))
+        if failures:
+            raise failures[0]
+    except BaseException:
+        rig.close()
+        raise
+    return rig
+
+
+def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
+    """Run a protocol (its name, or a .yaml or .py file) on an opened rig; returns the recording.
+
+    `parameters` in SI units. The rig is vented and at rest afterwards, whatever happens. Raises what ended the run.
+    """
+    from .console import Screen
+    from .verbs.run import execute, job
+
+    where = rig.file.path
+    if where is None:
+        raise ConfigError("the rig was not read from a file; open it with lab.open_rig")
+    settings = [f"{key}={yaml.safe_dump(value, default_flow_style=True)}" for key, value in parameters.items()]
+    asked = job(protocol, where, settings)
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    done = execute(rig, asked, folder, Screen(asked.experiment.name, rig.clock.speed, quiet=True))
+    if done.error is not None:
+        raise done.error
+    return done.file

@@ -1,0 +1,60 @@
+"""`lab schema`: the JSON schema of a file that people write, for their editor."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from model.robot import Robot
+from protocols.registry import protocols
+
+from ..files.config import ConfigError
+from ..files.rig_file import RigFile
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def schema(name: str) -> int:
+    """Print the schema of rig.yaml, robot.yaml or the file of a protocol; raises ConfigError for another name."""
+    known: dict[str, type[BaseModel]] = {
+        "rig": RigFile,
+        "robot": Robot,
+        **{n: p.parameters for n, p in protocols().items()},
+    }
+    if name not in known:
+        raise ConfigError(f"schema {name}: must be one of {', '.join(known)}")
+    found = _with_units(known[name].model_json_schema())
+    if name in protocols():
+        found["properties"] = {"protocol": {"const": name}, **found.get("properties", {})}
+    print(json.dumps({"$schema": DRAFT, **found}, indent=1))
+    return 0
+
+
+def _with_units(node: Any) -> Any:
+    """The same, where each number that has a unit may also be text, such as 250 kPa."""
+    if isinstance(node, list):
+        return [_with_units(item) for item in node]
+    if not isinstance(node, Mapping):
+        return node
+    inner = {key: _with_units(value) for key, value in node.items()}
+    return _or_text(inner) if inner.get("unit") else inner
+
+
+NUMBERS = ("type", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
+
+
+def _or_text(field: dict[str, Any]) -> dict[str, Any]:
+    """A field with a unit: each number in it may be text."""
+    if field.get("type") == "number":
+        number = {key: field.pop(key) for key in NUMBERS if key in field}
+        return {**field, "anyOf": [number, {"type": "string"}]}
+    for key in ("items", "additionalProperties"):
+        if isinstance(field.get(key), dict):
+            field[key] = _or_text(field[key])
+    for key in ("anyOf", "oneOf", "prefixItems"):
+        if isinstance(field.get(key), list):
+            field[key] = [_or_text(item) if isinstance(item, dict) else item for item in field[key]]
+    return field

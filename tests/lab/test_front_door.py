@@ -1,0 +1,66 @@
+"""`import lab`: what a script or a notebook uses, tried as its documentation writes it."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lab
+from lab.cli import main
+from lab.files.example import paper_robot
+from lab.verbs.fakes import PATIENT, write_rig
+from sim_fakes.rig import FakeRig
+
+
+def test_importing_it_costs_next_to_nothing_and_its_names_are_known() -> None:
+    said = "import sys, lab; print(sorted(set(sys.modules) & {'numba', 'rtde_control', 'matplotlib'}), dir(lab))"
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("[] ") and all(name in done.stdout for name in lab.__all__)
+    assert all(callable(getattr(lab, name)) and getattr(lab, name).__doc__ for name in lab.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        lab.nothing  # noqa: B018
+
+
+def test_prediction_follows_the_rod() -> None:
+    robot = lab.load_robot(paper_robot())
+    tips = lab.predict(robot, [[0.0] * 9, [100e3, 100e3, 0, 0, 0, 0, 0, 0, 100e3]], spine_length=[0.0, 0.1])
+    assert tips.shape == (2, 3) and abs(tips[0, 0]) < 1e-9 and np.linalg.norm(tips[1, :2]) > 0.01
+    assert np.allclose(lab.predict(robot, [0.0] * 9), tips[:1], atol=1e-9)
+
+
+def test_a_run_on_fakes_is_read_fitted_and_compared(tmp_path: Path) -> None:
+    with FakeRig(speed=20.0, seed=3) as fakes:
+        write_rig(fakes, tmp_path / "rig.yaml", PATIENT)
+        with lab.open_rig(tmp_path / "rig.yaml", needs=("pressure", "spine", "valve", "gauge", "mocap")) as rig:
+            assert "arm" not in rig.identities
+            settle = {"min_samples": 3, "still_distance": 5e-3, "max_hidden": 5.0, "max_gap": 10.0, "within": 300.0}
+            file = lab.run(rig, "bending", out=tmp_path, spine_lengths=[0.05], pressures=[60e3, 120e3], settle=settle)
+        assert float(max(fakes.plant.chamber_pressure)) < 5e3 and not fakes.plant.valve_on
+    recording = lab.read(file)
+    assert recording.outcome == "completed" and len(recording.stream("/tip"))
+    case = lab.case(file)
+    assert case.table["x"].shape == (5,) and case.robot == lab.load_robot(paper_robot())
+    fitted = lab.fit(case)
+    assert fitted.area_factor is not None
+    gap = lab.compare(lab.Case(fitted.robot, case.table))
+    assert gap.predicted.shape == gap.measured.shape == (5, 3)
+
+
+def test_version_and_schemas(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0 and re.match(r"softlab [0-9.]+", capsys.readouterr().out)
+    assert main(["schema", "robot"]) == 0
+    robot = json.loads(capsys.readouterr().out)
+    assert {"type": "string"} in robot["properties"]["length"]["anyOf"]  # 40 cm
+    assert main(["schema", "rig"]) == 0
+    assert "alicat" in capsys.readouterr().out
+    assert main(["schema", "bending"]) == 0
+    assert json.loads(capsys.readouterr().out)["properties"]["protocol"] == {"const": "bending"}
+    assert main(["schema", "bendin"]) == 2
