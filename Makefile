@@ -50,7 +50,7 @@ faults: $(READY_DEV)
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(INSTALL) .
+	$(INSTALL) '.[rig]'
 	touch $@
 
 $(READY_DEV): $(READY)

@@ -20,6 +20,7 @@ from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, 
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
 from ..serial_line import SerialLine
+from ..spec import Driver
 from .wire import COUNTS, FAULT_CODES, UNITS, AlicatUnit, Frame
 
 T = TypeVar("T")
@@ -333,3 +334,6 @@ class Alicat:
     def _need_open(self) -> None:
         if not self._line.is_open:
             raise NotReady(self.name, "is not open; call open() first")
+
+
+DRIVER = Driver("pressure", Config, Alicat)

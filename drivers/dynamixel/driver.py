@@ -26,6 +26,7 @@ from pydantic import Field, model_validator
 from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, SpineSample
+from ..spec import Driver
 from ..stall import StallWatch
 from . import table
 from .bus import Servo
@@ -415,3 +416,6 @@ class DynamixelSpine:
         else:
             self._zero = self._end_stop = counts
             self._goal = 0.0
+
+
+DRIVER = Driver("spine", Config, DynamixelSpine)

@@ -22,6 +22,7 @@ from ..configs import ForceConfig
 from ..errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, Sink, Vector6, WrenchSample
 from ..serial_line import SerialLine, show
+from ..spec import Driver
 from .stream import PERIOD, FrameParser, GapCounter
 
 BAUD = 19200
@@ -274,3 +275,6 @@ class FT300S:
 def _letters(registers: list[int]) -> str:
     """The three characters at the head of the firmware's and of the serial number's registers."""
     return bytes((registers[0] >> 8, registers[0] & 255, registers[1] >> 8)).decode("ascii", "replace")
+
+
+DRIVER = Driver("force", Config, FT300S)

@@ -26,6 +26,7 @@ from ..configs import MocapConfig
 from ..errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from ..frames import apply, compose, matrix_from_quaternion
 from ..interfaces import BodySample, Clock, Identity, Quaternion, Sink, Vector3
+from ..spec import Driver
 from .wire import ServerClient
 
 OLDEST_VERSION = (3, 0)
@@ -329,3 +330,6 @@ def _usable(body: RigidBody | None) -> bool:
     if body is None or not body.tracking_valid:
         return False
     return all(abs(part) < FARTHEST for part in body.pos) and _unit(body.rot)
+
+
+DRIVER = Driver("mocap", Config, NatNetMocap)

@@ -18,6 +18,7 @@ from ..configs import ValveConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, ValveSample
 from ..serial_line import SerialLine, show
+from ..spec import Driver
 
 PROMPT = b">"
 RELAY_NAMES = "0123456789ABCDEFGHIJKLMNOPQRSTUV"
@@ -126,3 +127,6 @@ class NumatoValve:
 
 def _word(on: bool) -> str:
     return "on" if on else "off"
+
+
+DRIVER = Driver("valve", Config, NumatoValve)

@@ -17,6 +17,7 @@ from ..configs import GaugeConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, GaugeSample, Identity
 from ..serial_line import SerialLine, show
+from ..spec import Driver
 
 PA_PER_BAR = 1e5
 SUITABLE = ("CPT 100", "RPT 100")
@@ -158,3 +159,6 @@ class PfeifferGauge:
                 self.name,
                 f"{where} answered {show(self._wire.heard)} to a request for its {what} ({e}); check the line",
             ) from e
+
+
+DRIVER = Driver("gauge", Config, PfeifferGauge)

@@ -21,6 +21,7 @@ from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, 
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
 from ..serial_line import SerialLine, show
+from ..spec import Driver
 from ..stop_first import StopFirst
 
 BAUD = 9600
@@ -337,3 +338,6 @@ class SmcItv:
             UNKNOWN_COMMAND: "it did not understand; check the cable",
         }.get(answer, f"wanted a number of 0 to {STEPS}; check the cable and the port")
         return BadReply(self.name, f"{self.config.ports[channel]} answers {show(request)} with {show(answer)}; {hint}")
+
+
+DRIVER = Driver("pressure", Config, SmcItv)

@@ -26,6 +26,7 @@ from pydantic import Field
 from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, SpineSample
+from ..spec import Driver
 from .bus import Axis
 
 MODULE = 1260
@@ -334,3 +335,6 @@ class TmclSpine:
     def _raise_fault(self) -> None:
         if self._fault:
             raise DeviceFault(self.name, self._fault)
+
+
+DRIVER = Driver("spine", Config, TmclSpine)

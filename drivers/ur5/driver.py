@@ -18,7 +18,8 @@ from pydantic import Field, model_validator
 
 from ..configs import ArmConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, WrongDevice
-from ..interfaces import ArmSample, Clock, Identity, Vector6
+from ..interfaces import ArmSample, Clock, Identity, Sink, Vector6
+from ..spec import Driver
 from . import motion as ur5_motion
 from . import wire as ur5_wire
 from .control import ControlThread
@@ -355,3 +356,11 @@ def _slow(speed: Vector6) -> bool:
 
 def _millimetres(pose: Vector6) -> str:
     return "(" + ", ".join(f"{x * 1e3:.1f}" for x in pose[:3]) + ") mm"
+
+
+def _state(name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> UR5State:
+    """The arm's stream of states."""
+    return UR5State(name, StateConfig(host=config.host, max_age=config.max_age), clock, sink)
+
+
+DRIVER = Driver("arm", Config, UR5, make_state=_state, own_process=True)

@@ -48,13 +48,15 @@ SensorName = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
 """The lab's own name for a sensor: it goes into topics and columns."""
 
 
-class NoSensor(SensorConfig):
-    """What stands for a sensor's table where no driver of one is installed."""
+class NotInstalled(InstrumentConfig):
+    """What stands for an instrument's table where no driver of its kind is installed."""
+
+    model_config = ConfigDict(extra="allow")
 
     @field_validator("driver")
     @classmethod
     def _none(cls, driver: str) -> str:
-        raise ValueError("no driver of a sensor is installed; docs/drivers.md tells how one is added")
+        raise ValueError("no driver of this kind is installed; docs/drivers.md tells how one is added")
 
 
 def _tables() -> dict[str, Any]:
@@ -63,7 +65,7 @@ def _tables() -> dict[str, Any]:
     for role in ROLES:
         tables = tuple(_table(name, driver.config) for name, driver in of_role(role).items())
         if role == SENSOR:
-            one: Any = _one_of(tables or (NoSensor,))
+            one: Any = _one_of(tables)
             fields["sensors"] = (dict[SensorName, one], {})
         else:
             fields[role] = (Optional[_one_of(tables)], None)  # noqa: UP045
@@ -72,7 +74,7 @@ def _tables() -> dict[str, Any]:
 
 def _one_of(tables: tuple[type[InstrumentConfig], ...]) -> Any:
     """A table of one of these kinds: of as many as are registered, which no type checker can know."""
-    kinds: Any = tables
+    kinds: Any = tables or (NotInstalled,)
     one: Any = Union[kinds]  # noqa: UP007
     return Annotated[one, Field(discriminator="driver")] if len(tables) > 1 else one
 

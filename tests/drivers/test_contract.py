@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivers.registry import OWN
+from drivers.registry import OWN, drivers
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from recordings.campaign.replay import replay, table_of
 from recordings.file.reader import Recording
@@ -21,7 +21,7 @@ from recordings.table_file import read_csv, write_csv
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor")
-DRIVERS = [name for name, driver in OWN.items() if driver.role not in ("arm", "mocap")]
+DRIVERS = [name for name in OWN if drivers()[name].role not in ("arm", "mocap")]
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from drivers.configs import HOSTS, PORTS
 from lab.cli import main
 from lab.files.config import ConfigError
 from lab.files.example import paper_robot
-from lab.files.rig_file import Instruments, NoSensor, load_rig
+from lab.files.rig_file import Instruments, NotInstalled, load_rig
 from lab.rig.real_time import at_real_speed, clock_of, demand_fakes
 
 Write = Callable[..., Path]
@@ -143,7 +143,9 @@ def test_a_landing_is_not_refused_and_is_done_at_real_speed(write: Write, capsys
 
 def test_every_instrument_has_an_address_that_the_rule_knows() -> None:
     for name, field in Instruments.model_fields.items():
-        kinds = [kind for kind in _leaves(field.annotation) if hasattr(kind, "model_fields") and kind is not NoSensor]
+        kinds = [
+            kind for kind in _leaves(field.annotation) if hasattr(kind, "model_fields") and kind is not NotInstalled
+        ]
         assert kinds or name == "sensors", name
         for kind in kinds:
             assert set(kind.model_fields) & {*PORTS, *HOSTS}, f"{name}: {kind.__name__} is reached by none of the keys"

@@ -1,0 +1,55 @@
+"""Where the instruments' libraries are not installed: replay, model and diagnosis work, and a rig says what to install."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lab.files.example import paper_robot
+
+ROOT = Path(__file__).parents[2]
+LIBRARIES = (
+    "rtde_control",
+    "rtde_receive",
+    "serial",
+    "pymodbus",
+    "natnet",
+    "dynamixel_sdk",
+    "pytrinamic",
+    "pfeiffer_vacuum_protocol",
+)
+RECORDING = ROOT / "tests/recordings/data/bending-schema-1.mcap"
+
+
+def lab(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    """The command on a computer without these libraries."""
+    lacking = f"import sys; sys.modules.update(dict.fromkeys({LIBRARIES!r})); from lab.cli import main; "
+    command = [sys.executable, "-c", lacking + f"sys.exit(main({[str(word) for word in words]!r}))"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.parametrize("verb", ["info", "replay", "verify"])
+def test_recordings_are_read(verb: str) -> None:
+    done = lab(verb, RECORDING)
+    assert done.returncode in (0, 3), done.stdout + done.stderr
+
+
+def test_the_model_and_the_front_door_work(tmp_path: Path) -> None:
+    done = lab("export", RECORDING, "--case", "--out", tmp_path / "case")
+    assert done.returncode == 0, done.stderr
+    shutil.copy(paper_robot(), tmp_path / "case" / "robot.yaml")  # the recording's own is one of a test
+    done = lab("compare", tmp_path / "case")
+    assert done.returncode == 0 and "Measured against model" in done.stdout, done.stdout + done.stderr
+    done = lab("schema", "robot")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("words", [("plan", "bending"), ("check",), ("safe",)])
+def test_a_rig_says_what_to_install(words: tuple[str, ...]) -> None:
+    done = lab(*words, "--rig", ROOT / "examples/rig/rig.yaml")
+    assert done.returncode == 2 and "Traceback" not in done.stderr, done.stdout + done.stderr
+    assert "the instruments' libraries are not installed" in done.stderr and "pip install 'softlab[rig]'" in done.stderr
