@@ -124,6 +124,8 @@ class _Both:
             mean=column("mean"), sd=column("sd"), lower=column("lower"), upper=column("upper"),
             units=tuple(p.units[i] for p, rows, _ in order for i in rows),
             shapes=tuple(p.shapes[i] for p, rows, _ in order for i in rows),
+            sources=tuple(p.sources[i] for p, rows, _ in order for i in rows),
+            trials=tuple(p.trials[i] for p, rows, _ in order for i in rows),
             starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
             changes=True,
         )  # fmt: skip

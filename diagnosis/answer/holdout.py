@@ -132,7 +132,7 @@ def _missed(p: Prepared, own: States, theta: Array) -> Array:
     """Tip distance (n,) m between measured and predicted; NaN where the rod has no equilibrium."""
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
     known = dict(zip(p.problem.parameters.names, p.shared(theta), strict=True))
-    there = np.array([0.0 if "[trial=" in i.name else known.get(i.name, 0.0) for i in forward.parameters])
+    there = np.array([0.0 if i.trial is not None else known.get(i.name, 0.0) for i in forward.parameters])
     predicted = forward.predict(there)
     tip = np.full((len(own), 3), np.nan)
     for axis, name in enumerate("xyz"):

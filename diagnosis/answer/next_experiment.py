@@ -112,7 +112,8 @@ def _predictions(
         return None
     names = {info.name: i for i, info in enumerate(forward.parameters)}
     base = list(p.problem.parameters.names)
-    shared = [(names[n], i) for i, n in enumerate(base) if n in names and "[trial=" not in n]
+    own = p.problem.parameters.of_trial
+    shared = [(names[n], i) for i, n in enumerate(base) if n in names and not own[i]]
     new, old = np.array(shared).T
     own_sd = np.array([p.floor.trial.get(info.source, info.sd) for info in forward.parameters])
     fresh = np.setdiff1d(np.arange(len(own_sd)), new)

@@ -44,8 +44,8 @@ def _trials(p: Prepared, slope: Array) -> tuple[Array, Array, Array]:
     same = np.unique(np.column_stack([p.states.condition[labels.state], channels]), axis=0, return_inverse=True)[1]
     same = same.reshape(-1)
     # A robot bends more, a specimen at the stand is stiffer.
-    along = ("spine_stiffness.", "youngs_modulus.") if p.pushes_only else ("area.",)
-    area = slope[:, [i for i, name in enumerate(problem.parameters.names) if name.startswith(along)]].sum(axis=1)
+    along = ("spine_stiffness", "youngs_modulus") if p.pushes_only else ("area",)
+    area = slope[:, [i for i, source in enumerate(problem.parameters.sources) if source in along]].sum(axis=1)
 
     def beside(values: Array) -> Array:
         count = np.bincount(same)

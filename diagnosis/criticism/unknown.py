@@ -32,6 +32,8 @@ LARGE_SHARE = 0.1
 """Prior share of a large discrepancy beside a named effect."""
 SEEN = 0.05
 """Directions in which the data take away less than this share of the prior's variance tell nothing of strain."""
+OF_SPINE = ("spine_length", "spine_stiffness")
+"""What trials have of their own because the spine is grown and jammed anew."""
 STRAINED = 4.0
 """Standard deviations from its prior at which a parameter is named as strained."""
 
@@ -108,11 +110,12 @@ def signs(problem: Problem, best: Candidate, trial: Ints, kind: Ints, beyond: fl
 
 def _strain(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
     """Strain of all but the calibration and what trials have of their own, the furthest of it, the oddest trial's."""
-    names = np.array([*np.array(p.names)[p.of_effect], *np.array(p.names)[~p.of_effect]])
+    order = np.concatenate([np.flatnonzero(p.of_effect), np.flatnonzero(~p.of_effect)])
+    names, sources = np.array(p.names)[order], np.array(p.sources or ("",) * len(p.names))[order]
     effects = int(p.of_effect.sum())
     free = np.zeros(len(names), bool)
     free[effects:] = p.calibrated
-    by_trial = np.char.find(names, "[trial=") >= 0
+    by_trial = p.of_trial[order]
     mask = np.zeros(len(names), bool)
     mask[:effects] = p.mask(named)
     nuisance = np.arange(len(names)) >= effects
@@ -127,7 +130,7 @@ def _strain(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float,
     return (
         (squares - rank) / np.sqrt(2 * max(rank, 1.0)),
         str(names[furthest]) if held[furthest] > STRAINED else "",
-        float(np.max(single[by_trial & np.char.startswith(names, "spine")], initial=0.0)),
+        float(np.max(single[by_trial & np.isin(sources, OF_SPINE)], initial=0.0)),
     )
 
 

@@ -68,8 +68,7 @@ class Prepared:
 
     def shared(self, theta: Array) -> Array:
         """Parameters (k,) with what each trial has of its own set to nothing: what a model can say of the next trial."""
-        by_trial = np.array(["[trial=" in name for name in self.problem.parameters.names])
-        return np.where(by_trial, self.problem.parameters.mean, theta)
+        return np.where(self.problem.parameters.of_trial, self.problem.parameters.mean, theta)
 
     def tip(self, values: Array) -> Array:
         """(states, 3) the tip's values of (n,) values; NaN where not measured."""
@@ -224,6 +223,8 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
         shapes=tuple(p.role == "shape" for p in infos),
         calibration=tuple(p.group == "calibration" for p in infos),
         starts=tuple(p.starts for p in infos),
+        sources=tuple(p.source for p in infos),
+        trials=tuple(p.trial for p in infos),
     )
 
 
@@ -256,7 +257,7 @@ def _floor(
     whole = np.isfinite(residual).all(axis=1)
     by_trial = {
         source: slope[:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
-        for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name and p.source not in OF_STAND)
+        for source in dict.fromkeys(p.source for p in infos if p.trial is not None and p.source not in OF_STAND)
     }
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
     data = Repeated(

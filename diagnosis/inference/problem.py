@@ -60,6 +60,10 @@ class Parameters:
     """Parameters that are fitted in every model, with wide priors; empty: none is."""
     starts: tuple[tuple[float, ...], ...] = ()
     """Values from which a search begins when the parameter's effect is named; empty: at the mean alone."""
+    sources: tuple[str, ...] = ()
+    """Effect, tolerance or calibration that each belongs to; empty: not known."""
+    trials: tuple[int | None, ...] = ()
+    """The trial whose own each is, None where it is common to all; empty: all are."""
     changes: bool = False
     """Effects are changes since a reference: those that act one way only may have grown or shrunk."""
 
@@ -67,6 +71,11 @@ class Parameters:
     def of_effect(self) -> NDArray[np.bool_]:
         """(k,) which parameters belong to an effect."""
         return np.array([bool(e) for e in self.effects])
+
+    @property
+    def of_trial(self) -> NDArray[np.bool_]:
+        """(k,) which parameters a trial has of its own."""
+        return np.array([t is not None for t in self.trials or (None,) * len(self.names)])
 
     @property
     def ids(self) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ has of its own: touch point, zero of the sensor, and the spine's length and stif
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -63,7 +62,7 @@ def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed
     state, trial = labels.state[own], labels.trial[own]
     by_source = {
         source: slope[own][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
-        for source in dict.fromkeys(p.source for p in infos if "[trial=" in p.name)
+        for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
     }
     stiff = np.zeros(len(own))
     for t in np.unique(trial):
@@ -92,11 +91,5 @@ def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed
         return out
 
     trials = set(trial.tolist())
-    names = frozenset(p.name for p in infos if trial_of(p.name) in trials)
+    names = frozenset(p.name for p in infos if p.trial in trials)
     return Stand(floor, reading, spread(stiff), spread(erring), names)
-
-
-def trial_of(name: str) -> int | None:
-    """The trial whose own parameter this is; None for parameters common to all."""
-    found = re.search(r"\[trial=(\d+)", name)
-    return int(found[1]) if found else None

@@ -39,6 +39,8 @@ class ParameterInfo:
     starts: tuple[float, ...]
     slot: int
     """Column of the derivative it shares with its copies."""
+    trial: int | None = None
+    """The trial whose own it is, as the table numbers it; None for one that is common to all."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
         copies = _copies(design, source)
         for p in source.spec.parameters:
             rows = np.full(len(design), -1, np.int64)
-            for label, own in copies:
+            for label, trial, own in copies:
                 rows[own] = len(infos)
                 infos.append(
                     ParameterInfo(
@@ -128,25 +130,27 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
                         p.role,
                         p.starts,
                         len(of_row),
+                        trial,
                     )  # fmt: skip
                 )
             of_row.append(rows)
     return ParameterTable(tuple(infos), sources, len(of_row), np.array(of_row))
 
 
-def _copies(design: Design, source: Source) -> list[tuple[str, NDArray[np.bool_]]]:
+def _copies(design: Design, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
+    """What is added to the name of each copy of a parameter, the trial whose own it is, and the rows it is for."""
     if source.scope == "all":
-        return [("", np.ones(len(design), bool))]
+        return [("", None, np.ones(len(design), bool))]
     if source.scope == "spine_length":
         rounded = np.round(design.spine_length, 4)
         moved = ~design.stiffness
-        return [(f"[spine_length={x:g}]", (rounded == x) & moved) for x in np.unique(rounded[moved])]
+        return [(f"[spine_length={x:g}]", None, (rounded == x) & moved) for x in np.unique(rounded[moved])]
     if source.scope == "mount":
         turned = np.round(np.degrees(design.roll))
-        return [(f"[roll={x:g} deg]", (turned == x) & ~design.stiffness) for x in mounts(design)[1:]]
+        return [(f"[roll={x:g} deg]", None, (turned == x) & ~design.stiffness) for x in mounts(design)[1:]]
     has = design.stiffness if source.scope == "push" else design.spine_length > 0
     trials = [k for k in range(len(design.trial_id)) if has[design.trial == k].any()]
     labels = [f"[trial={design.trial_id[k]}]" for k in trials]
     if len(set(labels)) < len(labels):
         labels = [f"[trial={design.trial_id[k]}, part {k}]" for k in trials]
-    return [(label, design.trial == k) for label, k in zip(labels, trials, strict=True)]
+    return [(label, int(design.trial_id[k]), design.trial == k) for label, k in zip(labels, trials, strict=True)]

@@ -44,8 +44,10 @@ def test_a_tolerance_far_beyond_its_prior_is_strain_and_named() -> None:
 
 def test_a_spine_that_one_trial_has_of_its_own_is_odd_and_no_strain() -> None:
     problem = stretched(toy_problem(3, {}), "trial 3", 12.0)
-    names = tuple(f"spine[trial={n.split()[1]}]" if n.startswith("trial") else n for n in problem.parameters.names)
-    sign = found(replace(problem, parameters=replace(problem.parameters, names=names)))
+    own = [name.startswith("trial") for name in problem.parameters.names]
+    sources = tuple("spine_length" if o else "" for o in own)
+    trials = tuple(number if o else None for number, o in enumerate(own))
+    sign = found(replace(problem, parameters=replace(problem.parameters, sources=sources, trials=trials)))
     assert sign.odd_spine > 5 and sign.strained == ""
 
 
