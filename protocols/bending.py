@@ -22,7 +22,7 @@ from .actions import home, ramp, set_spine, vent
 from .bench import Bench, Setup
 from .errors import WrongWiring
 from .experiment import Ask, Plan, Step, Trial, Trials, settled
-from .parameters import Chamber, Jam, Parameters, Pressure, Robot, Settle, SpineLength, SpineMotion, Vacuum
+from .parameters import Chamber, Jam, Parameters, Pressure, RobotFacts, Settle, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
 
 
@@ -60,7 +60,7 @@ class Bending(Parameters):
     settle: Settle = Settle()
 
     @classmethod
-    def usual(cls, robot: Robot) -> dict[str, Any]:
+    def usual(cls, robot: RobotFacts) -> dict[str, Any]:
         """Its tip mass; the first channel's chambers where the paper's group is not connected; no spine where there is none."""
         found: dict[str, Any] = {"tip_mass": robot.tip_mass}
         if not robot.spine:

@@ -12,7 +12,7 @@ from pydantic import Field
 from .bending import NEEDS, Bending, run
 from .bending import plan as bending_plan
 from .experiment import Plan
-from .parameters import Chamber, Pressure, Robot
+from .parameters import Chamber, Pressure, RobotFacts
 
 __all__ = ["NEEDS", "PARAMETERS", "Elongation", "plan", "run"]
 
@@ -28,7 +28,7 @@ class Elongation(Bending):
     unload: bool = False
 
     @classmethod
-    def usual(cls, robot: Robot) -> dict[str, Any]:
+    def usual(cls, robot: RobotFacts) -> dict[str, Any]:
         """All chambers that are connected; no spine where there is none."""
         found = super().usual(robot)
         return {**found, "chambers": sorted(c for group in robot.channels for c in group)} if robot.channels else found

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 @dataclass(frozen=True)
-class Robot:
+class RobotFacts:
     """What protocols know of the robot before anything is opened."""
 
     chambers: int
@@ -27,7 +27,7 @@ class Parameters(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
-    def usual(cls, robot: Robot) -> dict[str, Any]:
+    def usual(cls, robot: RobotFacts) -> dict[str, Any]:
         """Values that fit a robot, of keys that a person has left out; where none is given here the default holds."""
         return {}
 

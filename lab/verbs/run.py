@@ -18,8 +18,7 @@ from drivers.interfaces import Identity
 from model.robot import Robot
 from protocols.errors import BadProtocol, Stopped
 from protocols.experiment import Plan, Trials
-from protocols.parameters import Parameters
-from protocols.parameters import Robot as Known
+from protocols.parameters import Parameters, RobotFacts
 from protocols.registry import Experiment, protocol_from_file, protocols
 from recordings.campaign.journal import Journal
 from recordings.campaign.resumed import metadata as campaign
@@ -91,10 +90,10 @@ OF_SPINE = ("spine", "valve", "gauge")
 """Instruments that a robot without a spine does not need."""
 
 
-def _known(rig: RigFile, robot: Robot) -> Known:
+def _known(rig: RigFile, robot: Robot) -> RobotFacts:
     """What protocols know of the robot; raises ConfigError when its chambers are not wired as it has them."""
     chambers = wiring(rig, robot)
-    return Known(chambers.count, chambers.channels, robot.tip_mass, robot.spine is not None)
+    return RobotFacts(chambers.count, chambers.channels, robot.tip_mass, robot.spine is not None)
 
 
 def _source(protocol: str) -> Source:
