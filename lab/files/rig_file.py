@@ -254,7 +254,8 @@ class RigFile(Table):
 def load_rig(path: Path) -> RigFile:
     """Read rig.yaml; raises ConfigError. The robot's path in the result is absolute."""
     source = read_yaml(path)
-    _not_broken(source.data, path)
+    if beyond := _unusable(source.data):
+        raise ConfigError("\n".join(f"{path}: {why}" for why in beyond.values()))
     rig = check(source, RigFile)
     robot = (path.parent / rig.robot).resolve()
     if not robot.is_file():
@@ -264,13 +265,32 @@ def load_rig(path: Path) -> RigFile:
     return rig.model_copy(update={"robot": robot}).read_from(path.resolve())
 
 
-def _not_broken(data: Any, path: Path) -> None:
-    """Raises ConfigError when a driver is named that an installed package announces and that cannot be used."""
+def load_rig_to_land(path: Path) -> tuple[RigFile, dict[str, str]]:
+    """Read rig.yaml as far as a landing needs it: without its robot, and without instruments whose driver cannot be used.
+
+    Returns the rig, and for each instrument that is left out why. Raises ConfigError.
+    """
+    source = read_yaml(path)
+    beyond = _unusable(source.data)
+    data: Any = source.data
+    for key in beyond:
+        if key.startswith(SENSORS):
+            del data["instruments"]["sensors"][key.removeprefix(SENSORS)]
+        else:
+            del data["instruments"][key]
+    rig = check(source, RigFile)
+    return rig.model_copy(update={"robot": (path.parent / rig.robot).resolve()}).read_from(path.resolve()), beyond
+
+
+def _unusable(data: Any) -> dict[str, str]:
+    """The instruments whose driver is known but cannot be used, and why."""
     tables = data.get("instruments") if isinstance(data, dict) else None
     tables = tables if isinstance(tables, dict) else {}
     sensors = tables.get("sensors")
-    named = {**tables, **{f"sensors.{k}": v for k, v in (sensors if isinstance(sensors, dict) else {}).items()}}
+    named = {**tables, **{SENSORS + k: v for k, v in (sensors if isinstance(sensors, dict) else {}).items()}}
+    found = {}
     for key, table in named.items():
         name = table.get("driver") if isinstance(table, dict) else None
         if isinstance(name, str) and name in broken():
-            raise ConfigError(f"{path}: instruments.{key}.driver = {name}: {broken()[name]}")
+            found[key] = f"instruments.{key}.driver = {name}: {broken()[name]}"
+    return found

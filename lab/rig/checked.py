@@ -35,6 +35,7 @@ class Checked:
 def digest(rig: RigFile) -> str:
     """Of what the check depends on: every instrument's table but its limits, where the stand is, nothing else."""
     tables = rig.model_dump(mode="json", include={"instruments", "stand"})
+    tables["instruments"].pop("sensors")  # they move nothing
     for table in tables["instruments"].values():
         for key in [k for k in table or {} if k.startswith("max_") or k == "timeout"]:
             del table[key]

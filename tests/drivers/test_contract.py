@@ -140,6 +140,8 @@ def test_a_package_whose_driver_is_none_is_named_where_it_is_used_and_nowhere_el
     install(tmp_path, package)
     env = {**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), str(package)))}
     rig = (ROOT / "examples/rig/rig.yaml").read_text().replace("../paper", str(ROOT / "examples/paper"))
+    rig = rig.replace("192.168.0.", "127.0.0.")  # nobody there
+
     for text, code, told in (
         (rig, 0, ""),
         (
@@ -154,3 +156,9 @@ def test_a_package_whose_driver_is_none_is_named_where_it_is_used_and_nowhere_el
         done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
         assert done.returncode == code, done.stdout + done.stderr
         assert told in done.stderr and (code == 0 or words in done.stderr)
+    # a landing goes on without it and tells each of the others for itself
+    command = [sys.executable, "-m", "lab.cli", "safe", "--rig", str(path), "--json"]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
+    steps = {step["instrument"]: step for step in json.loads(done.stdout)["steps"]}
+    assert done.returncode == 1 and set(steps) == {"arm", "pressure", "spine", "valve"}
+    assert words in steps["pressure"]["text"] and words not in steps["valve"]["text"]

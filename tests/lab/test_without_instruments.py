@@ -48,7 +48,17 @@ def test_the_model_and_the_front_door_work(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("words", [("plan", "bending"), ("check",), ("safe",)])
+def test_a_landing_tells_each_actuator_that_it_cannot_reach(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"  # beside no robot.yaml: a landing needs none
+    shutil.copy(ROOT / "examples/rig/rig.yaml", path)
+    done = lab("safe", "--rig", path)
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stdout + done.stderr
+    for name in ("arm", "pressure", "spine", "valve"):
+        assert f"{name}: NOT CONFIRMED" in done.stdout
+    assert "make it safe by hand" in " ".join(done.stdout.split()) and path.with_suffix(".latch").exists()
+
+
+@pytest.mark.parametrize("words", [("plan", "bending"), ("check",)])
 def test_a_rig_says_what_to_install(words: tuple[str, ...]) -> None:
     done = lab(*words, "--rig", ROOT / "examples/rig/rig.yaml")
     assert done.returncode == 2 and "Traceback" not in done.stderr, done.stdout + done.stderr
