@@ -10,9 +10,6 @@ from protocols.experiment import Ask, Plan, Step, Trials
 from protocols.parameters import Chamber, Jam, Parameters, Pressure, SpineLength, SpineMotion, Vacuum
 from recordings.states.rules import Window
 
-AVERAGE = 1.0
-"""s that each reading is averaged over."""
-
 
 class Creep(Parameters):
     """What a person may change; SI units."""
@@ -23,6 +20,8 @@ class Creep(Parameters):
     chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=64)
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
     times: list[float] = Field([2.0, 10.0, 30.0], min_length=1, json_schema_extra={"unit": "s"})
+    average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """Each reading is averaged over so long, around its time."""
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
 
@@ -57,7 +56,7 @@ def run(bench: Bench, p: Creep, trials: Trials) -> None:
     trials.step_done()
     for t in p.times:
         trials.read(
-            trial, Window(max(0.0, t - AVERAGE / 2), AVERAGE, 1), branch="load", t_start=arrived, ramp_end=arrived,
+            trial, Window(max(0.0, t - p.average / 2), p.average, 1), branch="load", t_start=arrived, ramp_end=arrived,
             rate=p.rate, targets=chambers(p), topics=("/pressure", "/tip", "/spine", "/vacuum"), wait=t + 30.0,
         )  # fmt: skip
         trials.step_done()

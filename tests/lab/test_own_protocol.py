@@ -1,0 +1,29 @@
+"""A protocol in a file of one's own, on the rig: recorded, concluded, replayed, resumed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from virtual_lab import VirtualLab
+
+from lab.cli import main
+from recordings.campaign.replay import table_of
+from recordings.file.reader import Recording
+
+CREEP = Path(__file__).parents[2] / "examples/protocol/creep.py"
+
+
+def test_creep_is_run_and_replayed(virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    settings = ("pressure=60 kPa", "times=[10 s, 30 s]", "average=8 s", "spine_length=5 cm")
+    how = [word for setting in settings for word in ("--set", setting)]
+    code = main(["run", str(CREEP), "--rig", str(virtual_lab.rig), *how, "--out", str(tmp_path)])
+    assert code in (0, 3), "".join(capsys.readouterr())
+    (file,) = tmp_path.glob("creep-*.mcap")
+    recording = Recording.open(file)
+    assert recording.attachments["protocol.py"] == CREEP.read_bytes()
+    rows = table_of(recording).rows
+    assert [row.protocol for row in rows] == ["creep", "creep"]
+    assert [row.hold for row in rows] == pytest.approx([10.0, 30.0], abs=0.5)
+    assert all(row.pressures[0] == pytest.approx(60e3, rel=0.05) for row in rows)
+    assert main(["replay", str(file)]) == 0 and "equal to the live run's" in capsys.readouterr().out
