@@ -19,7 +19,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from recordings.states.rules import PROTOCOL, PROTOCOL_IS
@@ -48,14 +48,31 @@ class Experiment:
 
 
 def protocols() -> Mapping[str, Experiment]:
-    """The project's own and those of installed packages; raises `BadProtocol` when one of these is none."""
+    """The project's own and those of installed packages, by name."""
+    return _found()[0]
+
+
+def broken() -> Mapping[str, str]:
+    """What is wrong with those that an installed package announces and that cannot be run, by name."""
+    return _found()[1]
+
+
+def _found() -> tuple[Mapping[str, Experiment], Mapping[str, str]]:
     known = {m.__name__.rpartition(".")[2]: m for m in (stiffness, bending, elongation)}
-    found = {name: _checked(name, module, name) for name, module in known.items()}
+    good = {name: _checked(name, module, name) for name, module in known.items()}
+    bad: dict[str, str] = {}
     for entry in importlib.metadata.entry_points(group=GROUP):
-        if entry.name in found:
-            raise BadProtocol(f"entry point {entry.name} of {GROUP}: the name is taken, choose another")
-        found[entry.name] = _checked(entry.name, entry.load(), f"entry point {entry.name} of {GROUP}")
-    return found
+        where = f"entry point {entry.name} = {entry.value} of {GROUP}"
+        if entry.name in known:
+            bad[entry.name] = f"{where}: the name is taken, choose another"
+            continue
+        try:
+            good[entry.name] = _checked(entry.name, entry.load(), where)
+        except BadProtocol as error:
+            bad[entry.name] = str(error)
+        except Exception as error:  # noqa: BLE001 - what a package of others raises must not keep the other protocols from running
+            bad[entry.name] = f"{where}: cannot be loaded: {type(error).__name__}: {error}"
+    return MappingProxyType(good), MappingProxyType(bad)
 
 
 def protocol_from_file(path: Path) -> Experiment:

@@ -29,7 +29,7 @@ from drivers.configs import (
     ValveConfig,
 )
 from drivers.interfaces import Vector3
-from drivers.registry import ROLES, broken, of_role
+from drivers.registry import ROLES, broken, drivers, of_role
 from recordings.messages import NAME
 
 from .config import ConfigError, check, read_yaml
@@ -291,6 +291,6 @@ def _unusable(data: Any) -> dict[str, str]:
     found = {}
     for key, table in named.items():
         name = table.get("driver") if isinstance(table, dict) else None
-        if isinstance(name, str) and name in broken():
+        if isinstance(name, str) and name not in drivers() and name in broken():
             found[key] = f"instruments.{key}.driver = {name}: {broken()[name]}"
     return found

@@ -19,7 +19,7 @@ from model.robot import Robot
 from protocols.errors import BadProtocol, Stopped
 from protocols.experiment import Plan, Trials
 from protocols.parameters import Parameters, RobotFacts
-from protocols.registry import Experiment, protocol_from_file, protocols
+from protocols.registry import Experiment, broken, protocol_from_file, protocols
 from recordings.campaign.journal import Journal
 from recordings.campaign.resumed import metadata as campaign
 from recordings.errors import RecordingError
@@ -110,6 +110,8 @@ def _experiment(name: object, own: Path | None, where: str) -> Experiment:
             raise ConfigError(f"{own}: is the protocol {found.name}, {where} is for {name}")
         return found
     known = protocols()
+    if isinstance(name, str) and name not in known and name in broken():
+        raise ConfigError(f"{where}: protocol = {name}: {broken()[name]}")
     if not isinstance(name, str) or name not in known:
         raise ConfigError(
             f"{where}: protocol = {name!r}: must be one of {', '.join(known)}, or a protocol file (.yaml, .py)"

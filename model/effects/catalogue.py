@@ -48,10 +48,16 @@ def effects_from_file(path: Path) -> tuple[EffectSpec, ...]:
 
 
 def installed_effects() -> tuple[EffectSpec, ...]:
-    """The effects that installed packages announce; raises `BadEffect` when one is not an effect."""
+    """The effects that installed packages announce; raises `BadEffect` when one is not an effect: a diagnosis that silently
+    weighs fewer than it should would not be honest."""
     found: list[EffectSpec] = []
     for entry in importlib.metadata.entry_points(group=GROUP):
-        found += _checked(entry.load(), f"entry point {entry.name}")
+        where = f"entry point {entry.name} = {entry.value} of {GROUP}"
+        try:
+            announced = entry.load()
+        except Exception as error:
+            raise BadEffect(f"{where}: cannot be loaded: {type(error).__name__}: {error}") from error
+        found += _checked(announced, where)
     return tuple(found)
 
 

@@ -61,12 +61,23 @@ def test_a_plan_of_one_s_own_is_held_against_the_limits(capsys: pytest.CaptureFi
     assert "creep, step 1" in capsys.readouterr().err
 
 
-def test_a_package_announces_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_announces_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "packaged_creep.py").write_text(CREEP.read_text())
     info = tmp_path / "packaged-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: packaged\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[softlab.protocols]\ncreep = packaged_creep\n")
+    (info / "entry_points.txt").write_text(
+        "[softlab.protocols]\ncreep = packaged_creep\nodd = packaged_odd\nbending = packaged_creep\n"
+    )
+    (tmp_path / "packaged_odd.py").write_text("import nothing_of_this_name")
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert "creep" in protocols()
+    assert set(protocols()) == {"stiffness", "bending", "elongation", "creep"}
+    # what cannot be used hinders no other, and says why where it is named
+    assert main(["plan", "bending", "--rig", RIG]) == 0
+    capsys.readouterr()
+    assert main(["plan", "odd", "--rig", RIG]) == 2
+    assert "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'" in capsys.readouterr().err
+    assert main(["plan", "elongation", "--rig", RIG]) == 0
     sys.modules.pop("packaged_creep", None)
