@@ -8,6 +8,7 @@ each look, and by no more than a look may take.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 LONGEST_LOOK = 0.3
 """Host seconds between two looks that still count in full."""
@@ -16,13 +17,15 @@ LONGEST_LOOK = 0.3
 class Awake:
     """Advanced by `look`, from one thread; read from any."""
 
-    def __init__(self) -> None:
+    def __init__(self, host: Callable[[], float] = time.monotonic) -> None:
+        """`host`: the host's time, s."""
+        self._host = host
         self._now = 0.0
-        self._looked = time.monotonic()
+        self._looked = host()
 
     def look(self) -> float:
         """The process is awake; returns the time awake, s."""
-        now = time.monotonic()
+        now = self._host()
         self._now += min(LONGEST_LOOK, now - self._looked)
         self._looked = now
         return self._now
