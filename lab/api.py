@@ -20,11 +20,11 @@ with what to do.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from diagnosis.answer.result import Diagnosis
@@ -37,7 +37,7 @@ from recordings.file.reader import Recording
 
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, comparison
-from .files.config import ConfigError, load
+from .files.config import ConfigError, Source, load
 from .files.inputs import Case, read_case
 from .files.rig_file import load_rig
 from .rig.assembly import Rig
@@ -121,16 +121,21 @@ def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
     `parameters` in SI units. The rig is vented and at rest afterwards, whatever happens. Raises what ended the run.
     """
     from .console import Screen
-    from .verbs.run import execute, job
+    from .verbs.run import execute, job, source_of
 
     where = rig.file.path
     if where is None:
         raise ConfigError("the rig was not read from a file; open it with lab.open_rig")
-    settings = [f"{key}={yaml.safe_dump(value, default_flow_style=True)}" for key, value in parameters.items()]
-    asked = job(protocol, where, settings)
+    given = source_of(protocol)
+    asked = job(protocol, where, [], replace(given, data={**_table(given), **parameters}))
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     done = execute(rig, asked, folder, Screen(asked.experiment.name, rig.clock.speed, quiet=True))
     if done.error is not None:
         raise done.error
     return done.file
+
+
+def _table(source: Source) -> dict[str, Any]:
+    """The keys of a protocol file; one that holds no table is told by whoever reads it."""
+    return source.data if isinstance(source.data, dict) else {}

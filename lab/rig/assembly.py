@@ -12,13 +12,15 @@ from typing import Any, Self
 
 from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
-from drivers.interfaces import Identity, WrenchSample
+from drivers.interfaces import Identity
 from drivers.registry import drivers
+from model.robot import Robot
 from protocols.bench import Bench, Narrator, StandFrame
 from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
 from recordings.messages import MessageType, sensor
 
+from ..files.config import load
 from ..files.rig_file import SENSORS, RigFile
 from ..guard.force_limit import ForceLimit
 from ..guard.instruments import ACTUATORS
@@ -32,7 +34,7 @@ from .interrupts import Shielded
 from .limits import wiring, within_robot
 from .real_time import clock_of, demand_fakes
 from .recovery import PatientOperator, Recovery
-from .streams import OF_INSTRUMENT, TOPICS, recorded
+from .streams import TOPICS, recorded
 from .watch import Vital, Watch, WatchedClock
 
 ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
@@ -47,7 +49,8 @@ class Rig:
     def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
         """Raises RigLocked when a person has to see to the rig first, unless `despite_latch`; ConfigError when its clock
         is for fakes and an instrument is none."""
-        self.file = file = within_robot(file)
+        robot = load(file.robot, Robot)
+        self.file = file = within_robot(file, robot)
         self.clock = clock_of(file)
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
@@ -60,7 +63,7 @@ class Rig:
         self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()
         instruments = file.instruments
-        self.chambers = wiring(file)
+        self.chambers = wiring(file, robot)
         self.actuators = act.Actuators(file, self.clock, self._polled, self._told, despite_latch)
         self.streams: dict[str, Any] = {}
         self.sensors: dict[str, MessageType] = {}
@@ -75,16 +78,16 @@ class Rig:
         for name, config in instruments.sensors.items():
             self._stream(SENSORS + name, config)
         if instruments.arm:
-            self.streams["arm_state"] = HostedArmState("arm_state", instruments.arm, self.clock, self._sink)
+            self.streams["arm_state"] = HostedArmState(
+                "arm_state", instruments.arm, self.clock, functools.partial(self._take, "arm_state")
+            )
 
     def _stream(self, name: str, config: InstrumentConfig) -> None:
         """Make the driver of an instrument that sends by itself."""
         driver = drivers()[config.driver]
-        sink = self._sink
         if name.startswith(SENSORS):
-            message = sensor(name.removeprefix(SENSORS), driver.quantities)
-            self.sensors[name] = message
-            sink = functools.partial(self._take, message.topic)
+            self.sensors[name] = sensor(name.removeprefix(SENSORS), driver.quantities)
+        sink = functools.partial(self._take, name)
         self.streams[name] = driver.make(name, config, self.clock, sink, self._noticed)
 
     @property
@@ -133,13 +136,11 @@ class Rig:
         for text in known:
             _warn(recorder, text)
 
-    def _sink(self, sample: Any) -> None:
-        if isinstance(sample, WrenchSample) and self._force is not None:
+    def _take(self, name: str, sample: Any) -> None:
+        """Judge, count and record a sample of an instrument."""
+        if name == "force" and self._force is not None:
             self._force.judge(sample)
-        self._take(TOPICS[type(sample)], sample)
-
-    def _take(self, topic: str, sample: Any) -> None:
-        """Count a sample, and record it."""
+        topic = self.topic(name)
         with self._lock:
             self.counts[topic] = self.counts.get(topic, 0) + 1
             sink = self._sinks.get(topic)
@@ -152,7 +153,7 @@ class Rig:
             return
         self.vital.errors.pop(name, None)
         self.vital.heard[name] = time.monotonic()
-        self._sink(sample)
+        self._take(name, sample)
 
     def _told(self, event: Event) -> None:
         """What the guard says by itself."""
@@ -175,7 +176,7 @@ class Rig:
 
     def topic(self, name: str) -> str:
         """Where an instrument's samples are recorded; empty for one that has none."""
-        return self.sensors[name].topic if name in self.sensors else OF_INSTRUMENT.get(name, "")
+        return self.sensors[name].topic if name in self.sensors else TOPICS.get(name, "")
 
     # -- protocols
     def bench(

@@ -6,26 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 from drivers.chambers import ChamberMap
-from drivers.interfaces import (
-    ArmSample,
-    BodySample,
-    GaugeSample,
-    PressureSample,
-    SpineSample,
-    ValveSample,
-    WrenchSample,
-)
+from drivers.interfaces import PressureSample
 
-TOPICS: dict[type, str] = {
-    PressureSample: "/pressure", SpineSample: "/spine", ValveSample: "/valve", GaugeSample: "/vacuum",
-    WrenchSample: "/force", ArmSample: "/arm", BodySample: "/tip",
-}  # fmt: skip
-"""A sample's attributes have the names of its topic's fields."""
-OF_INSTRUMENT = {
+TOPICS = {
     "pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge": "/vacuum", "force": "/force", "mocap": "/tip",
     "arm_state": "/arm",
 }  # fmt: skip
-"""The topic of each instrument's samples; the lab's own sensors have theirs beside it."""
+"""The topic of each instrument's samples, whose attributes have the names of its fields; the lab's own sensors have theirs beside
+it."""
 
 
 def recorded(sample: Any, chambers: ChamberMap) -> Any:

@@ -67,7 +67,7 @@ def job(
     """
     rig = load_rig(rig_path)
     robot = load(rig.robot, Robot)
-    source = _with(source or _source(protocol), settings)
+    source = _with(source or source_of(protocol), settings)
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
     experiment = _experiment(name, own, source.name)
@@ -96,7 +96,8 @@ def _known(rig: RigFile, robot: Robot) -> RobotFacts:
     return RobotFacts(chambers.count, chambers.channels, robot.tip_mass, robot.spine is not None)
 
 
-def _source(protocol: str) -> Source:
+def source_of(protocol: str) -> Source:
+    """What a protocol file says, or a name alone."""
     if Path(protocol).suffix in (".yaml", ".yml"):
         return read_yaml(Path(protocol))
     return Source(protocol, {"protocol": protocol}, {})
