@@ -132,7 +132,7 @@ class Guard:
             raise ValueError(f"{name}.{method} is not a command of this rig")
         with self.own.locks[name]:
             if (name, method) == ("pressure", "vent"):
-                self.judge.told = None
+                self.judge.vented()
             if (name, method) not in ENERGISING:
                 return getattr(self.own.drivers[name], method)(*args)
             self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
@@ -177,8 +177,13 @@ class Guard:
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
         allowed = self.judge.setpoints(pressures)
         self.judge.told = None
-        held: tuple[float, ...] = self.own.drivers["pressure"].set(allowed)
-        self.judge.told = held
+        try:
+            held: tuple[float, ...] = self.own.drivers["pressure"].set(allowed)
+        except InstrumentError:
+            if len(allowed) == self.own.drivers["pressure"].channels:
+                self.judge.may_have_taken(allowed)
+            raise
+        self.judge.confirmed(held)
         now = time.monotonic()
         worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
         if worst > CLIPPED and now - self._clip_told > LOG_EVERY:
@@ -196,7 +201,7 @@ class Guard:
         with self._landing_lock:
             if self._closed:
                 return self._last
-            self.judge.told = None
+            self.judge.vented()
             names = list(self.own.opened) if names is None else names
             report = self._last = self.landing.land(names, keep_vacuum, reach)
             self._landed_at = time.monotonic()
@@ -266,11 +271,9 @@ class Guard:
                 sample: Any
                 try:
                     with self.own.locks[name]:
-                        sample = self.own.drivers[name].read()
+                        sample = self._judge(name, self.own.drivers[name].read())  # before the next set-point is told
                 except InstrumentError as e:
                     sample = e
-                else:
-                    sample = self._judge(name, sample)
                 self.tell((name, sample))
             time.sleep(max(0.0, due - time.monotonic()))
 

@@ -55,6 +55,21 @@ class LimitMonitor:
         """Set-points that the regulators confirmed last, Pa; None while they are not known."""
         self._forgot = 0
 
+    def confirmed(self, setpoints: Sequence[float]) -> None:
+        """The regulators confirmed these set-points (Pa a channel)."""
+        self.told = tuple(setpoints)
+        self.may_have_taken(setpoints)
+
+    def may_have_taken(self, setpoints: Sequence[float]) -> None:
+        """The regulators were told these set-points (Pa a channel); whether each took its own is not known."""
+        for envelope, setpoint in zip(self._envelopes, setpoints, strict=True):
+            envelope.command(setpoint)
+
+    def vented(self) -> None:
+        """All channels are being told zero; whether they confirm it is not this monitor's matter."""
+        self.told = None
+        self.may_have_taken((0.0,) * len(self._envelopes))
+
     def setpoints(self, pressures: Sequence[float]) -> tuple[float, ...]:
         """Set-points (Pa a channel), scaled down together when their sum over the chambers is beyond the limit."""
         if len(pressures) != len(self._sizes) or not all(math.isfinite(p) for p in pressures):

@@ -5,8 +5,9 @@ pressure stays between two bounds: the upper one jumps up with s and falls towar
 and rises towards it with tau. What is outside of them by more than noise does not follow, whatever the set-points of
 this channel or of others are doing.
 
-Between two readings only their set-points are known. The bounds take the earlier one as told until the later reading, so
-that a ramp that is read seldom is not mistaken for a jump.
+When between two readings a set-point was told is not known. The bounds take the earlier reading's as told until the
+later reading, so that a ramp that is read seldom is not mistaken for a jump; and each that came between (`command`) as
+one that may have stood all the while, so that a channel which was down and is up again is not mistaken for a slow one.
 """
 
 from __future__ import annotations
@@ -30,6 +31,12 @@ class PressureEnvelope:
         self._t = math.nan
         self._off_since = self._near_since = math.inf
         self._outside = 0
+        self._lowest, self._highest = math.inf, -math.inf
+        """Range of the set-points that were told since the last reading."""
+
+    def command(self, setpoint: float) -> None:
+        """A set-point (Pa) that was told, or may have been, since the last reading."""
+        self._lowest, self._highest = min(self._lowest, setpoint), max(self._highest, setpoint)
 
     def update(self, t: float, setpoint: float, measured: float) -> bool:
         """Take a reading at time t (s); True when the channel has been too far from its set-point for too long."""
@@ -37,9 +44,11 @@ class PressureEnvelope:
             self._low, self._high = min(setpoint, measured), max(setpoint, measured)
         else:
             left = math.exp(-max(0.0, t - self._t) / self._tau)
-            self._low = min(setpoint, self._setpoint + (self._low - self._setpoint) * left)
-            self._high = max(setpoint, self._setpoint + (self._high - self._setpoint) * left)
+            lowest, highest = min(self._setpoint, self._lowest), max(self._setpoint, self._highest)
+            self._low = min(setpoint, lowest + min(0.0, self._low - lowest) * left)
+            self._high = max(setpoint, highest + max(0.0, self._high - highest) * left)
         self._t, self._setpoint = t, setpoint
+        self._lowest, self._highest = math.inf, -math.inf
         if abs(measured - setpoint) <= self._error:
             self._outside, self._near_since = 0, min(self._near_since, t)
             if t - self._near_since >= BACK:

@@ -104,7 +104,7 @@ def test_a_spine_outside_of_its_range_lands_the_rig_once_its_zero_is_known(
 
 def test_a_regulator_that_forgot_its_setpoint_lands_the_rig() -> None:
     judge = LimitMonitor(RIG)
-    judge.told = (100e3, 0.0, 0.0)
+    judge.confirmed((100e3, 0.0, 0.0))
     found = [judge.judge("pressure", pressure(t, held, 0.0)) for t, held in ((0.0, 100e3), (0.1, 0.0), (0.2, 0.0))]
     assert found[:2] == [None, None]
     assert found[2] is not None and found[2].act == "land" and "restarted" in str(found[2].error)
@@ -162,6 +162,29 @@ def test_no_sound_chamber_is_accused_in_any_sweep(
     told = sweep(rate, tuple(levels), hold + 0.1)
     for t, asked, p in itertools.takewhile(lambda s: s[0] < 60.0, chamber(told, tau, period, 1e3, seed)):
         assert judge.judge("pressure", pressure(t, asked, p)) is None
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    seed=st.integers(0, 99), tau=st.floats(0.05, 1.0), commands=st.integers(1, 6),
+    levels=st.lists(st.floats(0.0, 300e3), min_size=2, max_size=5),
+)  # fmt: skip
+def test_no_sound_chamber_is_accused_that_is_read_seldom_and_told_often(
+    seed: int, tau: float, commands: int, levels: list[float]
+) -> None:
+    """Several set-points between two readings, of which the readings show but the last."""
+    judge, rng, p, t = LimitMonitor(RIG), random.Random(seed), 0.0, 0.0
+    told = itertools.cycle(levels)
+    for _ in range(80):
+        for _ in range(rng.randint(1, commands)):
+            setpoint = next(told)
+            judge.confirmed((setpoint, 0.0, 0.0))
+            wait = rng.uniform(0.05, 4.0)
+            p, t = setpoint + (p - setpoint) * math.exp(-wait / tau), t + wait
+        if rng.random() < 0.5:  # the last one has only just been told
+            setpoint = next(told)
+            judge.confirmed((setpoint, 0.0, 0.0))
+        assert judge.judge("pressure", pressure(t, setpoint, p)) is None
 
 
 def test_a_slow_regulator_is_sound_when_rig_yaml_says_how_slow() -> None:
