@@ -2,7 +2,7 @@
 
 A driver is announced by a `Driver`: under which key of rig.yaml its instrument stands, its table there, and how it is
 made. A package announces one as an entry point of the group `softlab.drivers`; the entry point's name is what
-`driver:` in rig.yaml says. `docs/drivers.md` shows a whole package.
+`driver:` in rig.yaml says. `docs/howto/driver.md` shows a whole package.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ class Pose(BaseModel):
 
 
 class Robot(BaseModel):
-    """The soft robot of one case; see docs/model.md for how each value enters the equations."""
+    """The soft robot of one case; see docs/explanations/model.md for how each value enters the equations."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

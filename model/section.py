@@ -1,6 +1,6 @@
 """From the robot and its conditions to the rod: areas, stiffness, actuation.
 
-Equation numbers are those of the paper. Choices where it leaves room (see docs/model.md): area and second moments
+Equation numbers are those of the paper. Choices where it leaves room (see docs/explanations/model.md): area and second moments
 are those of the annulus, chambers not subtracted, with and without spine; the weight is the body's alone; the shear
 modulus of the part with spine keeps the ratio to Young's modulus that the body has.
 """

@@ -8,7 +8,7 @@ A protocol is a module with
     run(bench, parameters, trials)        does them
 
 A package announces such modules as entry points of the group `softlab.protocols`; their names are the protocols'. A
-file's protocol has the file's name. `docs/protocols.md` has an example.
+file's protocol has the file's name. `docs/howto/protocol.md` has an example.
 """
 
 from __future__ import annotations

@@ -63,5 +63,5 @@ class ProbabilityCalibration:
 CALIBRATED = ProbabilityCalibration(
     temperature=1.0, base=-2.7, strain=0.25, transport=1.0, odd_spine=0.8, trend=1.4, beyond=3.0, many=0.8,
     spread=1.2, flagged=0.5,
-    bench="fitted on 180 development cases, clean and cluttered; docs/blind.md has the sealed ones",
+    bench="fitted on 180 development cases, clean and cluttered; docs/explanations/blind.md has the sealed ones",
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""`lab blind score`: open the seal, compare, and write what it came to as JSON, table, picture and a section of docs/blind.md."""
+"""`lab blind score`: open the seal, compare, and write what it came to: JSON, table, picture, a section of a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A score for people: a table on the screen, a section of docs/blind.md, and the picture beside it."""
+"""A score for people: a table on the screen, a section of docs/explanations/blind.md, and the picture beside it."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _range(i: Interval) -> str:
 
 
 def markdown(result: Score, picture: str) -> str:
-    """The section of docs/blind.md; every shortfall is named."""
+    """The section of docs/explanations/blind.md; every shortfall is named."""
     about = result.about
     lines = [f"### {heading(result)}", ""]
     sealed = f"sha256 of the sealed truth `{about.get('sha256_of_truth')}`, made {about.get('made')}"

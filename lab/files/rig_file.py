@@ -56,7 +56,7 @@ class NotInstalled(InstrumentConfig):
     @field_validator("driver")
     @classmethod
     def _none(cls, driver: str) -> str:
-        raise ValueError("no driver of this kind is installed; docs/drivers.md tells how one is added")
+        raise ValueError("no driver of this kind is installed; docs/howto/driver.md tells how one is added")
 
 
 def _tables() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The robot behind the fake instruments: a discrete rod with physics of its own, see docs/virtual-robot.md."""
+"""The robot behind the fake instruments: a discrete rod with physics of its own, see docs/explanations/virtual-robot.md."""
 
 from .catalogue import EffectInfo, list_effects
 from .effects import Effect, draw_effect
