@@ -3,6 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
+READY_DOCS := .venv/.ready-docs
 # Python compiles on first import what is used: a fifth of what would be compiled here.
 INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt -e
 # make test ROOM=drivers: one room alone. make test LONG=1: also further cases of what other tests show.
@@ -11,7 +12,7 @@ ROOMS := $(sort $(patsubst tests/%/,%,$(filter-out tests/__%,$(wildcard tests/*/
 # Whatever the person's shell says: without its cache every process of Python takes three seconds longer to start.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test room lint bench faults clean
+.PHONY: demo test room lint bench docs faults clean
 
 demo: $(READY)
 	$(BIN)/lab demo --out demo
@@ -37,6 +38,11 @@ bench: $(READY_DEV)
 	$(BIN)/python -m benchmarks.rod --json out/rod.json
 	$(BIN)/python -m benchmarks.recording --json out/recording.json
 
+# The site, read without network: out/docs/index.html.
+docs: $(READY_DOCS)
+	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/doctrees docs out/docs
+	@echo out/docs/index.html
+
 # All tests, the whole fault matrix, then kills, signals, fuzz and soak: an hour and a half on two processors.
 faults: $(READY_DEV)
 	$(MAKE) test LONG=1
@@ -55,6 +61,10 @@ $(READY): pyproject.toml constraints.txt
 
 $(READY_DEV): $(READY)
 	$(INSTALL) '.[dev]'
+	touch $@
+
+$(READY_DOCS): $(READY)
+	$(INSTALL) '.[docs]'
 	touch $@
 
 clean:

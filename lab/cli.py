@@ -131,6 +131,12 @@ def _schema(a: argparse.Namespace) -> int:
     return schema(a.file)
 
 
+def _completion(a: argparse.Namespace) -> int:
+    from .verbs.completion import completion
+
+    return completion(a.shell, parser())
+
+
 class Version(argparse.Action):
     """Prints the version; found out only when it is asked for."""
 
@@ -277,6 +283,9 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("schema", _schema, "the JSON schema of a file that people write, for their editor")
     p.add_argument("file", metavar="rig|robot|PROTOCOL")
+
+    p = verb("completion", _completion, "what a shell needs to complete verbs, options and files")
+    p.add_argument("shell", choices=("bash", "zsh"))
 
     p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/paper"), help="folder for the figures")

@@ -1,0 +1,332 @@
+"""The reference pages, made from the code: command, files, protocols, effects, instruments, streams, Python."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import inspect
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, get_args
+
+from pydantic import BaseModel
+
+import lab
+from drivers.registry import ROLES, drivers
+from lab.cli import parser
+from lab.files.rig_file import RigFile
+from model.effects import CATALOGUE
+from model.effects.spec import STAGES, Parameter
+from model.robot import Robot
+from protocols.registry import protocols
+from recordings import trials
+from recordings.messages import STREAMS
+
+MADE = "This page is made from the code."
+
+
+def write_all(folder: Path) -> None:
+    """Write every page into `folder`."""
+    pages = {
+        "command": command(),
+        "rig": rig_file(),
+        "robot": robot_file(),
+        "trials": trials_file(),
+        "protocols": protocol_files(),
+        "instruments": instruments(),
+        "effects": effects(),
+        "streams": streams(),
+        "python": python(),
+    }
+    folder.mkdir(exist_ok=True)
+    for name, lines in pages.items():
+        text = "\n".join(lines) + "\n"
+        page = folder / f"{name}.md"
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+
+
+def command() -> Iterator[str]:
+    """Every verb with its arguments, from the parser itself."""
+    yield from (
+        "# The command",
+        "",
+        MADE,
+        "",
+        "Exit code 0: done; 1: failed; 2: wrong usage or configuration; 3: done, but data was lost.",
+    )
+    for name, verb in _verbs(parser()):
+        yield from ("", f"## lab {name}", "", f"{_sentence(verb.description)}", "", "```text")
+        yield from (textwrap.dedent(verb.format_usage()).removeprefix("usage: ").rstrip(), "```")
+        rows = [
+            (_code(", ".join(a.option_strings) or a.metavar or a.dest), _cell(a.help or ""))
+            for a in verb._actions  # noqa: SLF001 - argparse has no other list of them
+            if not isinstance(a, (argparse._HelpAction, argparse._SubParsersAction))  # noqa: SLF001
+        ]
+        yield from _table(("argument", "meaning"), rows)
+
+
+def _verbs(top: argparse.ArgumentParser, before: str = "") -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    for action in top._actions:  # noqa: SLF001
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for name, verb in action.choices.items():
+                yield before + name, verb
+                yield from _verbs(verb, f"{before}{name} ")
+
+
+def rig_file() -> Iterator[str]:
+    """Every table of rig.yaml but those of the instruments."""
+    yield from ("# rig.yaml", "", MADE, "The tables of `instruments` are on [a page of their own](instruments.md).")
+    yield from ("A number may carry its unit: `250 kPa`. For an editor: `lab schema rig`.", "")
+    yield from _tables(RigFile, "", leave_out=("instruments",))
+
+
+def robot_file() -> Iterator[str]:
+    """Every table of robot.yaml."""
+    yield from (
+        "# robot.yaml",
+        "",
+        MADE,
+        "A number may carry its unit: `40 cm`. For an editor: `lab schema robot`.",
+        "",
+    )
+    yield from _tables(Robot, "")
+
+
+def trials_file() -> Iterator[str]:
+    """The columns of trials.csv, as their module describes them."""
+    yield from ("# trials.csv", "", MADE, "")
+    yield from _prose(trials)
+
+
+def protocol_files() -> Iterator[str]:
+    """The parameters of each protocol."""
+    yield from ("# Protocols", "", MADE, "These are the keys of a protocol file, and of `--set`.", "")
+    for name, found in protocols().items():
+        yield from (
+            f"## {name}",
+            "",
+            *_prose(inspect.getmodule(found.parameters)),
+            f"Needs: {', '.join(found.needs)}.",
+            "",
+        )
+        yield from _tables(found.parameters, "", level=3)
+
+
+def instruments() -> Iterator[str]:
+    """The drivers, role by role, with the keys of their tables in rig.yaml."""
+    yield from (
+        "# Instruments",
+        "",
+        MADE,
+        "`driver:` names the driver; a package of yours [adds its own](../howto/driver.md).",
+        "",
+    )
+    for role in ROLES:
+        mine = {
+            name: d for name, d in drivers().items() if d.role == role and d.config.__module__.startswith("drivers.")
+        }
+        if not mine:
+            continue
+        yield from (f"## {role}", "")
+        for name, driver in mine.items():
+            yield from (f"### {name}", "", *_prose(inspect.getmodule(driver.config)))
+            yield from _tables(driver.config, "", level=4, leave_out=("driver",))
+
+
+def effects() -> Iterator[str]:
+    """The catalogue of effects, stage by stage."""
+    yield from (
+        "# Effects",
+        "",
+        MADE,
+        "Sizes are what is plausible on a robot like the paper's: standard deviations of the prior.",
+    )
+    yield from ("`lab effects` draws what each does; [why they are as they are](../explanations/effects.md).", "")
+    for stage in STAGES:
+        yield from (f"## {stage}", "")
+        for e in (e for e in CATALOGUE.values() if e.stage == stage):
+            yield from (
+                f"### {e.id}",
+                "",
+                _code(e.equation),
+                "",
+                f"Seen best in: {e.seen_best_in}. Source: {e.citation}.",
+                "",
+            )
+            rows = [(_code(p.name), p.role, p.unit, f"{p.scale:.4g}", _bounds(p)) for p in e.parameters]
+            yield from _table(("parameter", "role", "unit", "plausible", "bounds"), rows)
+
+
+def _bounds(p: Parameter) -> str:
+    return f"{p.low:.4g} .. {p.high:.4g}"
+
+
+def streams() -> Iterator[str]:
+    """The streams of a recording, with the fields of their messages."""
+    yield from ("# Streams of a recording", "", MADE, "")
+    for topic, message in STREAMS.items():
+        yield from (f"## {topic}", "", *([_sentence(message.doc), ""] if message.doc else []))
+        rows = [
+            (_code(f.name), f.kind + (f" {'x'.join(map(str, f.shape))}" if f.shape else ""), f.unit, _cell(f.doc))
+            for f in message.fields
+        ]
+        yield from _table(("field", "type", "unit", "meaning"), rows)
+
+
+def python() -> Iterator[str]:
+    """The names of `import lab`."""
+    yield from ("# Python", "", MADE, "")
+    for name in lab.__all__:
+        found = getattr(lab, name)
+        yield from (f"## lab.{name}", "", "```text", f"{name}{_signature(found)}", "```", "", *_prose(found))
+        if inspect.isclass(found):
+            notes = _notes(found)
+            members = (
+                [n for n in found.__annotations__ if not n.startswith("_")] if hasattr(found, "__annotations__") else []
+            )
+            methods = {
+                n: inspect.getdoc(m) or ""
+                for n, m in vars(found).items()
+                if not n.startswith("_") and inspect.getdoc(m)
+            }
+            rows = [(_code(n), _cell(notes.get(n, ""))) for n in members] + [
+                (_code(n), _cell(d)) for n, d in methods.items() if n not in members
+            ]
+            yield from _table(("name", "meaning"), rows)
+
+
+def _signature(found: Any) -> str:
+    return str(inspect.signature(found)).replace("'", "")
+
+
+def _tables(model: type[BaseModel], title: str, level: int = 2, leave_out: Sequence[str] = ()) -> Iterator[str]:
+    """A table of keys for a model, under no heading without a title, and one for each model inside it."""
+    schema = model.model_json_schema()
+    inner = _inside(model, leave_out)
+    names = {one.__name__: key for one, key in inner.items()}
+    for one, key in {model: title, **inner}.items():
+        own = schema if one is model else schema["$defs"][one.__name__]
+        if key:
+            yield from (f"{'#' * level} {key}", "")
+        yield from _prose(one)
+        notes, needed = _notes(one), own.get("required", ())
+        rows = [
+            (_code(k), _form(field, names), "required" if k in needed else _default(field), _cell(notes.get(k, "")))
+            for k, field in own["properties"].items()
+            if one is not model or k not in leave_out
+        ]
+        yield from _table(("key", "value", "default", "meaning"), rows)
+
+
+def _inside(model: type[BaseModel], leave_out: Sequence[str] = ()) -> dict[type[BaseModel], str]:
+    """The models of a model's fields, each once, with the key under which it is met first."""
+    found: dict[type[BaseModel], str] = {}
+    for key, field in model.model_fields.items():
+        for inner in () if key in leave_out else _models(field.annotation):
+            found.setdefault(inner, key)
+            found = {**{m: f"{key}.{k}" for m, k in _inside(inner).items()}, **found}
+    return found
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if inspect.isclass(annotation) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models(inner)
+
+
+WORDS = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "array": "list",
+    "object": "table",
+}
+BOUNDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to", "exclusiveMaximum": "below"}
+
+
+def _form(field: Mapping[str, Any], names: Mapping[str, str] = MappingProxyType({})) -> str:
+    """What may stand in a field, from its schema: kind, unit, limits."""
+    if "$ref" in field:
+        name = field["$ref"].rpartition("/")[2]
+        return f"the table {_code(names.get(name, name))}"
+    kinds = [k for k in (*field.get("anyOf", ()), *field.get("oneOf", ())) if k.get("type") != "null"]
+    if kinds:
+        words = " or ".join(dict.fromkeys(_form(k, names) for k in kinds))
+    elif "enum" in field or "const" in field:
+        words = " or ".join(map(str, field.get("enum", (field.get("const"),))))
+    elif field.get("type") == "array":
+        items = field.get("items") or (field.get("prefixItems") or [{}])[0]
+        few = len(field["prefixItems"]) if "prefixItems" in field else 0
+        words = f"{few or 'list'} of {_form(items, names)}"
+    else:
+        words = WORDS.get(field.get("type", ""), "any")
+    limits = " ".join(f"{word} {field[key]:g}" for key, word in BOUNDS.items() if key in field)
+    unit = field.get("unit", "")
+    return _cell(", ".join(part for part in (words, limits, "" if unit == "1" else unit) if part))
+
+
+def _default(field: Mapping[str, Any]) -> str:
+    value = field.get("default")
+    if isinstance(value, dict):
+        return ""
+    return "" if value in (None, "", [], {}) else _cell(str(value).lower() if isinstance(value, bool) else f"{value}")
+
+
+def _notes(model: type) -> dict[str, str]:
+    """The docstrings under the fields of a class and of those it derives from."""
+    found: dict[str, str] = {}
+    for one in reversed(model.__mro__):
+        try:
+            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(one))).body
+        except (OSError, TypeError):
+            continue
+        body = getattr(tree, "body", [])
+        for field, note in zip(body, body[1:], strict=False):
+            if (
+                isinstance(field, ast.AnnAssign)
+                and isinstance(field.target, ast.Name)
+                and isinstance(note, ast.Expr)
+                and isinstance(note.value, ast.Constant)
+            ):
+                found[field.target.id] = str(note.value.value)
+    return found
+
+
+def _prose(of: Any) -> Iterator[str]:
+    """A docstring; what is indented in it stays as it stands."""
+    quoted = False
+    for line in (inspect.getdoc(of) or "").splitlines():
+        inside = line.startswith("    ") or (quoted and not line)
+        if inside != quoted:
+            yield from ("```", "") if quoted else ("```text",)
+            quoted = inside
+        yield line
+    if quoted:
+        yield "```"
+    yield ""
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    rows = list(rows)
+    if rows:
+        yield from ("", f"| {' | '.join(head)} |", "|" + "---|" * len(head))
+        yield from (f"| {' | '.join(row)} |" for row in rows)
+    yield ""
+
+
+def _code(text: str) -> str:
+    return f"`{_cell(text)}`"
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _sentence(text: str | None) -> str:
+    text = (text or "").strip()
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
