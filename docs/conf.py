@@ -22,5 +22,6 @@ html_theme = "furo"
 html_copy_source = False
 html_show_copyright = html_show_sphinx = False
 extensions = ["myst_parser"]
+highlight_language = "text"
 myst_heading_anchors = 3
 exclude_patterns = ["_*"]

@@ -11,6 +11,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 RIG, RODS = "rig", "rods"
 GROUPS = {
+    "docs": RIG,
     "safety": RIG,
     "test_call_order.py": "call order",
     "test_call_order_network.py": "call order",

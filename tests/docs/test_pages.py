@@ -1,0 +1,111 @@
+"""What README and docs tell people to type works; what is not run here says why."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.docs.blocks import ROOT, Block, blocks, pages
+from tests.docs.workplace import Rigs, Workplace
+
+RUN = ("bash", "python")
+FIRST = "docs/tutorials/first-day.md"
+"""Its fakes have an effect, and serve the other pages too."""
+KINDS = (*RUN, "yaml", "toml", "text", "{toctree}")
+ALL = [block for page in pages() for block in blocks(page)]
+
+
+def runs(page: Path) -> list[Block]:
+    """The blocks of a page that are run here, and the files among them."""
+    return [b for b in blocks(page) if not (b.not_run or b.run_by)]
+
+
+def on_the_rig(page: Path) -> bool:
+    return any("rig/rig.yaml" in b.text for b in runs(page) if b.kind in RUN)
+
+
+RUNNABLE = sorted(
+    {b.page for b in ALL if b.kind in RUN and not (b.not_run or b.run_by)},
+    key=lambda p: (p != ROOT / FIRST, not on_the_rig(p), p),
+)
+"""Those that share a rig come first: fakes that wait for nobody are ended."""
+
+
+@pytest.fixture(scope="session")
+def rigs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rigs]:
+    found = Rigs(tmp_path_factory.mktemp("rigs"))
+    yield found
+    found.stop()
+
+
+@pytest.mark.parametrize("page", RUNNABLE, ids=lambda p: str(p.relative_to(ROOT)))
+def test_the_blocks_of_a_page_run_in_order(
+    page: Path, rigs: Rigs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = Workplace(tmp_path / "page", rigs)
+    monkeypatch.chdir(place.folder)
+    if on_the_rig(page):
+        lines = [line for b in blocks(ROOT / FIRST) for line in b.text.splitlines()]
+        place.line(next(line for line in lines if line.startswith("lab fakes --speed")))
+    else:
+        rigs.stop()
+    for block in runs(page):
+        try:
+            place.do(block)
+        except BaseException as error:
+            error.add_note(f"in the block of {block.where}")
+            raise
+
+
+def test_every_block_says_what_it_is() -> None:
+    assert [b.where for b in ALL if b.kind not in KINDS] == []
+
+
+def test_what_is_not_run_says_why() -> None:
+    marked = [b for b in ALL if b.not_run or b.run_by]
+    assert marked and all(b.kind in RUN for b in marked)
+    assert [b.where for b in marked if b.not_run and len(b.not_run.split()) < 2] == []
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.run_by], ids=lambda b: b.where)
+def test_the_test_that_stands_for_a_block_exists(block: Block) -> None:
+    file, _, name = block.run_by.partition("::")
+    text = (ROOT / file).read_text(encoding="utf-8")
+    assert f"def {name}(" in text if name else "def test_" in text
+
+
+def test_no_command_hides_outside_of_a_block() -> None:
+    command = re.compile(r"^    +(lab|make|python|pip|from|import|\$) ")
+    found = []
+    for page in pages():
+        inside = False
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1):
+            inside ^= line.lstrip().startswith("```")
+            if not inside and command.match(line):
+                found.append(f"{page.relative_to(ROOT)}:{number}")
+    assert found == []
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    found = []
+    for page in pages():
+        for target in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8")):
+            if "://" not in target and not (page.parent / target).exists():
+                found.append(f"{page.relative_to(ROOT)}: {target}")
+    assert found == []
+
+
+def test_pages_that_the_code_names_exist() -> None:
+    named = re.compile(r"docs/[\w/-]+\.md")
+    found = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for room in ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis", "examples")
+        for path in (ROOT / room).rglob("*.*")
+        if path.suffix in (".py", ".yaml", ".toml")
+        for name in named.findall(path.read_text(encoding="utf-8"))
+        if not (ROOT / name).exists()
+    ]
+    assert found == []

@@ -1,0 +1,78 @@
+"""The reference pages hold what the code has, and the site is built of all pages without a warning."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.registry import OWN
+from model.effects import CATALOGUE
+from model.robot import Robot
+from recordings.messages import STREAMS
+from tests.docs.blocks import ROOT
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    spec = importlib.util.spec_from_file_location("reference_pages", ROOT / "docs/reference_pages.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    folder: Path = tmp_path_factory.mktemp("reference")
+    module.write_all(folder)
+    return {page.stem: page.read_text(encoding="utf-8") for page in folder.glob("*.md")}
+
+
+def test_each_verb_key_effect_driver_and_stream_is_there(reference: dict[str, str]) -> None:
+    assert all(f"\n## lab {verb}\n" in reference["command"] for verb in ("run", "diagnose", "blind make", "completion"))
+    assert all(f"| `{key}` |" in reference["robot"] for key in Robot.model_fields)
+    assert all(f"\n### {effect}\n" in reference["effects"] for effect in CATALOGUE)
+    assert all(f"\n### {driver}\n" in reference["instruments"] for driver in OWN)
+    assert all(f"\n## {topic}\n" in reference["streams"] for topic in STREAMS)
+
+
+def test_a_field_has_its_unit_its_limits_its_default_and_its_meaning(reference: dict[str, str]) -> None:
+    row = "| `standoff` | number, above 0 to 0.3, m | 0.08 | Distance from the specimen's axis"
+    assert row in reference["rig"]
+
+
+def test_every_page_of_the_reference_is_in_its_list(reference: dict[str, str]) -> None:
+    listed = (ROOT / "docs/reference/index.md").read_text(encoding="utf-8").splitlines()
+    assert set(reference) <= set(listed)
+
+
+def test_every_page_is_in_the_site() -> None:
+    index = (ROOT / "docs/index.md").read_text(encoding="utf-8").splitlines()
+    folders = [ROOT / "docs" / kind for kind in ("tutorials", "howto", "explanations")]
+    found = [f"{page.parent.name}/{page.stem}" for folder in folders for page in folder.glob("*.md")]
+    assert [name for name in found if name not in index] == []
+
+
+@pytest.mark.long
+def test_the_site_is_built_without_a_warning_and_asks_nothing_of_the_network(tmp_path: Path) -> None:
+    for package in ("sphinx", "myst_parser", "furo"):
+        pytest.importorskip(package, reason="make docs installs it")
+    build = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "-b",
+        "html",
+        "-d",
+        tmp_path / "trees",
+        ROOT / "docs",
+        tmp_path / "site",
+    ]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for page in (tmp_path / "site").rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert 'src="http' not in text and not any("http" in line for line in text.splitlines() if "<link" in line), (
+            page
+        )
