@@ -27,35 +27,50 @@ START = 180.0
 SHORT = ("spine_lengths=[0, 10 cm]", "pressures=[100 kPa, 200 kPa]", "repeats=1")
 BUSY = ("settle.min_samples=3", *PATIENT_SETTLE)
 """On a busy computer samples of fakes at twenty times real speed are few and late."""
+CONNECTS = re.compile(r"lab (?:check|run|safe) .*?--rig (\w+)/rig\.yaml")
 SHELL = re.compile(r"[|;&<>`]|\$\(")
 """What a line of nothing but words does not have."""
 
 
 @dataclass
 class Rigs:
-    """Fakes that `lab fakes` lines of the pages have started, by their folder."""
+    """Fakes that `lab fakes` lines of the pages have started, by their folder; asleep while nobody needs them."""
 
     root: Path
+    commands: dict[str, list[str]] = field(default_factory=dict)
     running: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
-    def start(self, words: Sequence[str], cwd: Path) -> Path:
-        """Start them as a page says, unless they are there; returns the folder of their rig.yaml."""
+    def start(self, words: Sequence[str]) -> Path:
+        """Start them as a page says, unless they were started before; returns the folder of their rig.yaml."""
         a = parser().parse_args(words)
-        name = a.rig.parent.name
-        folder = self.root / name
-        if name not in self.running:
+        folder = self.root / a.rig.parent.name
+        if folder.name not in self.commands:
             options = [w for w in words[1:] if w not in ("--rig", str(a.rig))]
             command = [sys.executable, "-m", "lab.cli", "fakes", *options, "--rig", str(folder / a.rig.name)]
-            self.running[name] = subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL)
-            patient(folder / a.rig.name)
+            self.commands[folder.name] = command
+            self.wake(folder.name)
         return folder
 
-    def stop(self) -> None:
-        """End them all."""
+    def wake(self, name: str) -> None:
+        """Have them run."""
+        if name in self.commands and name not in self.running:
+            rig = Path(self.commands[name][-1])
+            rig.unlink(missing_ok=True)
+            self.running[name] = subprocess.Popen(self.commands[name], stdout=subprocess.DEVNULL)
+            patient(rig)
+
+    def sleep(self) -> None:
+        """End them all; their rig.yaml stays."""
         for process in self.running.values():
             process.send_signal(signal.SIGINT)
             process.wait(60)
         self.running.clear()
+
+
+def needs(text: str) -> str:
+    """The folder of the rig that a line of a shell connects to; empty when it connects to none."""
+    found = CONNECTS.search(text)
+    return found[1] if found else ""
 
 
 def patient(rig: Path) -> None:
@@ -112,8 +127,9 @@ class Workplace:
             path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
             subprocess.run(["bash", "-euc", line], cwd=self.folder, check=True, env={**os.environ, "PATH": path})
         elif words[1] == "fakes":
-            self.link(self.rigs.start(words[1:], self.folder))
+            self.link(self.rigs.start(words[1:]))
         else:
+            self.rigs.wake(needs(command))
             with contextlib.ExitStack() as stack:
                 if arrow:
                     file = stack.enter_context((self.folder / target.strip()).open("w"))
