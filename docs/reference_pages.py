@@ -14,6 +14,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 import lab
+from drivers import interfaces
 from drivers.registry import ROLES, drivers
 from lab.cli import parser
 from lab.files.rig_file import RigFile
@@ -24,6 +25,17 @@ from protocols.registry import protocols
 from recordings import trials
 from recordings.messages import STREAMS
 
+OFFERS: Mapping[str, type] = {
+    "arm": interfaces.Arm,
+    "force": interfaces.ForceSensor,
+    "pressure": interfaces.PressureRegulators,
+    "spine": interfaces.LengthUnit,
+    "valve": interfaces.JammingValve,
+    "gauge": interfaces.VacuumGauge,
+    "mocap": interfaces.MotionCapture,
+    "sensor": interfaces.Stream,
+}
+"""What a driver of each role is."""
 MADE = "This page is made from the code."
 
 
@@ -116,24 +128,32 @@ def protocol_files() -> Iterator[str]:
 
 
 def instruments() -> Iterator[str]:
-    """The drivers, role by role, with the keys of their tables in rig.yaml."""
-    yield from (
-        "# Instruments",
-        "",
-        MADE,
-        "`driver:` names the driver; a package of yours [adds its own](../howto/driver.md).",
-        "",
-    )
+    """What a driver of each role offers, and the project's own with the keys of their tables in rig.yaml."""
+    yield from ("# Instruments", "", MADE)
+    yield from ("`driver:` names the driver; a package of yours [adds its own](../howto/driver.md).", "")
+    yield from ("## What every driver does", "", *_prose(interfaces))
     for role in ROLES:
-        mine = {
-            name: d for name, d in drivers().items() if d.role == role and d.config.__module__.startswith("drivers.")
-        }
-        if not mine:
-            continue
-        yield from (f"## {role}", "")
-        for name, driver in mine.items():
-            yield from (f"### {name}", "", *_prose(inspect.getmodule(driver.config)))
-            yield from _tables(driver.config, "", level=4, leave_out=("driver",))
+        yield from (
+            f"## {role}",
+            "",
+            f"Interface: `drivers.interfaces.{OFFERS[role].__name__}`.",
+            "",
+            *_prose(OFFERS[role]),
+        )
+        rows = [(_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or "")) for name, f in _methods(OFFERS[role])]
+        yield from _table(("call", "does"), rows)
+        for name, driver in drivers().items():
+            if driver.role == role and driver.config.__module__.startswith("drivers."):
+                yield from (f"### {name}", "", *_prose(inspect.getmodule(driver.config)))
+                yield from _tables(driver.config, "", level=4, leave_out=("driver",))
+
+
+def _methods(interface: type) -> Iterator[tuple[str, Any]]:
+    for one in reversed(interface.__mro__):
+        if one.__module__ == interfaces.__name__:
+            yield from (
+                (name, f) for name, f in vars(one).items() if inspect.isfunction(f) and not name.startswith("_")
+            )
 
 
 def effects() -> Iterator[str]:
@@ -199,7 +219,7 @@ def python() -> Iterator[str]:
 
 
 def _signature(found: Any) -> str:
-    return str(inspect.signature(found)).replace("'", "")
+    return str(inspect.signature(found)).replace("'", "").replace("(self, ", "(").replace("(self)", "()")
 
 
 def _tables(model: type[BaseModel], title: str, level: int = 2, leave_out: Sequence[str] = ()) -> Iterator[str]:
