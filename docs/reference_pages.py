@@ -282,7 +282,8 @@ def _form(field: Mapping[str, Any], names: Mapping[str, str] = MappingProxyType(
     elif field.get("type") == "array":
         items = field.get("items") or (field.get("prefixItems") or [{}])[0]
         few = len(field["prefixItems"]) if "prefixItems" in field else 0
-        words = f"{few or 'list'} of {_form(items, names)}"
+        kind = _form(items, names).replace("number", "numbers", 1)
+        words = f"{few} {kind}" if few else f"list of {kind}"
     else:
         words = WORDS.get(field.get("type", ""), "any")
     limits = " ".join(f"{word} {field[key]:g}" for key, word in BOUNDS.items() if key in field)
