@@ -2,7 +2,7 @@
 
 The named effect's parameters and the calibration go through the model in full. The tolerances, what each trial has of its
 own, and the smooth discrepancy are integrated out by algebra, linear around the most probable point, as in the diagnosis.
-The prior is the diagnosis' own: normals cut at their bounds, and of a named effect at least one size of `DOMINANT`.
+The prior is the diagnosis' own: normals cut at their bounds, and of a named effect at least one size of `LEAST_NAMED_SIZE`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import norm
 
-from diagnosis.inference.evidence import DOMINANT, Grid, Hypothesis, weigh
+from diagnosis.inference.evidence import LEAST_NAMED_SIZE, Grid, Hypothesis, weigh
 from diagnosis.inference.fit import Fit, fit
 from diagnosis.inference.problem import Problem
 
@@ -51,9 +51,10 @@ class Hypothetical:
     @property
     def laplace(self) -> float:
         """Log evidence as the diagnosis has it."""
-        cell = one_cell(self.size)
+        grid_point = one_cell(self.size)
         return (
-            weigh(self.around.linear, cell, self.problem.parameters, [self.named])[0].log_evidence - self.around.short
+            weigh(self.around.linear, grid_point, self.problem.parameters, [self.named])[0].log_evidence
+            - self.around.predicted_decrease
         )
 
     def prior(self, unit: Array) -> Array:
@@ -75,7 +76,7 @@ class Hypothetical:
         shapes = p.shapes or (False,) * len(p.names)
         out = unit.copy()
         places = [j for j, i in enumerate(self.sampled) if p.effects[i] and not shapes[i]]
-        edges = np.clip((norm.cdf([[-DOMINANT], [DOMINANT]]) - low) / (high - low), 0.0, 1.0)
+        edges = np.clip((norm.cdf([[-LEAST_NAMED_SIZE], [LEAST_NAMED_SIZE]]) - low) / (high - low), 0.0, 1.0)
         for k, j in enumerate(places):
             a, b = edges[0, j], edges[1, j]
             later = float(np.prod([edges[1, i] - edges[0, i] for i in places[k + 1 :]]))
@@ -135,7 +136,7 @@ def hypothetical(problem: Problem, named: Hypothesis, size: float) -> Hypothetic
     """A hypothesis at the best of the most probable points found from all the starts its effect has."""
     p = problem.parameters
     prior = p.prior(p.mask(named), 0.0)
-    begun = fit(problem, p.absent(), START_SIZE, p.mean, 4).theta
+    begun = fit(problem, p.no_effects(), START_SIZE, p.mean, 4).theta
     starts = [begun.copy()]
     own = [i for i, e in enumerate(p.effects) if e in named]
     for share in (-0.8, 0.8):

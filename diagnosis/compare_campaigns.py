@@ -16,21 +16,18 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
+from .criticism.misfit import misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
-from .criticism.unknown import signs
 from .data.case import CaseLike, states
 from .data.states import States
 from .errors import TooLittle
-from .inference.effort import ALONE, Effort
-from .inference.posterior import UNKNOWN, beside_unknown, posterior, prior
+from .inference.executor import SINGLE_THREAD, Executor
+from .inference.posterior import UNKNOWN, posterior, prior, with_unknown
 from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters, Problem
 from .inference.search import Search
 
 Array = NDArray[np.float64]
-
-CHANGED = "area"
-"""Calibration that may itself have changed."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,10 @@ class Change:
 
 
 def compare_campaigns(
-    later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE, effort: Effort = ALONE
+    later: CaseLike,
+    reference: CaseLike,
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+    executor: Executor = SINGLE_THREAD,
 ) -> Change:
     """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:
@@ -52,20 +52,20 @@ def compare_campaigns(
             f"reference was measured on robot {reference.robot.name!r}, this campaign on {later.robot.name!r} or with another "
             "robot.yaml: give both the same one"
         )
-    both = _alike(states(reference)[0], states(later)[0])
+    both = _comparable(states(reference)[0], states(later)[0])
     before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
-    search = Search(_joined(before, after), effort=effort)
+    search = Search(_joined(before, after), executor=executor)
     candidates = search.run()
     effects = len(after.problem.parameters.ids)
     leading = candidates[:6]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], CALIBRATED.temperature)
     known = posterior(candidates, effects, CALIBRATED.temperature)
-    first = search.whole(known.candidates[known.ranking[0][0]])
+    first = search.with_all_derivatives(known.candidates[known.ranking[0][0]])
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
-    beyond = max(before.floor.beyond, after.floor.beyond)
-    sign = signs(search.problem, first, np.concatenate(trials), np.concatenate(kinds), beyond)
-    found = beside_unknown(known, unknown, CALIBRATED.outside(sign, 1.0))
+    excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)
+    misfit = misfit_diagnostics(search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter)
+    found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, 1.0))
     named, p = found.ranking[0]
     best = found.candidates[named]
     parameters = search.problem.parameters
@@ -74,11 +74,11 @@ def compare_campaigns(
         for i, name in enumerate(parameters.names)
         if parameters.effects[i] in named and named != UNKNOWN
     }
-    return Change(_sentence(named, p, sizes, CALIBRATED.bench), found.ranking[:10], sizes)
+    return Change(_sentence(named, p, sizes, CALIBRATED.benchmark), found.ranking[:10], sizes)
 
 
-def _alike(before: States, after: States) -> tuple[States, States]:
-    """Both with what both hold: states of the robot, stiffness trials, or both."""
+def _comparable(before: States, after: States) -> tuple[States, States]:
+    """What both campaigns hold: states of the robot, stiffness trials, or both."""
     kinds = [sum(bool((s.pushed == pushed).any()) for s in (before, after)) == 2 for pushed in (False, True)]
     if not any(kinds):
         raise TooLittle(
@@ -88,16 +88,16 @@ def _alike(before: States, after: States) -> tuple[States, States]:
     return both[0], both[1]
 
 
-def _sentence(named: Sequence[str], p: float, sizes: dict[str, float], bench: str) -> str:
+def _sentence(named: Sequence[str], p: float, sizes: dict[str, float], benchmark: str) -> str:
     if not named:
-        return f"Against the reference nothing has changed that the noise would show (p = {p:.2f}, {bench})."
+        return f"Against the reference nothing has changed that the noise would show (p = {p:.2f}, {benchmark})."
     if tuple(named) == UNKNOWN:
-        return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {bench})."
+        return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {benchmark})."
     by = ", ".join(f"{name} by {value:.3g}" for name, value in sizes.items())
-    return f"Since the reference {' and '.join(named)} changed ({by}; p = {p:.2f}, {bench})."
+    return f"Since the reference {' and '.join(named)} changed ({by}; p = {p:.2f}, {benchmark})."
 
 
-class _Both:
+class _JointForward:
     """Two campaigns as one forward model: parameters common to both, then the later campaign's own changes of effects."""
 
     def __init__(self, before: Prepared, after: Prepared) -> None:
@@ -112,7 +112,7 @@ class _Both:
 
     def _table(self, a: Parameters, b: Parameters) -> Parameters:
         own, change = np.array(self._own, int), self._change
-        # What the robot had in the reference is nobody's cause: every effect is free there, within its whole scale.
+        # Effects present in the reference are no change: each is free there, within its whole scale.
         order = [(a, np.arange(len(a.names)), False), (b, own, False), (b, change, True)]
 
         def column(name: str) -> Array:
@@ -159,22 +159,23 @@ class _Both:
 
 
 def _joined(before: Prepared, after: Prepared) -> Problem:
-    forward = _Both(before, after)
+    forward = _JointForward(before, after)
     first, second = before.problem, after.problem
-    wide = max(x.noise.shared.shape[1] for x in (first, second))
+    wide = max(x.noise.pressure_response.shape[1] for x in (first, second))
     noise = replace(
         first.noise,
         state=np.concatenate([first.noise.state, second.noise.state + first.noise.state.max() + 1]),
         sd=np.concatenate([first.noise.sd, second.noise.sd]),
-        shared=np.concatenate([_wide(x.noise.shared, wide) for x in (first, second)]),
+        pressure_response=np.concatenate([_wide(x.noise.pressure_response, wide) for x in (first, second)]),
     )
     n, m = first.discrepancy.shape[1], second.discrepancy.shape[1]
     smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
     smooth[: len(first.observed), :n] = first.discrepancy
     smooth[len(first.observed) :, n:] = second.discrepancy
-    alike, each = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in (second.alike, second.each))
+    later = (second.shared_basis, second.channel_basis)
+    shared_basis, channel_basis = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in later)
     measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, noise, smooth, alike, each)
+    return Problem(forward, forward.parameters, measured, noise, smooth, shared_basis, channel_basis)
 
 
 def _wide(columns: Array, wide: int) -> Array:

@@ -15,73 +15,79 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
 from .answer import assemble, next_experiment
-from .answer.attribute import Found, attribute
-from .answer.holdout import hold_out, unmet
+from .answer.attribute import Attribution, attribute
+from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis, Locate, Proposal, Shrink
 from .answer.shrink import shrink
-from .answer.verdict import beside, statement
-from .criticism.probability_calibration import USUAL_BEYOND
+from .answer.verdict import statement, stiffness_sentence
+from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.case import CaseLike, states
-from .inference.effort import ALONE, Effort
+from .inference.executor import SINGLE_THREAD, Executor
 from .inference.prepare import prepare
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is weighed, and what is computed beyond the attribution and the place of the gap."""
+    """Which effects are considered, and what is computed besides attribution and location of the gap."""
 
     quantify: bool = True
     """Held-out errors."""
     experiments: bool = True
     """What to do next."""
     catalogue: Mapping[str, EffectSpec] = field(default_factory=lambda: CATALOGUE)
-    """The effects that are weighed."""
+    """The effects that are considered."""
     holdout: CaseLike | None = None
-    """A campaign that the fit never sees, on which the answer is tried."""
-    effort: Effort = ALONE
+    """A campaign that is not fitted, on which the answer is tested."""
+    executor: Executor = SINGLE_THREAD
 
 
 def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     """Diagnose a case; raises `DiagnosisError` when the table, or the campaign held out, cannot be used at all."""
     wanted = options or Options()
     own, concerns = states(case)
-    other = unmet(case, wanted.holdout) if wanted.holdout is not None else None
+    other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     prepared = prepare(case.robot, own, catalogue=wanted.catalogue)
-    found = attribute(prepared, wanted.effort)
+    found = attribute(prepared, wanted.executor)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
-    proposals = next_experiment.propose(prepared, found.posterior, found.apart) if wanted.experiments else ()
-    tried = hold_out(found, other) if other is not None else None
-    wanted.effort.told(1.0)
-    where = assemble.where(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
-    detail = assemble.detail(found, unseen, tried)
-    said = _statement(found, where, shrunk, proposals, detail.get("stiffness"))
+    proposals = (
+        next_experiment.propose(prepared, found.posterior, found.distinguishability) if wanted.experiments else ()
+    )
+    tested = evaluate_holdout(found, other) if other is not None else None
+    wanted.executor.progress(1.0)
+    where = assemble.locate_section(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
+    detail = assemble.detail_section(found, unseen, tested)
+    text = _statement(found, where, shrunk, proposals, detail.get("stiffness"))
     return Diagnosis(
-        statement=said + (f" {tried.statement}" if tried is not None else ""),
-        data=assemble.data(prepared, case.table),
+        statement=text + (f" {tested.statement}" if tested is not None else ""),
+        data=assemble.data_section(prepared, case.table),
         locate=where,
-        attribute=assemble.which(found, unseen),
+        attribute=assemble.attribute_section(found, unseen),
         shrink=shrunk,
         next_experiment=proposals,
-        concerns=(*concerns, *_unrepeatable(prepared.floor.beyond)),
+        concerns=(*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)),
         detail=detail,
     )
 
 
-def _unrepeatable(beyond: float) -> tuple[str, ...]:
-    if beyond < USUAL_BEYOND:
+def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:
+    if excess_scatter < TYPICAL_EXCESS:
         return ()
     return (
-        f"repeats of the same state differ {beyond:.1f} times more than instruments and spines grown anew usually do: "
-        "look for what changes from trial to trial before believing a cause",
+        f"repeats of the same state scatter {excess_scatter:.1f} times more than instruments and re-grown spines usually do: "
+        "find out what changes from trial to trial before trusting a cause",
     )
 
 
 def _statement(
-    f: Found, where: Locate, shrunk: Shrink | None, proposals: tuple[Proposal, ...], pushes: Mapping[str, Any] | None
+    f: Attribution,
+    where: Locate,
+    shrunk: Shrink | None,
+    proposals: tuple[Proposal, ...],
+    pushes: Mapping[str, Any] | None,
 ) -> str:
     named = f.decision.effects
-    alike = (group for group in f.rivals if set(named) & set(group))
-    rivals = tuple(dict.fromkeys(e for group in alike for e in group if e not in named))
+    nearest = (group for group in f.rivals if set(named) & set(group))
+    rivals = tuple(dict.fromkeys(e for group in nearest for e in group if e not in named))
     text = statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
-                     f.signs.outlier_trial, f.probability_calibration.bench)  # fmt: skip
-    return text if pushes is None or where.of == "deflection" else f"{text} {beside(pushes, f.decision)}"
+                     f.misfit.outlier_trial, f.probability_calibration.benchmark)  # fmt: skip
+    return text if pushes is None or where.of == "deflection" else f"{text} {stiffness_sentence(pushes, f.decision)}"

@@ -93,9 +93,9 @@ def _compare(a: argparse.Namespace) -> int:
 
 
 def _diagnose(a: argparse.Namespace) -> int:
-    from .verbs.diagnose import Beside, Outputs, diagnose
+    from .verbs.diagnose import Comparisons, Outputs, diagnose
 
-    beside = Beside(a.reference, a.holdout, a.effects)
+    beside = Comparisons(a.reference, a.holdout, a.effects)
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), beside, a.workers, a.scheduler)
 
 

@@ -1,4 +1,4 @@
-"""The parts of the answer, from what was found."""
+"""The sections of the answer, from what was found."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from recordings.trials import Table
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
-from ..inference.stand import Stand
+from ..inference.stiffness_trials import StiffnessTrials
 from . import locate
-from .attribute import Found
-from .confounding import absorbed
+from .attribute import Attribution
+from .confounding import confounded_shares
 from .distinguishability import TIED
 from .holdout import Holdout
 from .result import STAGES, Attribute, Data, Locate, Ranked
-from .shapes import worst
-from .shrink import Unseen, candidate_model, folds, unseen_error
+from .shapes import worst_states
+from .shrink import HeldOutErrors, candidate_model, folds, held_out_errors
 from .size import sizes, values
 
 Array = NDArray[np.float64]
@@ -34,44 +34,44 @@ PREDICTED = 4
 """Leading hypotheses whose held-out error is computed."""
 
 
-def data(p: Prepared, table: Table) -> Data:
-    """What was diagnosed."""
-    repeated = p.floor.contrasts + (p.stand.floor.contrasts if p.stand is not None else 0)
+def data_section(p: Prepared, table: Table) -> Data:
+    """The section `data`: what was diagnosed."""
+    repeated = p.noise_components.contrasts + (p.pushes.noise_components.contrasts if p.pushes is not None else 0)
     source = (
         f"{repeated} differences between repeats"
         if repeated
         else "usual values of settled readings: nothing was repeated"
     )
     channels = tuple(dict.fromkeys(p.labels.channel.tolist()))
-    noise = p.floor.channel["tip"]
-    if p.stand is not None and p.pushes_only:
-        noise = float(np.median(p.stand.floor.channel["force"] / p.stand.stiffness))
+    noise = p.noise_components.channel["tip"]
+    if p.pushes is not None and p.pushes_only:
+        noise = float(np.median(p.pushes.noise_components.channel["force"] / p.pushes.stiffness))
     return Data(len(table), len(np.unique(p.states.trial)), channels, noise * MM, source)
 
 
-def where(f: Found, stages: Mapping[str, str]) -> Locate:
-    """Where the gap of the calibrated baseline lies; `stages` effect id -> stage of the chain."""
+def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
+    """The section `locate`: where the gap of the calibrated baseline lies; `stages` effect id -> stage of the chain."""
     p = f.prepared
-    missed = p.problem.observed - p.problem.forward.predict(p.shared(f.calibrated.theta))
+    missed = p.problem.observed - p.problem.forward.predict(p.common(f.calibrated.theta))
     gap = p.gap(missed)
     seen = np.asarray(np.isfinite(gap).all(axis=1))
     own = p.states.take(seen)
     by = locate.cells(
-        own, gap[seen], p.reading, {s: m[seen] for s, m in _markers(p, missed).items()}, _pushes(p, missed)
+        own, gap[seen], p.noise_floor, {s: m[seen] for s, m in _markers(p, missed).items()}, _pushes(p, missed)
     )
     rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
     numerical = locate.numerical_error(p.robot, own) * MM
     what: Literal["tip", "deflection"] = "deflection" if p.pushes_only else "tip"
-    return Locate(rmse * MM, p.reading * MM, significant, by, stage, numerical, what)
+    return Locate(rmse * MM, p.noise_floor * MM, significant, by, stage, numerical, what)
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:
-    if p.stand is None:
+    if p.pushes is None:
         return None
     own = p.states.pushed
-    return locate.Pushes(p.states.take(own), p.deflection(missed)[own], p.stand.reading)
+    return locate.Pushes(p.states.take(own), p.deflection(missed)[own], p.pushes.noise_floor)
 
 
 def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
@@ -84,8 +84,8 @@ def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
     return out
 
 
-def which(f: Found, unseen: Unseen | None) -> Attribute:
-    """The verdict with its ranking; held-out errors of the leading hypotheses where `unseen` was computed."""
+def attribute_section(f: Attribution, unseen: HeldOutErrors | None) -> Attribute:
+    """The section `attribute`: verdict and ranking, held-out errors of the leading hypotheses where `unseen` was computed."""
     p = f.prepared
     fold = folds(p)[0]
     ranked = []
@@ -95,42 +95,48 @@ def which(f: Found, unseen: Unseen | None) -> Attribute:
         heldout = None
         if unseen is not None and rank < PREDICTED and named != UNKNOWN:
             known = unseen.before if named == NONE else unseen.after if named == f.best.named else None
-            errors = unseen_error(p, candidate_model(p, c), fold)[0] if known is None else known
+            errors = held_out_errors(p, candidate_model(p, c), fold)[0] if known is None else known
             heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
         ranked.append(
-            Ranked(named, probability, c.log_evidence, heldout, values(sizes(p, c, f.probability_calibration.spread)))
+            Ranked(
+                named, probability, c.log_evidence, heldout, values(sizes(p, c, f.probability_calibration.sd_factor))
+            )
         )
     d = f.decision
     return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals)
 
 
-def detail(f: Found, unseen: Unseen | None, holdout: Holdout | None) -> dict[str, Any]:
-    """What the figures show beyond the contract. Tips in m, base frame; states are those with a tip."""
+def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None) -> dict[str, Any]:
+    """The section `detail`: what the figures show. Tips in m, base frame; states are those with a tip."""
     p = f.prepared
     of_robot = p.states.take(~p.states.pushed)
     observed = p.problem.observed
     given, slope = p.problem.forward.linearise(p.problem.parameters.mean)
-    calibrated, explained = (p.problem.forward.predict(p.shared(t)) for t in (f.calibrated.theta, f.best.fit.theta))
+    calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     made: dict[str, Any] = {
-        "signs": vars(f.signs) | {"trend": f.trend},
-        "tolerance_of_other_effects": f.best.cell.spike,
-        "discrepancy_mm": f.best.cell.size * p.unit * MM,
+        "signs": _misfit(f),
+        "tolerance_of_other_effects": f.best.grid_point.spike,
+        "discrepancy_mm": f.best.grid_point.size * p.unit * MM,
         "waterfall_mm": {
             "as given": _rms(p, observed - given),
             "calibrated": _rms(p, observed - calibrated),
             "with the best hypothesis": _rms(p, observed - explained),
-            "noise floor": p.reading * MM,
+            "noise floor": p.noise_floor * MM,
         },
         "best_hypothesis": list(f.best.named),
-        "masking": _masking(p, slope),
-        "floor": {"channel": dict(p.floor.channel), "pressure": p.floor.pressure, "trial": dict(p.floor.trial)},
-        "bench": f.probability_calibration.bench,
+        "masking": _confounding(p, slope),
+        "floor": {
+            "channel": dict(p.noise_components.channel),
+            "pressure": p.noise_components.pressure,
+            "trial": dict(p.noise_components.trial),
+        },
+        "bench": f.probability_calibration.benchmark,
         "sizes": [
             asdict(size) | {"impossible": size.impossible}
-            for size in sizes(p, f.best, f.probability_calibration.spread)
+            for size in sizes(p, f.best, f.probability_calibration.sd_factor)
         ],
-        "apart": _apart(f),
-        "shapes": worst(p, f.calibrated.theta, f.best.fit.theta),
+        "apart": _separations(f),
+        "shapes": worst_states(p, f.calibrated.theta, f.best.fit.theta),
         "states": {
             "trial": of_robot.trial.tolist(),
             "spine_length": of_robot.spine_length.tolist(),
@@ -144,34 +150,54 @@ def detail(f: Found, unseen: Unseen | None, holdout: Holdout | None) -> dict[str
     }
     if unseen is not None:
         made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
-    if p.stand is not None:
+    if p.pushes is not None:
         made["stiffness"] = _stiffness(
-            p, p.stand, {"as given": given, "calibrated": calibrated, "explained": explained}
+            p, p.pushes, {"as given": given, "calibrated": calibrated, "explained": explained}
         )
         if unseen is not None:
-            pairs = (("unseen: calibrated", unseen.stand_before), ("unseen: explained", unseen.stand_after))
+            pairs = (("unseen: calibrated", unseen.pushes_before), ("unseen: explained", unseen.pushes_after))
             made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}
     if holdout is not None:
         made["holdout"] = asdict(holdout) | {"statement": holdout.statement}
     return made
 
 
-def _stiffness(p: Prepared, held: Stand, predicted: Mapping[str, Array]) -> dict[str, Any]:
+def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array]) -> dict[str, Any]:
     """Force, deflection and what each model gives for it, by reading; N and m."""
     own = p.states.pushed
-    forces = {name: held.stiffness * p.deflection(y) for name, y in predicted.items()}
+    noise = pushes.noise_components
+    forces = {name: pushes.stiffness * p.deflection(y) for name, y in predicted.items()}
     missed = {name: _rms_of(p.deflection(p.problem.observed - y)) for name, y in predicted.items()}
     return {
         "waterfall_mm": missed,
-        "floor_mm": held.reading * MM,
-        "floor": {**held.floor.channel, "deflection": held.floor.pressure, "trial": dict(held.floor.trial)},
+        "floor_mm": pushes.noise_floor * MM,
+        "floor": {**noise.channel, "deflection": noise.pressure, "trial": dict(noise.trial)},
         "trial": p.states.trial[own].tolist(),
         "specimen": [r.specimen or "spine" for r, pushed in zip(p.states.rows, own, strict=True) if pushed],
         "spine_length": p.states.spine_length[own].tolist(),
         "deflection": p.states.deflection[own].tolist(),
-        "stiffness": held.stiffness[own].tolist(),
-        "force": (held.stiffness * p.deflection(p.problem.observed))[own].tolist(),
+        "stiffness": pushes.stiffness[own].tolist(),
+        "force": (pushes.stiffness * p.deflection(p.problem.observed))[own].tolist(),
         **{name: force[own].tolist() for name, force in forces.items() if name != "as given"},
+    }
+
+
+def _misfit(f: Attribution) -> dict[str, Any]:
+    """The misfit diagnostics by the names that diagnosis.json has for them."""
+    m = f.misfit
+    return {
+        "discrepancy_gain": m.discrepancy_gain,
+        "discrepancy_size": m.discrepancy_size,
+        "lack_of_fit": m.lack_of_fit,
+        "strain": m.prior_tension,
+        "strained": m.furthest_from_prior,
+        "transport": m.cross_prediction,
+        "named": m.effects_named,
+        "odd_spine": m.spine_outlier,
+        "beyond": m.excess_scatter,
+        "outlier_trial": m.outlier_trial,
+        "outlier_surprise": m.outlier_surprise,
+        "trend": f.trend,
     }
 
 
@@ -180,12 +206,12 @@ def _rms_of(error: Array) -> float:
     return float(np.sqrt(np.nanmean(error**2))) * MM
 
 
-def _apart(f: Found) -> dict[str, Any]:
-    """Separations at the honest floor; effects of most weight first, with that weight."""
-    weight = {e: f.posterior.of_effect(e) for e in f.apart.effects}
-    order = sorted(range(len(f.apart.effects)), key=lambda i: -weight[f.apart.effects[i]])
-    effects = [f.apart.effects[i] for i in order]
-    separation = f.apart.separation[np.ix_(order, order)].tolist()
+def _separations(f: Attribution) -> dict[str, Any]:
+    """Separations with the discrepancy integrated out; the most probable effects first, with their probability."""
+    weight = {e: f.posterior.of_effect(e) for e in f.distinguishability.effects}
+    order = sorted(range(len(f.distinguishability.effects)), key=lambda i: -weight[f.distinguishability.effects[i]])
+    effects = [f.distinguishability.effects[i] for i in order]
+    separation = f.distinguishability.separation[np.ix_(order, order)].tolist()
     return {"effects": effects, "weight": [weight[e] for e in effects], "separation": separation, "tied_below": TIED}
 
 
@@ -194,16 +220,16 @@ def _rms(p: Prepared, missed: Array) -> float:
     return float(np.sqrt(np.nanmean((p.gap(missed) ** 2).sum(axis=1)))) * MM
 
 
-def _masking(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:
-    """Share of each effect's tip displacement that a calibration absorbs: one area factor, or one a spine length."""
+def _confounding(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:
+    """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length."""
     parameters = p.problem.parameters
     if "area.excess" not in parameters.names:
         return {}
     weight = np.where(p.labels.kind == 0, 1.0, 0.0)
     area = slope[:, [parameters.names.index("area.excess")]]
     length = np.round(p.states.spine_length[p.labels.state], 2)
-    each = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
+    per_length = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
     return {
-        "one": absorbed(parameters, slope, weight, area),
-        "per_length": absorbed(parameters, slope, weight, each),
+        "one": confounded_shares(parameters, slope, weight, area),
+        "per_length": confounded_shares(parameters, slope, weight, per_length),
     }

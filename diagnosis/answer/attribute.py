@@ -1,4 +1,4 @@
-"""Which effect: the search, the posterior, the signs of something else, and the decision."""
+"""Which effect: search, posterior probabilities, model criticism, and the decision."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
 from ..criticism.trend import trend
-from ..criticism.unknown import Signs, signs
-from ..data.case import enough
-from ..inference.effort import ALONE, Effort
+from ..data.case import can_name_cause
 from ..inference.evidence import NONE, Hypothesis
+from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import Posterior, beside_unknown, posterior, prior
+from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.search import Candidate, Search
-from .distinguishability import Apart, apart
+from .distinguishability import Distinguishability, distinguishability
 from .verdict import Decision, decide
 
 Array = NDArray[np.float64]
 
-BESIDE = 8
-"""Leading hypotheses beside which a cause outside the catalogue is weighed."""
-WORTH = 0.01
-"""Effects less probable than this are no rivals."""
+LEADING = 8
+"""Leading hypotheses to which a cause outside the catalogue is added."""
+LEAST_PROBABILITY = 0.01
+"""Effects less probable than this are not counted as rivals."""
 LEAST_DISCREPANCY = 0.25
-"""Size of the discrepancy at which effects must at least be told apart: the honest floor."""
-CALIBRATING = 30
-"""Rounds: far from the data, as the paper's numbers may be on another robot, a few do not do."""
+"""Least size of the discrepancy, in units of the noise floor, under which effects are compared."""
+CALIBRATION_ROUNDS = 30
+"""Iterations: the numbers of a robot.yaml may be far from the data, where a few are not enough."""
 
 
 @dataclass(frozen=True)
-class Found:
-    """What the attribution found."""
+class Attribution:
+    """What was found: probabilities of all hypotheses, the fits that stand for them, and how far to trust them."""
 
     prepared: Prepared
     posterior: Posterior
@@ -44,55 +44,59 @@ class Found:
     """The most probable hypothesis of the catalogue, none included."""
     calibrated: Fit
     """The baseline: area factor and tolerances fitted, no effect."""
-    signs: Signs
+    misfit: MisfitDiagnostics
     trend: float
-    """Probability that repeats follow time so well by chance."""
+    """Probability that repeats follow time as closely by chance; see `criticism.trend`."""
     decision: Decision
-    apart: Apart
+    distinguishability: Distinguishability
     probability_calibration: ProbabilityCalibration
 
     @property
     def rivals(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of effects that carry weight, would be seen at all, and could pass for each other."""
-        seen = [e for e in self.apart.effects if self.apart.detectable(e)]
-        worth = [e for e in seen if self.posterior.of_effect(e) > WORTH]
-        groups = (tuple(e for e in worth if e == one or e in self.apart.rivals(one)) for one in worth)
+        """Groups of probable, detectable effects that these data cannot tell apart."""
+        seen = [e for e in self.distinguishability.effects if self.distinguishability.detectable(e)]
+        probable = [e for e in seen if self.posterior.of_effect(e) > LEAST_PROBABILITY]
+        groups = (
+            tuple(e for e in probable if e == one or e in self.distinguishability.rivals(one)) for one in probable
+        )
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
 
-def attribute(p: Prepared, effort: Effort = ALONE) -> Found:
-    """Weigh the catalogue against the data."""
-    search = Search(p.problem, effort=effort)
+def attribute(p: Prepared, executor: Executor = SINGLE_THREAD) -> Attribution:
+    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision."""
+    search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
-    leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:BESIDE]
+    leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:LEADING]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], CALIBRATED.temperature)
     known = posterior(candidates, effects, CALIBRATED.temperature)
-    best = search.whole(found[known.ranking[0][0]])
-    sign = signs(p.problem, best, p.labels.trial, p.labels.experiment, p.floor.beyond)
+    best = search.with_all_derivatives(found[known.ranking[0][0]])
+    misfit = misfit_diagnostics(p.problem, best, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter)
     trended = trend(p, found[NONE].fit.slope)
-    weighed = beside_unknown(known, unknown, CALIBRATED.outside(sign, trended))
-    decision = decide(weighed, CALIBRATED, enough(p.states))
-    separations = _apart(p, found, weighed, best)
-    return Found(
-        p, weighed, found[NONE], best, _calibrated(p), sign, trended, decision, separations, CALIBRATED
+    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, trended))
+    decision = decide(weighed, CALIBRATED, can_name_cause(p.states))
+    separations = _distinguishability(p, found, weighed, best)
+    return Attribution(
+        p, weighed, found[NONE], best, _calibrated(p), misfit, trended, decision, separations, CALIBRATED
     )  # fmt: skip
 
 
 def _calibrated(p: Prepared) -> Fit:
     parameters = p.problem.parameters
-    return fit(p.problem, parameters.absent(), 0.0, parameters.mean, CALIBRATING)
+    return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, CALIBRATION_ROUNDS)
 
 
-def _apart(p: Prepared, found: Mapping[Hypothesis, Candidate], weighed: Posterior, best: Candidate) -> Apart:
-    """Separations of all single effects: at the fitted size where an effect carries weight, else at its scale."""
+def _distinguishability(
+    p: Prepared, found: Mapping[Hypothesis, Candidate], weighed: Posterior, best: Candidate
+) -> Distinguishability:
+    """Separations of all single effects: at the fitted size where an effect is probable, else at its plausible scale."""
     parameters = p.problem.parameters
     size = np.ones(len(parameters.scale))
     for effect in parameters.ids:
-        if weighed.of_effect(effect) > WORTH:
+        if weighed.of_effect(effect) > LEAST_PROBABILITY:
             mask = parameters.mask((effect,))
             size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
     linear = best.fit.linear
-    reduced = linear.reduced(max(best.cell.size, LEAST_DISCREPANCY), best.cell.form)
-    return apart(reduced, parameters, parameters.ids, size, best.cell.spike, linear.reach)
+    reduced = linear.reduced(max(best.grid_point.size, LEAST_DISCREPANCY), best.grid_point.form_error)
+    return distinguishability(reduced, parameters, parameters.ids, size, best.grid_point.spike, linear.effect_size)

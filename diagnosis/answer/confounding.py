@@ -1,7 +1,7 @@
-"""How much of each effect a calibration swallows before anybody can see it.
+"""Confounding: how much of each effect a calibration takes over.
 
-The share of an effect's squared tip displacement (at its plausible scale) that refitting the calibration and the
-nuisances takes away. A share near one means: whoever calibrates first and looks at the residual will not see this effect.
+The share is 1 - |e - P e|^2 / |e|^2, e the effect's tip displacements at its plausible scale and P the projection onto
+what the calibration can fit. Near 1, a calibration leaves nothing of the effect in the residual.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from ..inference.problem import Parameters
 Array = NDArray[np.float64]
 
 
-def absorbed(parameters: Parameters, slope: Array, weight: Array, calibration: Array) -> dict[str, float]:
-    """Share 0..1 of each effect that `calibration` (n, c), columns of free parameters, absorbs.
+def confounded_shares(parameters: Parameters, slope: Array, weight: Array, calibration: Array) -> dict[str, float]:
+    """Share 0..1 of each effect that `calibration` (n, c), columns of free parameters, takes over.
 
     `slope` (n, k) derivatives by the parameters; `weight` (n,) of each value, 0 for values that are not looked at.
     """

@@ -1,4 +1,4 @@
-"""Which effects this data cannot tell apart.
+"""Distinguishability: which effects these data cannot tell apart.
 
 T_ij is the misfit (chi-square) that would be left if effect i were at work with size t and effect j were fitted
 instead, everything else refitted too: T = t (H_ii - H_ij (H_jj + I)^-1 H_ji) t. Below 9 the two are tied: the right one
@@ -22,7 +22,7 @@ TIED = 9.0
 
 
 @dataclass(frozen=True)
-class Apart:
+class Distinguishability:
     """Separations between single effects."""
 
     effects: tuple[str, ...]
@@ -30,28 +30,28 @@ class Apart:
     """(e, e) T of row's effect against column's; the diagonal holds T against no effect at all."""
 
     def rivals(self, effect: str) -> tuple[str, ...]:
-        """Effects that could pass for this one."""
+        """Effects that these data cannot tell from this one: T below `TIED`."""
         i = self.effects.index(effect)
         return tuple(e for j, e in enumerate(self.effects) if j != i and self.separation[i, j] < TIED)
 
     def detectable(self, effect: str) -> bool:
-        """Whether the effect would be seen at all."""
+        """Whether T against no effect at all reaches `TIED`."""
         i = self.effects.index(effect)
         return bool(self.separation[i, i] >= TIED)
 
 
-def apart(
+def distinguishability(
     reduced: Reduced,
     parameters: Parameters,
     effects: Sequence[str],
     size: Array,
     spike: float,
-    reach: Array | None = None,
-) -> Apart:
+    effect_size: Array | None = None,
+) -> Distinguishability:
     """Separations of `effects`, each with its parameters at `size` (p,) in units of the scale.
 
-    `reduced` at the honest floor: with the discrepancy that the data ask for integrated out; the other effects are
-    free within `spike` of their scale, their looks as `reach` (p,) allows (see `Parameters.prior`).
+    `reduced` has the discrepancy integrated out; the other effects are free within `spike` of their scale, their shape
+    parameters as `effect_size` (p,) allows (see `Parameters.prior`).
     """
     n = len(effects)
     out = np.zeros((n, n))
@@ -59,28 +59,28 @@ def apart(
         for j, other in enumerate(effects):
             if j >= i:
                 pair = (one,) if i == j else (one, other)
-                information, mask = _information(reduced, parameters, pair, spike, reach)
+                information, mask = _information(reduced, parameters, pair, spike, effect_size)
                 own = parameters.mask((one,))[mask]
                 rest = ~own
-                out[i, j] = _left(information, own, rest, size[mask])
-                out[j, i] = _left(information, rest, own, size[mask]) if i != j else out[i, j]
-    return Apart(tuple(effects), out)
+                out[i, j] = _chi_square_left(information, own, rest, size[mask])
+                out[j, i] = _chi_square_left(information, rest, own, size[mask]) if i != j else out[i, j]
+    return Distinguishability(tuple(effects), out)
 
 
 def _information(
-    reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float, reach: Array | None
+    reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float, effect_size: Array | None
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Information about the parameters of `pair`, all other effects integrated out within their spikes."""
     mask = p.mask(pair)
     other = ~mask
-    root = np.sqrt(p.prior(mask, spike, reach).variance[other])
+    root = np.sqrt(p.prior(mask, spike, effect_size).variance[other])
     full = reduced.information
     inner = np.eye(int(other.sum())) + root[:, None] * full[np.ix_(other, other)] * root[None, :]
     across = full[np.ix_(mask, other)] * root
     return full[np.ix_(mask, mask)] - across @ np.linalg.solve(inner, across.T), mask
 
 
-def _left(information: Array, own: NDArray[np.bool_], rest: NDArray[np.bool_], size: Array) -> float:
+def _chi_square_left(information: Array, own: NDArray[np.bool_], rest: NDArray[np.bool_], size: Array) -> float:
     """Misfit left of `own` at `size` when `rest` is fitted under its prior."""
     at = size[own]
     among = information[np.ix_(rest, rest)] + np.eye(int(rest.sum()))

@@ -22,17 +22,17 @@ from ..data.levels import SPINE_GAP, levels
 from ..data.states import States
 from ..errors import BadCase, BadHoldout
 from ..inference.prepare import Prepared, table_columns
-from .attribute import Found
+from .attribute import Attribution
 from .result import LengthShrink
-from .shrink import by_length, closed, rms
+from .shrink import by_length, closed_with_interval, rms
 
 Array = NDArray[np.float64]
 
 MM = 1e3
-SURE = 0.5
+CONFIRMED_SHARE = 0.5
 """Share of the gap that must be closed, at the interval's lower end, for a cause to be called confirmed."""
 
-Word = Literal["confirmed", "contradicted", "open"]
+HoldoutVerdict = Literal["confirmed", "contradicted", "open"]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Holdout:
     """As in `Shrink`."""
     ci95: tuple[float, float] | None
     by_spine_length: tuple[LengthShrink, ...]
-    verdict: Word
+    verdict: HoldoutVerdict
     """confirmed: at least half of the gap is closed, surely; contradicted: it surely grows; open: neither."""
 
     @property
@@ -80,7 +80,7 @@ class Holdout:
         return f"{closed}; {word}."
 
 
-def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
+def unseen_states(diagnosed: CaseLike, other: CaseLike) -> States:
     """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
     if diagnosed.robot != other.robot:
         raise BadHoldout(
@@ -95,8 +95,8 @@ def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
     if not len(own) or all(r.tip is None or r.protocol == "stiffness" for r in diagnosed.table):
         which = "the campaign held out" if not len(own) else "what is diagnosed"
         raise BadHoldout(
-            f"an answer is tried on tips, and {which} has none: stiffness trials alone cannot be held out, "
-            "nor be tried on a bending run; diagnose and hold out bending or elongation runs"
+            f"a held-out test compares tips, and {which} has none: stiffness trials alone cannot be held out, "
+            "nor tested on a bending run; diagnose and hold out bending or elongation runs"
         )
     known = {_key(r) for r in diagnosed.table}
     again = sum(_key(r) in known for r in own.rows)
@@ -109,29 +109,31 @@ def unmet(diagnosed: CaseLike, other: CaseLike) -> States:
 
 
 def _key(row: TrialRow) -> tuple[object, ...]:
-    """What no two readings share."""
+    """Identifies a reading."""
     return row.tip, row.pressures, row.spine_length
 
 
-def hold_out(f: Found, own: States) -> Holdout:
+def evaluate_holdout(f: Attribution, own: States) -> Holdout:
     """Predict the states `own` of another campaign with what was found; raises `BadHoldout`."""
     before, after = (_missed(f.prepared, own, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
     seen = np.isfinite(before) & np.isfinite(after)
     if not seen.any():
         raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
     before, after, kept = before[seen], after[seen], own.take(seen)
-    share, interval = closed(before, after, f.prepared.reading, kept.trial, levels(kept.spine_length, SPINE_GAP))
+    share, interval = closed_with_interval(
+        before, after, f.prepared.noise_floor, kept.trial, levels(kept.spine_length, SPINE_GAP)
+    )
     sure = f.decision.verdict == "effect"
     return Holdout(
         len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, sure, rms(before) * MM, rms(after) * MM,
-        f.prepared.reading * MM, share, interval, by_length(kept.spine_length, before, after), _word(sure, interval),
+        f.prepared.noise_floor * MM, share, interval, by_length(kept.spine_length, before, after), _verdict(sure, interval),
     )  # fmt: skip
 
 
 def _missed(p: Prepared, own: States, theta: Array) -> Array:
     """Tip distance (n,) m between measured and predicted; NaN where the rod has no equilibrium."""
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
-    known = dict(zip(p.problem.parameters.names, p.shared(theta), strict=True))
+    known = dict(zip(p.problem.parameters.names, p.common(theta), strict=True))
     there = np.array([0.0 if i.trial is not None else known.get(i.name, 0.0) for i in forward.parameters])
     predicted = forward.predict(there)
     tip = np.full((len(own), 3), np.nan)
@@ -142,7 +144,7 @@ def _missed(p: Prepared, own: States, theta: Array) -> Array:
     return out
 
 
-def _word(named: bool, interval: tuple[float, float] | None) -> Word:
+def _verdict(named: bool, interval: tuple[float, float] | None) -> HoldoutVerdict:
     if not named or interval is None:
         return "open"
-    return "confirmed" if interval[0] >= SURE else "contradicted" if interval[1] < 0 else "open"
+    return "confirmed" if interval[0] >= CONFIRMED_SHARE else "contradicted" if interval[1] < 0 else "open"

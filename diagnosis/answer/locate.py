@@ -2,8 +2,8 @@
 
 The gap is measured minus baseline model, the baseline being calibrated with one area factor and nothing else; that of
 stiffness trials is the force missed over the specimen's stiffness. A cell is called significant when its mean square
-exceeds what the floor gives, the readings of a trial taken as erring together, with the expected share of false calls
-over all cells held to 5 % (Benjamini and Hochberg).
+exceeds that of the noise floor, readings of one trial counted as fully correlated, with the false discovery rate over all
+cells held to 5 % (Benjamini and Hochberg 1995).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .result import Cell
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FALSE_CALLS = 0.05
+FALSE_DISCOVERY_RATE = 0.05
 DRAWS = 400
 SEED = 20240
 MM = 1e3
@@ -64,13 +64,13 @@ def cells(
 
     tips = not states.pushed.all()
     gap = gap if tips else gap[:, :1]
-    found["spine_length"] = [cell(_middle(states.spine_length, m), m, gap) for m in _each(length)]
-    found["pressure"] = [cell(_middle(states.highest, m), m, gap) for m in _each(pressure) if tips]
+    found["spine_length"] = [cell(_mean(states.spine_length, m), m, gap) for m in _masks(length)]
+    found["pressure"] = [cell(_mean(states.highest, m), m, gap) for m in _masks(pressure) if tips]
     everything = np.ones(len(states), bool)
     found["axis"] = [cell(name, everything, gap[:, [k]], 1 / 3) for k, name in enumerate("xyz") if tips]
     branches: dict[str, Mask] = {"load": states.branch > 0, "unload": states.branch < 0}
     found["branch"] = [cell(name, own, gap) for name, own in branches.items() if own.any()]
-    found["time"] = [cell(_middle(states.time, m), m, gap) for m in _bins(states.time)]
+    found["time"] = [cell(_mean(states.time, m), m, gap) for m in _bins(states.time)]
     found["arc_length"] = [
         cell(s, np.asarray(np.isfinite(missed).all(axis=1)), missed)
         for s, missed in markers.items()
@@ -78,7 +78,7 @@ def cells(
     ]
     if pushes is not None:
         found["stiffness"] = _specimens(pushes, rng)
-    return _called(found)
+    return _mark_significant(found)
 
 
 def _specimens(p: Pushes, rng: np.random.Generator) -> list[tuple[Cell, float]]:
@@ -94,7 +94,7 @@ def _specimens(p: Pushes, rng: np.random.Generator) -> list[tuple[Cell, float]]:
     return found
 
 
-def _each(level: NDArray[np.int64]) -> list[Mask]:
+def _masks(level: NDArray[np.int64]) -> list[Mask]:
     return [np.asarray(level == k) for k in np.unique(level)]
 
 
@@ -104,10 +104,10 @@ def _bins(time: Array) -> list[Mask]:
     if known.sum() < TIME_BINS or np.ptp(time[known]) == 0:
         return []
     edges = np.quantile(time[known], np.linspace(0, 1, TIME_BINS + 1)[1:-1])
-    return [m for m in _each(np.where(known, np.searchsorted(edges, time), -1)) if known[m].all()]
+    return [m for m in _masks(np.where(known, np.searchsorted(edges, time), -1)) if known[m].all()]
 
 
-def _middle(values: Array, own: Mask) -> float:
+def _mean(values: Array, own: Mask) -> float:
     return float(np.round(values[own].mean(), 6))
 
 
@@ -130,10 +130,10 @@ def _cell(
     return made, probability
 
 
-def _called(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str, tuple[Cell, ...]]:
+def _mark_significant(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str, tuple[Cell, ...]]:
     """Mark the significant cells, over all factors together."""
     probabilities = np.sort([p for group in found.values() for _, p in group])
-    allowed = FALSE_CALLS * np.arange(1, len(probabilities) + 1) / max(len(probabilities), 1)
+    allowed = FALSE_DISCOVERY_RATE * np.arange(1, len(probabilities) + 1) / max(len(probabilities), 1)
     passed = np.flatnonzero(probabilities <= allowed)
     limit = probabilities[passed[-1]] if passed.size else -1.0
     return {name: tuple(replace(c, significant=bool(p <= limit)) for c, p in group) for name, group in found.items()}

@@ -25,20 +25,20 @@ from ..inference.posterior import UNKNOWN, Posterior
 from ..inference.prepare import KINDS, Prepared
 from ..inference.problem import Problem
 from ..inference.search import Candidate
-from .distinguishability import Apart
-from .menu import Experiment, columns, menu
+from .candidate_experiments import Experiment, candidate_experiments, columns
+from .distinguishability import Distinguishability
 from .result import Proposal
 
 Array = NDArray[np.float64]
 
 CANDIDATES = 5
 LEAST_WEIGHT = 0.05
-"""A rival that the data have all but excluded still counts this much: an experiment is also there to be surprised."""
+"""Least probability that a candidate counts with, so that experiments also test what the data have nearly excluded."""
 DRAWS = 60
 SEED = 4711
 SHOWN = 6
 SEPARATED = 0.5
-"""Two candidates count as separated when outcomes of one are told from the other's with this many bits of two."""
+"""Two candidates count as separated when outcomes of one are told from the other's by at least this many bits."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class _Prediction:
         return -0.5 * (white**2).sum(axis=0) - float(np.log(np.diag(self.factor)).sum())
 
 
-def propose(p: Prepared, weighed: Posterior, separation: Apart) -> tuple[Proposal, ...]:
+def propose(p: Prepared, weighed: Posterior, separation: Distinguishability) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign, best bits for their time first; none after stiffness trials alone."""
     remaining = _remaining(weighed, separation)
     if len(remaining) < 2 or p.pushes_only:
@@ -62,7 +62,7 @@ def propose(p: Prepared, weighed: Posterior, separation: Apart) -> tuple[Proposa
     weight /= weight.sum()
     spread = [_covariance(p.problem, c) for c in remaining]
     found = []
-    for experiment in menu(p.robot, p.states.take(~p.states.pushed)):
+    for experiment in candidate_experiments(p.robot, p.states.take(~p.states.pushed)):
         predictions = _predictions(p, experiment, remaining, spread)
         if predictions is None:
             continue
@@ -76,7 +76,7 @@ def propose(p: Prepared, weighed: Posterior, separation: Apart) -> tuple[Proposa
     return tuple(sorted(found, key=lambda x: -x.expected_bits / (x.cost_min + 5.0))[:SHOWN])
 
 
-def _remaining(weighed: Posterior, separation: Apart) -> list[Candidate]:
+def _remaining(weighed: Posterior, separation: Distinguishability) -> list[Candidate]:
     """The leading hypotheses, and the rivals of the first that this data cannot tell from it."""
     leading: list[Hypothesis] = [h for h, _ in weighed.ranking if h != UNKNOWN][:CANDIDATES]
     if len(leading[0]) == 1:
@@ -88,12 +88,12 @@ def _covariance(problem: Problem, c: Candidate) -> Array:
     """Posterior covariance (k, k) of all parameters of the base problem under a candidate."""
     p = problem.parameters
     scale, _ = p.scaled(c.prior(p))
-    linear = c.fit.linear
+    linear, at = c.fit.linear, c.grid_point
     own = p.of_effect
     ours = np.empty((len(linear.observed), len(scale)))
     ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance
     every = np.hstack(
-        [ours, c.cell.form * linear.form, linear.discrepancy_size(c.cell.size, c.cell.form) * linear.discrepancy]
+        [ours, at.form_error * linear.form_error, linear.discrepancy_size(at.size, at.form_error) * linear.discrepancy]
     )
     inverse = np.linalg.inv(np.eye(every.shape[1]) + every.T @ every)[: len(scale), : len(scale)]
     out: Array = scale[:, None] * inverse * scale[None, :]
@@ -115,7 +115,7 @@ def _predictions(
     own = p.problem.parameters.of_trial
     shared = [(names[n], i) for i, n in enumerate(base) if n in names and not own[i]]
     new, old = np.array(shared).T
-    own_sd = np.array([p.floor.trial.get(info.source, info.sd) for info in forward.parameters])
+    own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
     fresh = np.setdiff1d(np.arange(len(own_sd)), new)
     white, smooth = _noise(p, forward)
     made = []
@@ -127,10 +127,10 @@ def _predictions(
             return None
         total = slope[:, new] @ covariance[np.ix_(old, old)] @ slope[:, new].T
         total += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T
-        pressure = p.floor.pressure * slope[:, names["pressure_offset.offset"]]
+        pressure = p.noise_components.pressure * slope[:, names["pressure_offset.offset"]]
         row = forward.observations.row
         total += np.where(row[:, None] == row[None, :], np.outer(pressure, pressure), 0.0)
-        total += max(c.cell.size, 0.25) ** 2 * smooth @ smooth.T + np.diag(white**2)
+        total += max(c.grid_point.size, 0.25) ** 2 * smooth @ smooth.T + np.diag(white**2)
         made.append(_Prediction(mean, np.asarray(np.linalg.cholesky(total), np.float64)))
     return made
 
@@ -144,7 +144,7 @@ def _noise(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:
     """White noise (n,) of the new values, and the columns (n, m) of a discrepancy of size 1 over them."""
     channel = forward.observations.channel
     kind = [1 if c.startswith("r") else 2 if c.startswith("m") else 0 for c in channel]
-    white = np.array([p.floor.channel[KINDS[k]] for k in kind])
+    white = np.array([p.noise_components.channel[KINDS[k]] for k in kind])
     design = forward.design
     highest = design.pressure.max(axis=1)
     where = settings(
@@ -168,13 +168,13 @@ def _information(predictions: list[_Prediction], weight: Array) -> tuple[float, 
         density[i] = [q.log_density(outcomes) for q in predictions]
         mixture = logsumexp(density[i] + log_weight[:, None], axis=0)
         bits += weight[i] * float(np.mean(density[i, i] - mixture)) / np.log(2)
-    told = [
+    separated = [
         (i, j)
         for i in range(n)
         for j in range(i + 1, n)
         if min(_pair_bits(density[i, i], density[i, j]), _pair_bits(density[j, j], density[j, i])) > SEPARATED
     ]
-    return max(bits, 0.0), told
+    return max(bits, 0.0), separated
 
 
 def _pair_bits(own: Array, other: Array) -> float:

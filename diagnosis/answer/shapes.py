@@ -18,12 +18,12 @@ MOST = 4
 """States shown."""
 
 
-def worst(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
+def worst_states(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
     """The worst state of each spine length, at most four, by spine length; m, base frame.
 
     `calibrated` and `explained` are parameters (k,); what each trial has of its own is left out of both.
     """
-    models = {"calibrated": p.shared(calibrated), "explained": p.shared(explained)}
+    models = {"calibrated": p.common(calibrated), "explained": p.common(explained)}
     tips = {name: p.tip(p.problem.forward.predict(theta)) for name, theta in models.items()}
     missed = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)
     shown = _picked(p, missed)
@@ -51,6 +51,6 @@ def _picked(p: Prepared, missed: Array) -> list[int]:
     """Indices of the states to show."""
     length = levels(p.states.spine_length, SPINE_GAP)
     of_length = [np.flatnonzero((length == k) & np.isfinite(missed)) for k in np.unique(length)]
-    each = [int(own[np.argmax(missed[own])]) for own in of_length if own.size]
-    most = sorted(each, key=lambda i: -missed[i])[:MOST]
+    worst_of_length = [int(own[np.argmax(missed[own])]) for own in of_length if own.size]
+    most = sorted(worst_of_length, key=lambda i: -missed[i])[:MOST]
     return sorted(most, key=lambda i: float(p.states.spine_length[i]))

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.levels import SPINE_GAP, levels
+from ..inference.cross_validation import Model, cross_validated_residuals
 from ..inference.fit import Fit
-from ..inference.heldout import Model, left_out
 from ..inference.prepare import Prepared
 from ..inference.search import Candidate
 from .result import LengthShrink, Shrink
@@ -25,20 +25,20 @@ Ints = NDArray[np.int64]
 MM = 1e3
 DRAWS = 500
 SEED = 31337
-CLOSABLE = 1.1
+LEAST_RATIO = 1.1
 """Before must exceed the floor by this factor, or there is nothing to close."""
 
 
 @dataclass(frozen=True)
-class Unseen:
+class HeldOutErrors:
     """Errors (n,) m of states, each predicted without its fold."""
 
     before: Array
     after: Array
     how: str
-    stand_before: Array
+    pushes_before: Array
     """(n,) m of deflection, of stiffness trials; NaN elsewhere."""
-    stand_after: Array
+    pushes_after: Array
 
 
 def folds(p: Prepared) -> tuple[Ints, str]:
@@ -54,36 +54,36 @@ def folds(p: Prepared) -> tuple[Ints, str]:
 
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
     """The calibrated baseline without any effect."""
-    return Model(p.problem.parameters.absent(), 0.0, calibrated)
+    return Model(p.problem.parameters.no_effects(), 0.0, calibrated)
 
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
     """The model of a hypothesis: named effects wide, the others within their tolerance."""
-    return Model(c.prior(p.problem.parameters), c.cell.size, c.fit)
+    return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit)
 
 
-def unseen_error(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:
+def held_out_errors(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:
     """Distance (states,) m between measured and predicted, each state predicted without its fold (states,).
 
     The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections.
     """
-    missed = left_out(p.problem, model, fold[p.labels.state])
+    missed = cross_validated_residuals(p.problem, model, fold[p.labels.state])
     gap: Array = np.linalg.norm(p.gap(missed), axis=1)
     return gap, np.abs(p.deflection(missed))
 
 
-def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, Unseen] | tuple[None, None]:
+def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, HeldOutErrors] | tuple[None, None]:
     """Before and after for the named hypothesis; nothing where there is but one part, of which none can be left out."""
     fold, how = folds(p)
     if len(np.unique(fold)) < 2:
         return None, None
-    before, stand_before = unseen_error(p, baseline_model(p, calibrated), fold)
-    after, stand_after = unseen_error(p, candidate_model(p, best), fold)
+    before, pushes_before = held_out_errors(p, baseline_model(p, calibrated), fold)
+    after, pushes_after = held_out_errors(p, candidate_model(p, best), fold)
     seen = np.isfinite(before) & np.isfinite(after)
-    share, interval = closed(before[seen], after[seen], p.reading, p.states.trial[seen])
+    share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
     by = by_length(p.states.spine_length[seen], before[seen], after[seen])
-    made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.reading * MM, share, interval, by)
-    return made, Unseen(before, after, how, stand_before, stand_after)
+    made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.noise_floor * MM, share, interval, by)
+    return made, HeldOutErrors(before, after, how, pushes_before, pushes_after)
 
 
 def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:
@@ -98,12 +98,12 @@ def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthS
 
 def share_closed(before: float, after: float, floor: float) -> float | None:
     """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
-    if before <= CLOSABLE * floor:
+    if before <= LEAST_RATIO * floor:
         return None
     return 1 - (after**2 - floor**2) / (before**2 - floor**2)
 
 
-def closed(
+def closed_with_interval(
     before: Array, after: Array, floor: float, trial: Ints, kind: Ints | None = None
 ) -> tuple[float | None, tuple[float, float] | None]:
     """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials.
@@ -118,7 +118,7 @@ def closed(
         return share, None
     count = np.bincount(index).astype(float)
     worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
-    drawn = _drawn(np.zeros(len(names), np.int64) if kind is None else kind[first])
+    drawn = _resampled(np.zeros(len(names), np.int64) if kind is None else kind[first])
     n = count[drawn].sum(axis=1)
     top = better[drawn].sum(axis=1) / n - floor**2
     bottom = worse[drawn].sum(axis=1) / n - floor**2
@@ -129,7 +129,7 @@ def closed(
     return share, (float(low), float(high))
 
 
-def _drawn(kind: Ints) -> Ints:
+def _resampled(kind: Ints) -> Ints:
     """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
     _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
     alone = count[kind] < 2

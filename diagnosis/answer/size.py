@@ -1,8 +1,8 @@
 """How large the named effects are: what the data say of each size, within what is physically possible.
 
-Around the fit the problem is linear and its posterior normal, averaged over the grid of what is tolerated; a size that cannot
-be (a negative stiffness, more than the whole of a law) is cut off. One parameter at a time, the others integrated out and
-not cut.
+Around the fit the problem is linear and its posterior normal, averaged over the grid of tolerances; sizes outside the
+physical bounds (a negative stiffness, more than the whole of a law) are cut off. One parameter at a time: the others are
+integrated out without bounds.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from .result import Value
 
 Array = NDArray[np.float64]
 
-LIGHT = 0.02
+LEAST_WEIGHT = 0.02
 """Points of the grid with less weight are left out."""
-SIGMAS = 2.0
+STANDARD_DEVIATIONS = 2.0
 """Standard deviations beyond a bound from which on the data speak against the effect itself."""
 
 
@@ -48,19 +48,22 @@ class Size:
     @property
     def impossible(self) -> bool:
         """The data ask for a value well beyond the bounds."""
-        return self.mean < self.low - SIGMAS * self.sd or self.mean > self.high + SIGMAS * self.sd
+        return (
+            self.mean < self.low - STANDARD_DEVIATIONS * self.sd
+            or self.mean > self.high + STANDARD_DEVIATIONS * self.sd
+        )
 
 
-def sizes(p: Prepared, c: Candidate, spread: float) -> tuple[Size, ...]:
+def sizes(p: Prepared, c: Candidate, sd_factor: float) -> tuple[Size, ...]:
     """The parameters of the effects that a hypothesis names; none for no effect and for the unknown.
 
-    `spread` widens the standard deviation of the linear problem (see probability_calibration).
+    `sd_factor` widens the standard deviation of the linear problem (see probability_calibration).
     """
     parameters = p.problem.parameters
     if c.unknown or not c.named:
         return ()
     mean, sd = (x * parameters.scale for x in _averaged(p, c))
-    sd = spread * sd
+    sd = sd_factor * sd
     rows = np.flatnonzero(parameters.of_effect)
     return tuple(
         _size(p, int(i), float(c.fit.theta[i]), float(mean[j]), float(sd[j]))
@@ -76,14 +79,16 @@ def values(found: tuple[Size, ...]) -> dict[str, Value]:
 
 def _averaged(p: Prepared, c: Candidate) -> tuple[Array, Array]:
     """Posterior mean and standard deviation (p,) of the effects' parameters, in units of their scale, over the grid."""
-    parameters, grid, cells = p.problem.parameters, KNOWN.part(c.loose), c.weighed.cells
-    weights = np.exp(cells - logsumexp(cells))
+    parameters, grid, log_terms = p.problem.parameters, KNOWN.part(c.with_tolerances), c.weighed.log_terms
+    weights = np.exp(log_terms - logsumexp(log_terms))
     named = parameters.mask(c.named)
     moments, total = np.zeros((2, len(parameters.scale))), 0.0
-    for j, k in np.argwhere(weights.max(axis=0) > LIGHT):
-        reduced = c.fit.linear.reduced(float(grid.sizes[j]), float(grid.forms[k]))
-        for i in np.flatnonzero(weights[:, j, k] > LIGHT):
-            mean, covariance = reduced.posterior(parameters.prior(named, float(grid.spikes[i]), c.fit.linear.reach))
+    for j, k in np.argwhere(weights.max(axis=0) > LEAST_WEIGHT):
+        reduced = c.fit.linear.reduced(float(grid.sizes[j]), float(grid.form_errors[k]))
+        for i in np.flatnonzero(weights[:, j, k] > LEAST_WEIGHT):
+            mean, covariance = reduced.posterior(
+                parameters.prior(named, float(grid.spikes[i]), c.fit.linear.effect_size)
+            )
             moments += weights[i, j, k] * np.array([mean, np.diag(covariance) + mean**2])
             total += float(weights[i, j, k])
     mean, square = moments / total

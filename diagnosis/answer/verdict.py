@@ -5,7 +5,7 @@
     outside the catalogue
     below the floor    nothing significant
 
-Probabilities are given with the bench that they were calibrated on.
+Probabilities are given with the benchmark that they were calibrated on.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: boo
     """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits."""
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
-    if not enough or outside >= calibrated.flagged:
+    if not enough or outside >= calibrated.unknown_threshold:
         return Decision("unknown", (), outside)
     if named == NONE:
         return Decision("none", (), probability)
@@ -41,24 +41,24 @@ def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: boo
 
 
 def statement(
-    d: Decision, posterior: Posterior, where: Locate, shrunk: Shrink | None, rivals: Sequence[str], breaker: str | None,
-    odd_trial: int | None, bench: str,
+    d: Decision, posterior: Posterior, where: Locate, shrunk: Shrink | None, rivals: Sequence[str], tie_breaker: str | None,
+    odd_trial: int | None, benchmark: str,
 ) -> str:  # fmt: skip
-    """The verdict in a few sentences; `breaker` is the experiment that would separate the candidates best."""
+    """The verdict in a few sentences; `tie_breaker` is the experiment that would separate the candidates best."""
     gap, floor = where.gap_rmse_mm, where.noise_floor_mm
-    # Deflections at the stand are small.
+    # Deflections of stiffness trials are small.
     what, digits = ("the tip", 2) if where.of == "tip" else ("the deflections of the stiffness trials", 3)
     head = f"The calibrated model misses {what} by {gap:.{digits}f} mm rms; the noise floor is {floor:.{digits}f} mm."
-    sure = f"p = {d.probability:.2f}, {bench}"
+    sure = f"p = {d.probability:.2f}, {benchmark}"
     if d.verdict == "none":
         return f"{head} Below the floor: no effect of the catalogue is supported ({sure})."
     if d.verdict == "unknown":
         odd = f" Trial {odd_trial} does not fit with the others: look at it first." if odd_trial is not None else ""
         near = next((h for h, _ in posterior.ranking if h not in (NONE, UNKNOWN)), None)
-        alike = f" What comes nearest is {' and '.join(near)}, which does not explain it." if near else ""
-        return f"{head} No cause can be named: outside the catalogue, or too little data ({sure}).{alike}{odd}"
+        nearest = f" What comes nearest is {' and '.join(near)}, which does not explain it." if near else ""
+        return f"{head} No cause can be named: outside the catalogue, or too little data ({sure}).{nearest}{odd}"
     tied = f", tied with {', '.join(rivals)}" if rivals else ""
-    broken = f", broken by: {breaker}" if rivals and breaker else ""
+    broken = f", broken by: {tie_breaker}" if rivals and tie_breaker else ""
     text = f"{head} Best supported cause: {' and '.join(d.effects)} ({sure}){tied}{broken}."
     if shrunk is None:
         return text
@@ -70,7 +70,7 @@ def statement(
     return f"{text} With it {shrunk.after_mm:.{digits}f} mm are left on data that the fit did not see{closed}."
 
 
-def beside(pushes: Mapping[str, Any], d: Decision) -> str:
+def stiffness_sentence(pushes: Mapping[str, Any], d: Decision) -> str:
     """A sentence about the stiffness trials beside tips; `pushes` is the diagnosis' detail of them."""
     missed, floor = pushes["waterfall_mm"], pushes["floor_mm"]
     text = (

@@ -1,1 +1,1 @@
-"""Is anything outside the catalogue, and how far can the probabilities be believed?"""
+"""Model criticism: is anything outside the catalogue at work, and are the probabilities calibrated?"""

@@ -1,9 +1,9 @@
-"""How far stated probabilities are to be trusted: constants found on a bench of sealed cases.
+"""Calibration of probabilities: constants fitted on a benchmark of sealed cases.
 
-Evidence is sharper than the model deserves, because no model is exact. Dividing log evidence by a temperature makes the
-stated probabilities match how often they were right on the bench that is named here. How probable a cause outside the
-catalogue is follows from its signs by logistic regression on the same bench: evidence cannot say, because no model of
-such a cause exists.
+Evidence is overconfident, because no model is exact. Log evidence is divided by a temperature, so that the stated
+probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue is a
+logistic regression on the misfit diagnostics, fitted on the same benchmark: there is no model of such a cause, and so no
+evidence for it.
 """
 
 from __future__ import annotations
@@ -13,55 +13,55 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .unknown import Signs
+from .misfit import MisfitDiagnostics
 
-MOST_STRAIN = 20.0
-"""More says no more."""
-USUAL_ODD_SPINE = 3.5
-"""The strangest of some forty spines is usually as far from its prior."""
-USUAL_BEYOND, MOST_BEYOND = 2.0, 10.0
-"""Factors by which repeats may differ more than usual: less is chance, more says no more."""
-FEW = 2
-"""So many effects at once are nothing strange."""
-LEAST_TREND, USUAL_TREND = 1e-4, 0.7
-"""Probability below which less says no more; orders of magnitude that chance makes as well."""
+MOST_TENSION = 20.0
+"""Larger values count as this."""
+TYPICAL_SPINE_OUTLIER = 3.5
+"""Standard deviations: the most outlying of about forty spines is usually this far from its prior."""
+TYPICAL_EXCESS, MOST_EXCESS = 2.0, 10.0
+"""Factors of excess scatter: less than the first is chance, more than the second counts as the second."""
+FEW_EFFECTS = 2
+"""Up to this many effects at once are not unusual."""
+LEAST_TREND, TYPICAL_TREND = 1e-4, 0.7
+"""Smallest p-value that counts; orders of magnitude in p that chance makes as well."""
 
 
 @dataclass(frozen=True)
 class ProbabilityCalibration:
-    """Constants that the bench set."""
+    """Constants fitted on the benchmark."""
 
     temperature: float
-    base: float
-    """Log odds of a cause outside the catalogue without any sign."""
-    strain: float
-    transport: float
-    odd_spine: float
+    intercept: float
+    """Log odds of a cause outside the catalogue when no diagnostic stands out."""
+    prior_tension: float
+    cross_prediction: float
+    spine_outlier: float
     trend: float
-    beyond: float
-    many: float
-    """By how much each sign raises them."""
-    spread: float
-    """How much wider a size's standard deviation is than that of the linear problem."""
-    flagged: float
+    excess_scatter: float
+    many_effects: float
+    """Coefficients of the log odds, one for each diagnostic."""
+    sd_factor: float
+    """Factor on the standard deviation of a size in the linear problem."""
+    unknown_threshold: float
     """Probability of a cause outside the catalogue from which the answer is `unknown`."""
-    bench: str
+    benchmark: str
     """What they were fitted on; shown with every probability."""
 
-    def outside(self, s: Signs, trend: float) -> float:
-        """Probability of a cause outside the catalogue; `trend` is the probability that repeats follow time by chance."""
-        odds = self.base
-        odds += self.strain * float(np.clip(s.strain, 0.0, MOST_STRAIN))
-        odds += self.transport * math.log(max(s.transport or 1.0, 1.0))
-        odds += self.odd_spine * max(s.odd_spine - USUAL_ODD_SPINE, 0.0)
-        odds += self.beyond * max(math.log(min(s.beyond, MOST_BEYOND) / USUAL_BEYOND), 0.0)
-        odds += self.many * max(s.named - FEW, 0)
-        odds += self.trend * max(-math.log10(max(trend, LEAST_TREND)) - USUAL_TREND, 0.0)
+    def probability_outside(self, s: MisfitDiagnostics, trend: float) -> float:
+        """Probability of a cause outside the catalogue; `trend` is the p-value of `criticism.trend`."""
+        odds = self.intercept
+        odds += self.prior_tension * float(np.clip(s.prior_tension, 0.0, MOST_TENSION))
+        odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))
+        odds += self.spine_outlier * max(s.spine_outlier - TYPICAL_SPINE_OUTLIER, 0.0)
+        odds += self.excess_scatter * max(math.log(min(s.excess_scatter, MOST_EXCESS) / TYPICAL_EXCESS), 0.0)
+        odds += self.many_effects * max(s.effects_named - FEW_EFFECTS, 0)
+        odds += self.trend * max(-math.log10(max(trend, LEAST_TREND)) - TYPICAL_TREND, 0.0)
         return 1 / (1 + math.exp(-odds))
 
 
 CALIBRATED = ProbabilityCalibration(
-    temperature=1.0, base=-2.7, strain=0.25, transport=1.0, odd_spine=0.8, trend=1.4, beyond=3.0, many=0.8,
-    spread=1.2, flagged=0.5,
-    bench="fitted on 180 development cases, clean and cluttered; docs/explanations/blind.md has the sealed ones",
+    temperature=1.0, intercept=-2.7, prior_tension=0.25, cross_prediction=1.0, spine_outlier=0.8,
+    trend=1.4, excess_scatter=3.0, many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
+    benchmark="fitted on 180 development cases, clean and cluttered; docs/explanations/blind.md has the sealed ones",
 )  # fmt: skip

@@ -3,8 +3,8 @@
 How strongly a trial bends is taken as one number: its readings beside the average of their repeats, along what more
 chamber area would do (of stiffness trials alone: along what a stiffer specimen would do). Trials of one spine length are
 then ranked by it and by time; the sum of Kendall's S over all spine lengths has an exact distribution when time does not
-matter (M. G. Kendall, Biometrika 30, 1938). Nothing of the model but the direction enters, so nothing that the model gets
-wrong can pass for a trend.
+matter (M. G. Kendall, Biometrika 30, 1938). Nothing of the model but the direction enters, so errors of the model
+cannot pass for a trend.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ def trend(p: Prepared, slope: Array) -> float:
         if own.size < 2:
             continue
         order = own[np.argsort(time[own], kind="stable")]
-        total += _score(strength[order])
-        distribution = np.convolve(distribution, _chance(own.size))
-    reach = len(distribution) // 2
-    values = np.arange(-reach, reach + 1)
+        total += _kendall_s(strength[order])
+        distribution = np.convolve(distribution, _kendall_s_distribution(own.size))
+    largest = len(distribution) // 2
+    values = np.arange(-largest, largest + 1)
     return float(distribution[np.abs(values) >= abs(total)].sum())
 
 
@@ -43,7 +43,7 @@ def _trials(p: Prepared, slope: Array) -> tuple[Array, Array, Array]:
     channels = np.unique(labels.channel, return_inverse=True)[1]
     same = np.unique(np.column_stack([p.states.condition[labels.state], channels]), axis=0, return_inverse=True)[1]
     same = same.reshape(-1)
-    # A robot bends more, a specimen at the stand is stiffer.
+    # A robot bends more, a specimen of a stiffness trial is stiffer.
     along = ("spine_stiffness", "youngs_modulus") if p.pushes_only else ("area",)
     area = slope[:, [i for i, source in enumerate(problem.parameters.sources) if source in along]].sum(axis=1)
 
@@ -65,13 +65,13 @@ def _trials(p: Prepared, slope: Array) -> tuple[Array, Array, Array]:
     return strength_, length, time
 
 
-def _score(values: Array) -> int:
+def _kendall_s(values: Array) -> int:
     """Kendall's S: pairs in rising order less pairs in falling order."""
     i, j = np.triu_indices(len(values), 1)
     return int(np.sign(values[j] - values[i]).sum())
 
 
-def _chance(n: int) -> Array:
+def _kendall_s_distribution(n: int) -> Array:
     """Probabilities of S = -n (n - 1) / 2 .. n (n - 1) / 2 (every value, odd steps are zero) for n values in random order."""
     inversions = np.ones(1)
     for k in range(2, n + 1):

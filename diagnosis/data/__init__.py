@@ -1,1 +1,1 @@
-"""From a table of trials to states with a noise floor; what cannot be right is refused here."""
+"""From a table of trials to states with their noise components; implausible tables are refused here."""

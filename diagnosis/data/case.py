@@ -1,7 +1,7 @@
 """From a table of trials to arrays, and what such a table can and cannot be asked.
 
 Nothing is guessed: rows that cannot be used are left out and counted, a table that cannot be used at all is refused,
-and what a sound but small table does not hold is said as a concern that travels with the result.
+and what a small table cannot answer is reported as a concern with the result.
 """
 
 from __future__ import annotations
@@ -40,52 +40,54 @@ class CaseLike(Protocol):
 
 
 def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
-    """The states with a tip and those of stiffness trials, and what is to be said about the table; raises `BadCase`."""
+    """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     of_robot = [r for r in case.table if r.protocol != "stiffness" and r.tip is not None]
-    of_stand = pushes.rows(case.table)
-    if not of_robot and not of_stand:
+    of_trials = pushes.rows(case.table)
+    if not of_robot and not of_trials:
         raise BadCase(
             f"{len(case.table)} rows, none with a tip position and no stiffness row with force and deflection: a bending, "
             "elongation or stiffness run is needed to see a gap"
         )
-    sound = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
-    held = [r for r in of_stand if np.isfinite((r.spine_length, r.force, r.deflection)).all()]  # type: ignore[arg-type]
+    usable = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
+    usable_pushes = [r for r in of_trials if np.isfinite((r.spine_length, r.force, r.deflection)).all()]  # type: ignore[arg-type]
     concerns = []
-    if len(sound) + len(held) < len(of_robot) + len(of_stand):
-        every = len(of_robot) + len(of_stand)
-        bad = every - len(sound) - len(held)
+    if len(usable) + len(usable_pushes) < len(of_robot) + len(of_trials):
+        every = len(of_robot) + len(of_trials)
+        bad = every - len(usable) - len(usable_pushes)
         concerns.append(f"{bad} of {every} states hold values that are not finite and are left out")
-    if not sound and not held:
+    if not usable and not usable_pushes:
         raise BadCase(
-            f"all {len(of_robot) + len(of_stand)} states hold values that are not finite: nothing can be compared"
+            f"all {len(of_robot) + len(of_trials)} states hold values that are not finite: nothing can be compared"
         )
-    plausible.refuse(robot, sound + held)
-    pushes.refuse_strange(robot, held)
-    made = _arrays(sound, held, len(robot.chambers.azimuths_deg))
-    return made, tuple(concerns + (_concerns(made) if sound else []) + pushes.concerns(held, made, bool(sound)))
+    plausible.require_plausible(robot, usable + usable_pushes)
+    pushes.require_plausible(robot, usable_pushes)
+    arrays = _arrays(usable, usable_pushes, len(robot.chambers.azimuths_deg))
+    return arrays, tuple(
+        concerns + (_concerns(arrays) if usable else []) + pushes.concerns(usable_pushes, arrays, bool(usable))
+    )
 
 
-def _arrays(of_robot: list[TrialRow], of_stand: list[TrialRow], chambers: int) -> States:
-    rows = of_robot + of_stand
+def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow], chambers: int) -> States:
+    rows = of_robot + of_trials
     gap = pressure_gap(of_robot)
     trial = np.array([r.trial for r in rows], np.int64)
     spine = np.clip([r.spine_length for r in rows], 0.0, None)
     none = (0.0,) * chambers
-    pressure = np.array([r.pressures for r in of_robot] + [none] * len(of_stand)).reshape(len(rows), chambers)
+    pressure = np.array([r.pressures for r in of_robot] + [none] * len(of_trials)).reshape(len(rows), chambers)
     branch = np.array([-1.0 if r.branch == "unload" else 1.0 for r in rows])
     n = len(of_robot)
-    kind = np.concatenate([_kinds(of_robot, spine[:n], pressure[:n], gap), pushes.kinds(of_stand)])
+    kind = np.concatenate([_kinds(of_robot, spine[:n], pressure[:n], gap), pushes.kinds(of_trials)])
     kind[n:] += kind[:n].max(initial=-1) + 1
     condition = np.concatenate(
         [
             _conditions(of_robot, spine[:n], pressure[:n], branch[:n], kind[:n], gap),
-            pushes.conditions(of_stand, spine[n:]),
+            pushes.conditions(of_trials, spine[n:]),
         ]
     )
     condition[n:] += condition[:n].max(initial=-1) + 1
     time = np.array([np.nan if r.t is None else r.t for r in rows])
-    tip = np.array([r.tip for r in of_robot] + [(np.nan,) * 3] * len(of_stand))
+    tip = np.array([r.tip for r in of_robot] + [(np.nan,) * 3] * len(of_trials))
     return States(
         tuple(rows), trial, spine, pressure, branch, time, tip, condition, kind, np.arange(len(rows)) >= n, gap
     )
@@ -96,8 +98,8 @@ def _conditions(rows: list[TrialRow], spine: Array, pressure: Array, branch: Arr
     if not rows:
         return np.zeros(0, np.int64)
     level = levels(pressure.max(axis=1), gap)
-    held = levels(np.log1p([r.hold or 0.0 for r in rows]), HOLD_GAP)
-    keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind, held])
+    hold = levels(np.log1p([r.hold or 0.0 for r in rows]), HOLD_GAP)
+    keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind, hold])
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
@@ -139,35 +141,35 @@ def _vacuums(vacuum: Array, spine: Array) -> Ints:
     return out
 
 
-def enough(s: States) -> bool:
+def can_name_cause(s: States) -> bool:
     """Whether a cause may be named at all: states were repeated, and the robot is bent at two pressures, or a specimen is
     pushed to two deflections at two lengths."""
     own = s.take(~s.pushed)
     if len(own) and own.repeats >= 2:
         bent = own.highest.max() > s.pressure_gap
         return bool(bent and len(np.unique(levels(own.highest, s.pressure_gap))) > 1)
-    return pushes.enough(s.take(s.pushed))
+    return pushes.can_name_cause(s.take(s.pushed))
 
 
 def _concerns(s: States) -> list[str]:
-    said = []
+    notes = []
     own = s.take(s.main)
     lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))
     pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
     if lengths < 2:
-        said.append(
+        notes.append(
             "one spine length only: what the spine does cannot be told from what the body does; record at least two lengths"
         )
     if pressures < 2:
-        said.append("one pressure only: no cause can be told from the chambers' area; record at least two pressures")
+        notes.append("one pressure only: no cause can be told from the chambers' area; record at least two pressures")
     if s.highest.max() < s.pressure_gap:
-        said.append("no state is bent: nothing can be said about chambers, spine or material; record a bending sweep")
+        notes.append("no state is bent: chambers, spine and material cannot be judged; record a bending sweep")
     if s.repeats < FEWEST_REPEATS:
         word = "no state was repeated" if s.repeats < 2 else "states were read twice only"
-        said.append(
+        notes.append(
             f"{word}: the noise floor is taken from the spread of settled readings and misses what differs from trial to "
             "trial, so no cause can be named with confidence; repeat the sweep three times"
         )
     if not (own.branch < 0).any():
-        said.append("no unload branch: friction, creep and a shift in time look alike; read the way down too")
-    return said
+        notes.append("no unload branch: friction, creep and a shift in time look alike; read the way down too")
+    return notes

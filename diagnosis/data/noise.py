@@ -25,15 +25,15 @@ class Noise:
     """(n,) which state each value belongs to."""
     sd: Array
     """(n,) each value's own standard deviation."""
-    shared: Array
+    pressure_response: Array
     """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
 
     @cached_property
     def _norm(self) -> tuple[csr_array, Array, Array]:
         """s / sd (n, states r), and eigenvalues (states, r) and vectors (states, r, r) of each state's s^T s / sd^2."""
-        n, r = self.shared.shape
+        n, r = self.pressure_response.shape
         states = int(self.state.max(initial=-1)) + 1
-        ratio = self.shared / self.sd[:, None]
+        ratio = self.pressure_response / self.sd[:, None]
         place = self.state[:, None] * r + np.arange(r)
         spread = csr_array((ratio.ravel(), place.ravel(), np.arange(0, n * r + 1, r)), shape=(n, states * r))
         squares = np.zeros((states, r, r))
@@ -70,4 +70,4 @@ class Noise:
 
     def take(self, kept: NDArray[np.bool_]) -> Noise:
         """The noise of some of the values."""
-        return Noise(self.state[kept], self.sd[kept], self.shared[kept])
+        return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept])

@@ -1,13 +1,12 @@
 """Whether a table can have been measured on this robot, in the units and the frame that a table of trials has.
 
-Tables come from other tools in kPa, mm, rad, g, upside down, or with quaternions that begin with x. Such numbers are no
-noise: they miss what a robot of this size can do by the factor between two units, or by half a turn. Only what cannot
-be explained otherwise is refused, with the column, the value, what it looks like and what to write; what might also be
-right is left alone or said as a doubt.
+Tables come from other tools in kPa, mm, rad, g, upside down, or with quaternions that begin with x. Such numbers are off by
+the factor between two units, or by half a turn. A value is refused only where nothing else can explain it, with its column,
+the value, what it looks like and what to write.
 
     tips            at rest near `length` from the base, along +z
     orientation     unit quaternions, near qw = 1 at rest
-    pressures       what the tip's way needs, by beam theory, within a factor of 30 (see `plausible_pressures`)
+    pressures       what the tip's displacement needs, by beam theory, within a factor of 30 (see `plausible_pressures`)
     spine, masses   against length and tip_mass of robot.yaml
     pushes          against the cantilever's length and stiffness (see `plausible_pushes`)
 """
@@ -25,8 +24,8 @@ from model.section import body_area, body_second_moment
 from recordings.trials import TrialRow
 
 from ..errors import BadCase
-from .plausible_pressures import Pressures, pressure_oddities, roll_oddities
-from .plausible_pushes import push_oddities
+from .plausible_pressures import Pressures, implausible_pressures, implausible_roll
+from .plausible_pushes import implausible_pushes
 from .plausible_units import LENGTH_UNITS, nearest
 
 Array = NDArray[np.float64]
@@ -39,23 +38,23 @@ STRAIGHT, TURNED = 0.9, 75.0
 """Robot lengths and degrees: a body bent along an arc so that its tip lies 75 degrees off its axis is 0.74 lengths away."""
 LIMP = 30.0
 """Weight against bending stiffness (q L^3 / EI) beyond which a body may hang down from its base in any direction."""
-BESIDE_ONE = 0.05
-"""Of a quaternion's length from 1: more than rounding to two digits makes."""
+NORM_TOLERANCE = 0.05
+"""Deviation of a quaternion's norm from 1; rounding to two digits makes less."""
 LAST_COMPONENT = 0.8
 """Of qz at rest: bending and sagging turn about x and y, not about z."""
 OTHER_UNIT = 4.0
 """Robot lengths of a spine from which on it is another unit rather than another robot."""
 
 
-def refuse(robot: Robot, rows: Iterable[TrialRow], name: str = "") -> None:
+def require_plausible(robot: Robot, rows: Iterable[TrialRow], name: str = "") -> None:
     """Raises `BadCase`, one line for each thing that is wrong, each beginning with `name` (file or files)."""
-    found = oddities(robot, rows)
+    found = implausible_values(robot, rows)
     if found:
         raise BadCase("\n".join(f"{name}: {text}" if name else text for text in found))
 
 
-def oddities(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
-    """What cannot be right, each with column, value, what it looks like and what to write; empty when all can be."""
+def implausible_values(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
+    """One message for each implausible value: column, value, what it looks like, what to write; empty when there is none."""
     every = list(rows)
     tips = [r for r in every if r.protocol != "stiffness" and r.tip is not None]
     tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
@@ -63,18 +62,18 @@ def oddities(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
     if tips:
         chambers = list(_chambers(robot, tips))
         found += chambers
-        factor, said = _distances(robot, tips)
-        found += said
+        factor, notes = _distances(robot, tips)
+        found += notes
         if factor and not chambers:
             found += _of_the_robot(robot, [replace(r, tip=_scaled(r, factor)) for r in tips])
-    return (*found, *push_oddities(robot, every))
+    return (*found, *implausible_pushes(robot, every))
 
 
 def _of_the_robot(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
     """Checks of rows whose tips are in m."""
     pressures = Pressures.of(robot, rows)
-    yield from pressure_oddities(robot, pressures)
-    yield from roll_oddities(robot, pressures)
+    yield from implausible_pressures(robot, pressures)
+    yield from implausible_roll(robot, pressures)
     resting = [r for r, rests in zip(rows, pressures.resting, strict=True) if rests]
     if resting:
         yield from _frame(robot, resting)
@@ -87,7 +86,7 @@ def _scaled(row: TrialRow, factor: float) -> tuple[float, float, float]:
 
 
 def where(row: TrialRow) -> str:
-    """How messages call a row."""
+    """The name of a row in messages."""
     return f"trial {row.trial} step {row.step}"
 
 
@@ -102,7 +101,7 @@ def _chambers(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
 
 # ------------------------------------------------------------------ lengths
 def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ...]]:
-    """The tips' unit in m (0: not to be told), and what is to be said about it."""
+    """The tips' unit in m (0: unknown), and messages about it."""
     distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(distance))
     if distance[worst] <= FARTHEST * robot.length:
@@ -123,7 +122,9 @@ def _spines(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
     if not len(lengths) or not np.nanmax(lengths) > 1.001 * robot.length:
         return
     worst = int(np.nanargmax(lengths))
-    head = f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m is beyond the robot's {robot.length:g} m"
+    head = (
+        f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m, longer than the robot ({robot.length:g} m)"
+    )
     times = float(lengths[worst]) / robot.length
     if times < OTHER_UNIT:
         yield f"{head}: check the unit (m), or the length in robot.yaml"
@@ -141,11 +142,13 @@ def _masses(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
         return
     heaviest = int(np.argmax(masses))
     mass = float(masses[heaviest])
-    told = robot.tip_mass
+    described = robot.tip_mass
     carried = robot.youngs_modulus * body_area(robot) / 9.81
-    if (told > 0 and abs(mass / told / 1000 - 1) < 0.05) or mass > carried:
+    if (described > 0 and abs(mass / described / 1000 - 1) < 0.05) or mass > carried:
         beside = (
-            f"robot.yaml has {told:g} kg" if told > 0 else f"the body would be twice as long under {carried:.3g} kg"
+            f"robot.yaml has {described:g} kg"
+            if described > 0
+            else f"the body would be twice as long under {carried:.3g} kg"
         )
         yield (
             f"{where(rows[heaviest])}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
@@ -162,7 +165,7 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     )
     meant = f"without pressure it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
     if away < NEAREST_AT_REST:
-        yield f"{place}: looks like the way from the rest position; {meant}: add {robot.length:g} to z"
+        yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
         return
     if away < STRAIGHT or _limp(robot):
         return
@@ -191,7 +194,7 @@ def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]
         return
     lengths = np.linalg.norm([r.orientation for r in turned], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(np.abs(lengths - 1)))
-    if abs(lengths[worst] - 1) > BESIDE_ONE:
+    if abs(lengths[worst] - 1) > NORM_TOLERANCE:
         yield (
             f"{where(turned[worst])}, columns qw, qx, qy, qz: {_numbers(turned[worst])} has length {lengths[worst]:.3g}, a "
             "rotation has 1: looks like angles or a rotation vector; write a unit quaternion, w first"

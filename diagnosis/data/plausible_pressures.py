@@ -1,7 +1,8 @@
-"""Whether a table's pressures are Pa gauge: held against the way of the tip that they make.
+"""Whether a table's pressures are Pa gauge: compared with the tip displacement that they cause.
 
-A beam under the moment sum p A_eff r and the force sum p A_eff moves its tip by kappa L^2 / 2 and strain L. Robots, models
-and effects miss that by a factor of a few; another unit misses it by 100 (mbar), 1000 (kPa), 6895 (psi) or more.
+A beam under the moment M = sum p A_eff r and the force F = sum p A_eff moves its tip by kappa L^2 / 2 and eps L, with
+kappa = M / (E I), eps = F / (E A). Robots, models and effects differ from that by a factor of a few; another unit differs by
+100 (mbar), 1000 (kPa), 6895 (psi) or more.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ from model.robot import Robot
 from model.section import body_area, body_second_moment, combined_modulus
 from recordings.trials import TrialRow
 
-from .plausible_units import PRESSURE_UNITS, alike
+from .plausible_units import PRESSURE_UNITS, units_within
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-BEYOND_MODELS = 30.0
-"""A ratio of measured to expected way that no modulus, area factor or effect makes."""
-BELONGS_TO_PRESSURE = 0.9
-"""Correlation of way and pressure from which on the pressure made the way."""
+IMPLAUSIBLE_RATIO = 30.0
+"""A ratio of measured to expected displacement that no modulus, area factor or effect causes."""
+LEAST_CORRELATION = 0.9
+"""Least correlation of displacement and pressure for the ratio to mean anything."""
 FEWEST = 4
-SMALLEST_WAY = 0.015
-"""Robot lengths that the tip must move for its way to tell anything."""
-HIGHEST_OTHER = 20e3
+LEAST_DISPLACEMENT = 0.015
+"""Robot lengths; smaller displacements of the tip are not evaluated."""
+LARGEST_OTHER_UNIT = 20e3
 """Numbers above are no soft robot's pressures in mbar or any larger unit."""
 SHARE_AT_REST, AT_REST = 0.03, 500.0
 """Of the highest pressure, and Pa, within which a state counts as without pressure."""
@@ -36,12 +37,12 @@ AMBIENT = (75e3, 107e3)
 """Pa absolute, from high places to a high on the coast."""
 SAME_AMBIENT = 3e3
 """Pa by which regulators at ambient pressure differ."""
-TELLING_STRETCH, OF_IT = 0.02, 0.3
-"""Robot lengths by which 100 kPa gauge in every chamber must stretch the body to be told from ambient, and the share of that
-which a body at ambient stays below."""
+VISIBLE_STRETCH, STRETCH_SHARE = 0.02, 0.3
+"""Robot lengths by which 100 kPa gauge in every chamber must stretch the body to be distinguished from ambient, and the share
+of that which a body at ambient stays below."""
 DIRECTION = 15.0
-"""Degrees within which the tip's way follows the chambers' roll."""
-TELLING_TURN = 30.0
+"""Degrees within which the tip's displacement follows the chambers' roll."""
+VISIBLE_TURN = 30.0
 """Degrees that a roll read in the wrong unit must be off to be seen."""
 
 
@@ -52,14 +53,14 @@ class Pressures:
     rows: tuple[TrialRow, ...]
     pressure: Array
     """(n, chambers) as the table has them."""
-    way: Array
+    displacement: Array
     """(n, 3) m: of the tip from the lowest state of its own setting (spine, mass, roll, vacuum)."""
     expected: Array
-    """(n,) m: length of the way that a beam would make, taking the pressures for Pa."""
+    """(n,) m: displacement of a beam, taking the pressures for Pa."""
     unit: float
-    """Pa per unit of the table as far as the way of the tip tells it; 1 where it does not."""
+    """Pa per unit of the table as far as the displacement of the tip tells it; 1 where it does not."""
     ratio: float
-    """Way measured to way expected; 1 where nothing can be told."""
+    """Measured to expected displacement; 1 where it cannot be determined."""
     resting: NDArray[np.bool_]
     """(n,) without pressure, be it gauge or absolute."""
 
@@ -69,12 +70,12 @@ class Pressures:
         pressure = np.array([r.pressures for r in rows])
         low = lowest_of_each(settings(robot, rows), np.abs(pressure).max(axis=1))
         tip = np.array([r.tip for r in rows])
-        way = tip - tip[low]
-        expected = expected_way(robot, rows, pressure - pressure[low])
-        ratio = _ratio(robot, way, expected)
-        odd = ratio > BEYOND_MODELS and np.abs(pressure).max() < HIGHEST_OTHER
-        unit = 1 / alike(1 / ratio, PRESSURE_UNITS, 1.0)[0].per_si if odd else 1.0
-        return cls(tuple(rows), pressure, way, expected, unit, ratio, _resting(pressure * unit))
+        displacement = tip - tip[low]
+        expected = expected_displacement(robot, rows, pressure - pressure[low])
+        ratio = _ratio(robot, displacement, expected)
+        implausible = ratio > IMPLAUSIBLE_RATIO and np.abs(pressure).max() < LARGEST_OTHER_UNIT
+        unit = 1 / units_within(1 / ratio, PRESSURE_UNITS, 1.0)[0].per_si if implausible else 1.0
+        return cls(tuple(rows), pressure, displacement, expected, unit, ratio, _resting(pressure * unit))
 
 
 def settings(robot: Robot, rows: list[TrialRow]) -> Ints:
@@ -100,8 +101,8 @@ def lowest_of_each(group: Ints, level: Array) -> Ints:
     return out
 
 
-def expected_way(robot: Robot, rows: list[TrialRow], pressure: Array) -> Array:
-    """(n,) m: tip's way of a straight beam of two parts (with spine, without) under pressures (n, chambers) Pa."""
+def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -> Array:
+    """(n,) m: tip's displacement of a straight beam of two parts (with spine, without) under pressures (n, chambers) Pa."""
     spine = np.clip([r.spine_length for r in rows], 0.0, robot.length)
     thrust = pressure * (robot.area_factor_at(spine) * robot.chambers.area)[:, None]
     azimuth = np.radians(robot.chambers.azimuths_deg)
@@ -110,16 +111,16 @@ def expected_way(robot: Robot, rows: list[TrialRow], pressure: Array) -> Array:
     rest = robot.length - spine
     aside = moment / body_second_moment(robot) * (spine * (robot.length - spine / 2) / inner + rest**2 / (2 * outer))
     along = thrust.sum(axis=1) / body_area(robot) * (spine / inner + rest / outer)
-    way: Array = np.hypot(aside, along)
-    return way
+    displacement: Array = np.hypot(aside, along)
+    return displacement
 
 
-def _ratio(robot: Robot, way: Array, expected: Array) -> float:
-    """Way measured to way expected in the states that move most; 1 where the way does not follow the pressure."""
-    moved = np.linalg.norm(way, axis=1)
-    if len(moved) < FEWEST or moved.max() < SMALLEST_WAY * robot.length or not expected.max() > 0:
+def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
+    """Measured to expected displacement in the states that move most; 1 where it does not follow the pressure."""
+    moved = np.linalg.norm(displacement, axis=1)
+    if len(moved) < FEWEST or moved.max() < LEAST_DISPLACEMENT * robot.length or not expected.max() > 0:
         return 1.0
-    if np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < BELONGS_TO_PRESSURE:
+    if np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < LEAST_CORRELATION:
         return 1.0
     most = expected >= 0.5 * expected.max()
     return float(np.median(moved[most] / expected[most]))
@@ -139,19 +140,20 @@ def _like_ambient(least: Array) -> bool:
     return bool((least > AMBIENT[0]).all() and (least < AMBIENT[1]).all() and np.ptp(least) < SAME_AMBIENT)
 
 
-def pressure_oddities(robot: Robot, s: Pressures) -> Iterator[str]:
+def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
     """Another unit, or absolute pressures."""
     row, chamber = np.unravel_index(int(np.argmax(np.abs(s.pressure))), s.pressure.shape)
     highest = float(s.pressure[row, chamber])
     place = f"trial {s.rows[row].trial} step {s.rows[row].step}, column p{chamber + 1}"
     if s.unit != 1.0:
         # Models miss by a factor of three, so two units may come into question.
-        units = alike(1 / s.ratio, PRESSURE_UNITS, 3.0)
+        units = units_within(1 / s.ratio, PRESSURE_UNITS, 3.0)
+        moved = np.linalg.norm(s.displacement, axis=1).max()
         looks = " or ".join(unit.name for unit in units)
         remedy = ", ".join(f"{unit.remedy}{f' ({unit.name})' if len(units) > 1 else ''}" for unit in units)
         yield (
-            f"{place}: largest value {highest:g} in a sweep that moves the tip by "
-            f"{np.linalg.norm(s.way, axis=1).max() * 1e3:.3g} mm: looks like {looks}; pressures are in Pa gauge: {remedy}"
+            f"{place}: largest value {highest:g} in a sweep that moves the tip by {moved * 1e3:.3g} mm: looks like {looks}; "
+            f"pressures are in Pa gauge: {remedy}"
         )
     least = (s.pressure * s.unit).min(axis=0)
     if _like_ambient(least) and _at_its_length(robot, s):
@@ -168,41 +170,41 @@ def _at_its_length(robot: Robot, s: Pressures) -> bool:
     if not resting:
         return False
     low = (s.pressure * s.unit)[s.resting]
-    by_gauge = float(np.median(expected_way(robot, resting, low))) / robot.length
-    if by_gauge < TELLING_STRETCH:
+    by_gauge = float(np.median(expected_displacement(robot, resting, low))) / robot.length
+    if by_gauge < VISIBLE_STRETCH:
         return False
     weight = robot.density * body_area(robot) * robot.length / 2 + robot.tip_mass
     by_weight = weight * abs(robot.gravity[2]) / (robot.youngs_modulus * body_area(robot))
     longer = float(np.median([np.linalg.norm(r.tip) for r in resting])) / robot.length - 1  # type: ignore[arg-type]
-    return longer < OF_IT * by_gauge + by_weight
+    return longer < STRETCH_SHARE * by_gauge + by_weight
 
 
-def roll_oddities(robot: Robot, s: Pressures) -> Iterator[str]:
+def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
     """rad: the tip turns about the axis by 57 times what roll_deg says."""
     roll = np.array([r.roll_deg or 0.0 for r in s.rows])
     if not 0 < np.abs(roll).max() < 2 * np.pi + 0.01:
         return
     azimuth = np.radians(robot.chambers.azimuths_deg)
     push = -(s.pressure @ np.exp(1j * azimuth)) * np.exp(1j * np.radians(roll))
-    aside = s.way[:, 0] + 1j * s.way[:, 1]
-    turn, held = {}, {}
+    aside = s.displacement[:, 0] + 1j * s.displacement[:, 1]
+    turn, rows_of = {}, {}
     for one in np.unique(roll):
         own = roll == one
         sum_ = complex(np.sum(aside[own] * push[own].conj()))
-        alike_ = float(np.sum(np.abs(aside[own]) * np.abs(push[own])))
-        bent = np.abs(aside[own]).max() > SMALLEST_WAY * robot.length
-        if bent and alike_ > 0 and abs(sum_) > 0.8 * alike_:
-            turn[float(one)], held[float(one)] = float(np.degrees(np.angle(sum_))), own
+        coherent = float(np.sum(np.abs(aside[own]) * np.abs(push[own])))
+        bent = np.abs(aside[own]).max() > LEAST_DISPLACEMENT * robot.length
+        if bent and coherent > 0 and abs(sum_) > 0.8 * coherent:
+            turn[float(one)], rows_of[float(one)] = float(np.degrees(np.angle(sum_))), own
     if len(turn) < 2:
         return  # the base may stand turned by as much
     first_roll = min(turn, key=abs)
     rolled = {one: _wrapped(t - turn[first_roll]) for one, t in turn.items() if one != first_roll}
     missed = {one: _wrapped(np.degrees(one - first_roll) - (one - first_roll)) for one in rolled}
-    if max(map(abs, missed.values())) < TELLING_TURN:
+    if max(map(abs, missed.values())) < VISIBLE_TURN:
         return
     if all(abs(_wrapped(rolled[one] - missed[one])) < DIRECTION for one in rolled):
         most = max(rolled, key=abs)
-        first = s.rows[int(np.argmax(held[most]))]
+        first = s.rows[int(np.argmax(rows_of[most]))]
         yield (
             f"trial {first.trial} step {first.step}, column roll_deg: {most:g}, while the tip moves turned by "
             f"{np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"

@@ -14,12 +14,12 @@ from .plausible_units import FORCE_UNITS, Unit, nearest
 
 SHORTEST = 0.01
 """m; a shorter spine offers nothing to push on."""
-BEYOND_MODULI = {"body": 30.0, "spine": 300.0}
+IMPLAUSIBLE_FORCE_RATIO = {"body": 30.0, "spine": 300.0}
 """Ratios of force measured to force expected: a body's modulus is known within a few, a jammed spine's may be a guess."""
 FEWEST = 3
 
 
-def push_oddities(robot: Robot, rows: Iterable[TrialRow]) -> Iterator[str]:
+def implausible_pushes(robot: Robot, rows: Iterable[TrialRow]) -> Iterator[str]:
     """Deflections longer than the cantilever, and forces of another unit."""
     for specimen in ("body", "spine"):
         own = [r for r in rows_of(rows, specimen) if _long(robot, r) >= SHORTEST]
@@ -67,16 +67,16 @@ def _forces(
     if abs(np.corrcoef(force, expected)[0, 1]) < 0.9:
         return
     ratio = abs(float(np.polyfit(expected, force, 1)[0]))
-    beyond = BEYOND_MODULI[specimen]
+    limit = IMPLAUSIBLE_FORCE_RATIO[specimen]
     worst = int(np.argmax(np.abs(force)))
     place = f"trial {own[worst].trial} step {own[worst].step}"
     needed = f"{expected[worst]:.3g} N by robot.yaml's modulus"
-    if ratio > beyond and (unit := nearest(ratio, FORCE_UNITS, within=10.0)) is not None:
+    if ratio > limit and (unit := nearest(ratio, FORCE_UNITS, within=10.0)) is not None:
         yield (
             f"{place}, column force: {force[worst]:g} N for {deflection[worst] * 1e3:.3g} mm, {needed}: looks like "
             f"{unit.name}; forces are in N: {unit.remedy}"
         )
-    elif ratio < 1 / beyond and nearest(1 / ratio, (Unit("mm", 1000.0),), within=10.0) is not None:
+    elif ratio < 1 / limit and nearest(1 / ratio, (Unit("mm", 1000.0),), within=10.0) is not None:
         yield (
             f"{place}, column deflection: {deflection[worst]:g} m under {abs(force[worst]):g} N, {needed}: looks like mm; "
             "deflections are in m: divide by 1000"

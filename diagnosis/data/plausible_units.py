@@ -35,7 +35,7 @@ def nearest(ratio: float, units: Sequence[Unit], within: float) -> Unit | None:
     return best if abs(math.log(ratio / best.per_si)) < math.log(within) else None
 
 
-def alike(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:
+def units_within(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:
     """All units within a factor of a ratio, the nearest first; at least one."""
     order = sorted(units, key=lambda unit: abs(math.log(ratio / unit.per_si)))
     return [u for u in order if u is order[0] or abs(math.log(ratio / u.per_si)) < math.log(within)]

@@ -1,4 +1,4 @@
-"""Rows of stiffness trials: which can be used, which were meant to be the same, and what they cannot say."""
+"""Rows of stiffness trials: which can be used, which repeat each other, and what cannot be concluded from them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FARTHEST = 0.3
-"""Share of the cantilever's length beyond which its deflection is no small one."""
+"""Largest deflection of beam theory, as a share of the cantilever's length."""
 SHORTEST = 0.01
 """m; a shorter spine offers nothing to push on."""
 FEWEST_REPEATS = 3
@@ -29,7 +29,7 @@ def rows(table: Iterable[TrialRow]) -> list[TrialRow]:
     return [r for r in table if r.protocol == "stiffness" and r.force is not None and r.deflection is not None]
 
 
-def refuse_strange(robot: Robot, given: list[TrialRow]) -> None:
+def require_plausible(robot: Robot, given: list[TrialRow]) -> None:
     """Raises `BadCase` for rows that no stiffness trial of this robot gives."""
     for r in given:
         where = f"trial {r.trial} step {r.step}"
@@ -40,7 +40,7 @@ def refuse_strange(robot: Robot, given: list[TrialRow]) -> None:
             )
         if r.spine_length > robot.length * 1.001:
             raise BadCase(
-                f"{where}: spine length {r.spine_length:g} m is beyond the robot's {robot.length:g} m: check the unit (m)"
+                f"{where}: spine length {r.spine_length:g} m, longer than the robot ({robot.length:g} m): check the unit (m)"
             )
         if not body and r.spine_length < SHORTEST:
             raise BadCase(
@@ -82,7 +82,7 @@ def conditions(given: list[TrialRow], spine: Array) -> Ints:
     return np.unique(np.column_stack([same, level]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
-def enough(s: States) -> bool:
+def can_name_cause(s: States) -> bool:
     """Whether pushes alone may name a cause: repeated, to two deflections, at two lengths or of two specimens."""
     if not len(s) or s.repeats < 2:
         return False
@@ -91,24 +91,24 @@ def enough(s: States) -> bool:
 
 
 def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
-    """What pushes cannot say; `beside` states of the robot."""
+    """What cannot be concluded from stiffness trials; `beside` states of the robot."""
     if not given:
         return []
     own = s.take(s.pushed)
-    said = []
+    notes = []
     if not beside:
-        said.append(
+        notes.append(
             "stiffness trials only: nothing can be said about chambers, pressures, loads on the robot, base or cameras; only "
             "effects that move these readings are weighed; record a bending sweep"
         )
-        said.append("stiffness trials only: probabilities were tempered on bending campaigns, not on such data")
+        notes.append("stiffness trials only: probabilities were calibrated on bending campaigns, not on such data")
     if own.repeats < FEWEST_REPEATS:
         word = "no deflection was repeated" if own.repeats < 2 else "deflections were read twice only"
-        said.append(
-            f"stiffness trials: {word}: the usual scatter of touch, zero and jamming is taken; repeat them three times"
+        notes.append(
+            f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them three times"
         )
     if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
-        said.append(
+        notes.append(
             "stiffness trials at one spine length only: modulus, sensor zero and touch point look alike; push at two"
         )
-    return said
+    return notes

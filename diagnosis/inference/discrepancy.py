@@ -1,7 +1,7 @@
-"""The smooth remainder that no effect of the catalogue explains, as a Gaussian process over the states.
+"""Model discrepancy: a smooth remainder that no effect of the catalogue explains, a Gaussian process over the states.
 
 Kernel: squared exponential over spine length, pressure and the other settings of a state; the two branches and
-different kinds of experiment are alike only in part. It grows with pressure, as nearly everything on this robot does.
+different kinds of experiment are correlated only in part. Its standard deviation grows with pressure.
 Instead of the kernel its leading eigenvectors are used, which makes the process a few dozen columns with unit prior.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-KEPT = 2e-3
+LEAST_EIGENVALUE = 2e-3
 """Eigenvalues below this share of the largest are left out."""
 AT_REST = 0.3
 """Size at zero pressure, of that at the highest."""
@@ -22,7 +22,7 @@ AT_REST = 0.3
 
 @dataclass(frozen=True)
 class Settings:
-    """Where n states lie, in units over which a discrepancy is expected to stay alike."""
+    """Coordinates of n states in units of the correlation length."""
 
     place: Array
     """(n, d) coordinates: spine length, pressure, branch, and those of other experiments."""
@@ -48,7 +48,7 @@ def columns(where: Settings) -> Array:
     place, index = np.unique(np.round(where.place, 3), axis=0, return_inverse=True)
     squared = ((place[:, None, :] - place[None, :, :]) ** 2).sum(axis=-1)
     value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
-    kept = value > KEPT * value.max()
+    kept = value > LEAST_EIGENVALUE * value.max()
     basis = vector[:, kept] * np.sqrt(value[kept])
     return basis[index.reshape(-1)] * where.size[:, None]
 

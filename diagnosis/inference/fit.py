@@ -1,8 +1,8 @@
 """The most probable parameters under one hypothesis: Levenberg-Marquardt within bounds, the discrepancy integrated out.
 
-Sizes and looks multiply each other, so the most probable point often lies along a narrow curved valley. Steps are
-therefore damped in units of the prior, which holds back what is badly known and bends the most, and where the model
-bends away from a step it is corrected to second order (geodesic acceleration, Transtrum and Sethna 2012).
+Sizes and shape parameters multiply each other, so the most probable point often lies along a narrow curved valley. Steps are
+therefore damped in units of the prior, which shortens them along badly known directions, and where the model
+is curved along a step it is corrected to second order (geodesic acceleration, Transtrum and Sethna 2012).
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from .bounded import bounded
+from .box_constrained import box_constrained_minimum
 from .linear import Linear, Prior
 from .problem import Problem
 
 Array = NDArray[np.float64]
 
 ROUNDS = 6
-CLOSE = 0.05
+STEP_TOLERANCE = 0.05
 """Steps shorter than this, in prior standard deviations, end the search: evidence changes by far less."""
-GAIN = 0.02
+COST_TOLERANCE = 0.02
 """Steps that lower the cost by less end the search."""
-NEARER = 6
-"""Times a start is moved half way to the baseline."""
+HALVINGS = 6
+"""Times a start without equilibrium is moved half way to the baseline."""
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
 """Added to the curvature, in units of the prior's, until a step lowers the cost."""
-HOLDS, MOST_TURN = 0.75, 0.75
-"""Share of the promised gain with which a step is taken as it is; largest correction, as a share of the step."""
+TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
+"""Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class Fit:
     linear: Linear
     cost: float
     """Half the squared misfit plus half the squared distance from the prior."""
-    short: float
-    """By how much the linear problem promises a lower cost than was reached: 0 at the most probable point."""
+    predicted_decrease: float
+    """Decrease of the cost that the linear problem still predicts: 0 at the most probable point."""
 
 
 def fit(
@@ -60,7 +60,7 @@ def fit(
     """
     p = problem.parameters
     scale, mean = p.scaled(prior)
-    weigh = _Weigher(problem, size)
+    misfit = _Misfit(problem, size)
     known = np.zeros((len(problem.observed), len(scale))) if frozen is None else frozen.slope
     fresh = scale > 0
     if frozen is not None:
@@ -75,40 +75,40 @@ def fit(
         return predicted, slope
 
     def total(theta: Array, predicted: Array) -> float:
-        return weigh.cost(predicted) + _distance(theta, mean, scale)
+        return misfit.cost(predicted) + _distance(theta, mean, scale)
 
     def step(local: _Local, damping: float) -> tuple[Array, float]:
         """A point and its cost."""
         goal = local.goal(damping)
         there, along = problem.forward.predict(goal), local.predicted(goal)
-        reached, promised = total(goal, there), total(goal, along)
-        if cost - reached >= HOLDS * (cost - promised) or not np.isfinite(reached):
+        reached, predicted_cost = total(goal, there), total(goal, along)
+        if cost - reached >= TRUST_RATIO * (cost - predicted_cost) or not np.isfinite(reached):
             return goal, reached
-        turned = local.goal(damping, there - along)
-        if np.linalg.norm((turned - goal) / p.sd) > MOST_TURN * np.linalg.norm((goal - theta) / p.sd):
+        corrected = local.goal(damping, there - along)
+        if np.linalg.norm((corrected - goal) / p.sd) > MOST_CORRECTION * np.linalg.norm((goal - theta) / p.sd):
             return goal, reached
-        other = total(turned, problem.forward.predict(turned))
-        return (turned, other) if other < reached else (goal, reached)
+        other = total(corrected, problem.forward.predict(corrected))
+        return (corrected, other) if other < reached else (goal, reached)
 
     if isinstance(start, Fit):
         theta, predicted, slope = start.theta, start.predicted, start.slope
     else:
         theta = np.clip(start, p.lower, p.upper)
         predicted, slope = linearised(theta)
-        for _ in range(NEARER):
+        for _ in range(HALVINGS):
             if np.isfinite(predicted).all():
                 break
             # Some state has no equilibrium here: begin nearer to the baseline, where all have.
             theta = p.mean + 0.5 * (theta - p.mean)
             predicted, slope = linearised(theta)
     cost = total(theta, predicted)
-    left_out = scale == 0
-    if (theta != mean)[left_out].any():
+    cross_validated_residuals = scale == 0
+    if (theta != mean)[cross_validated_residuals].any():
         cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
     damping = 0
     for _ in range(rounds):
-        local = _Local(problem, weigh, theta, predicted, slope, scale, mean)
-        if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < CLOSE:
+        local = _Local(problem, misfit, theta, predicted, slope, scale, mean)
+        if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < STEP_TOLERANCE:
             break
         tried, reached = theta, np.inf
         while damping < len(DAMPINGS):
@@ -120,13 +120,13 @@ def fit(
             break
         gained, theta, cost = cost - reached, tried, reached
         predicted, slope = linearised(theta)
-        if gained < GAIN:
+        if gained < COST_TOLERANCE:
             break
         damping = max(damping - 2, 0)
-    local = _Local(problem, weigh, theta, predicted, slope, scale, mean)
+    local = _Local(problem, misfit, theta, predicted, slope, scale, mean)
     goal = local.goal(0.0)
-    promised = total(goal, local.predicted(goal))
-    return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost, max(cost - promised, 0.0))
+    predicted_cost = total(goal, local.predicted(goal))
+    return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost, max(cost - predicted_cost, 0.0))
 
 
 def _distance(theta: Array, mean: Array, scale: Array) -> float:
@@ -134,7 +134,7 @@ def _distance(theta: Array, mean: Array, scale: Array) -> float:
     return 0.5 * float((((theta - mean)[free] / scale[free]) ** 2).sum())
 
 
-class _Weigher:
+class _Misfit:
     """Squared misfits with the discrepancy of one size integrated out."""
 
     def __init__(self, problem: Problem, size: float) -> None:
@@ -143,7 +143,7 @@ class _Weigher:
         m = self._columns.shape[1]
         self._factor = cho_factor(np.eye(m) + self._columns.T @ self._columns, lower=True) if size and m else None
 
-    def without(self, values: Array) -> Array:
+    def solve(self, values: Array) -> Array:
         """C^-1 values, where C is the covariance of the whitened values with the discrepancy."""
         if self._factor is None:
             return values
@@ -155,14 +155,14 @@ class _Weigher:
         if not np.isfinite(predicted).all():
             return np.inf
         missed = self._problem.noise.whiten(self._problem.observed - predicted)
-        return 0.5 * float(missed @ self.without(missed))
+        return 0.5 * float(missed @ self.solve(missed))
 
 
 class _Local:
     """The linear problem around parameters (k,), in which optima are quick to find."""
 
     def __init__(
-        self, problem: Problem, weigh: _Weigher, theta: Array, predicted: Array, slope: Array, scale: Array, mean: Array
+        self, problem: Problem, misfit: _Misfit, theta: Array, predicted: Array, slope: Array, scale: Array, mean: Array
     ) -> None:
         p = self._p = problem.parameters
         free = self._free = np.flatnonzero(scale > 0)
@@ -170,10 +170,10 @@ class _Local:
         self._scale, self._mean, self._rest = scale, mean, np.where(scale > 0, theta, mean)
         columns = problem.noise.whiten(slope[:, free] * scale[free])
         missed = problem.noise.whiten(problem.observed - predicted - slope @ (self._rest - theta))
-        self._noise, self._pulled = problem.noise, weigh.without(columns)
+        self._noise, self._solved = problem.noise, misfit.solve(columns)
         self._here = (theta - mean)[free] / scale[free]
-        self._curve = np.eye(free.size) + columns.T @ self._pulled
-        self._score = self._pulled.T @ missed + (columns.T @ self._pulled) @ self._here
+        self._curve = np.eye(free.size) + columns.T @ self._solved
+        self._score = self._solved.T @ missed + (columns.T @ self._solved) @ self._here
         self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
 
     def predicted(self, theta: Array) -> Array:
@@ -187,8 +187,8 @@ class _Local:
         """
         score = self._score + damping * self._here
         if bend is not None:
-            score -= self._pulled.T @ self._noise.whiten(bend)
-        x = bounded(self._curve + damping * np.eye(len(score)), score, self._low, self._high)
+            score -= self._solved.T @ self._noise.whiten(bend)
+        x = box_constrained_minimum(self._curve + damping * np.eye(len(score)), score, self._low, self._high)
         goal = self._rest.copy()
         goal[self._free] = self._mean[self._free] + self._scale[self._free] * x
         return np.clip(goal, self._p.lower, self._p.upper)

@@ -1,14 +1,12 @@
-"""The linear-Gaussian heart of the attribution.
-
-Around a point the measured states are taken as
+"""The linear-Gaussian problem around a point, and its evidence.
 
     y = A theta + N u + g D w + f F z + e,     e, u, w, z ~ N(0, I),  theta_j ~ N(m_j, v_j)
 
-after whitening by the noise and after every column has been scaled by its prior. theta are the catalogue's effects in
-units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z what the named effects' laws may
-get wrong, of size f. u, w and z are integrated out by algebra, once a pair of sizes; what is left is a small problem in
-theta alone in which any choice of the priors m, v (which effects are present, how narrow the others are held) costs one
-small factorisation.
+after whitening by the noise and scaling every column by its prior. y are the measured values, theta the catalogue's effects
+in units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z the model-form error of the named
+effects, of size f. u, w and z are integrated out in closed form for each pair (g, f); what is left is a small problem in
+theta, in which any choice of the priors m, v (which effects are present, how narrow the others are) costs one small
+factorisation.
 """
 
 from __future__ import annotations
@@ -48,30 +46,30 @@ class Linear:
     """(n, m) D, for a discrepancy of size 1."""
     log_noise: float
     """Sum of the logarithms of the noise's standard deviations (half its log determinant)."""
-    form: Array
-    """(n, f) F, for laws that are wrong by all of what they do; no columns where nothing is named."""
-    spill: float = 0.0
-    """Size of the discrepancy that such a law makes besides, in units of D."""
+    form_error: Array
+    """(n, f) F, model-form error of size 1: as large as the effects themselves; no columns where nothing is named."""
+    leakage: float = 0.0
+    """Size of the discrepancy that a model-form error of size 1 adds, in units of D."""
     gram: Array | None = None
     """(m, m) D^T D where it is known."""
-    reach: Array | None = None
-    """(p,) see `Parameters.reach`; None where no parameter is a shape."""
+    effect_size: Array | None = None
+    """(p,) see `Parameters.effect_size`; None where no parameter is a shape parameter."""
 
     def __post_init__(self) -> None:
         n = len(self.observed)
-        for name in ("effects", "nuisance", "discrepancy", "form"):
+        for name in ("effects", "nuisance", "discrepancy", "form_error"):
             value: Array = getattr(self, name)
             if value.ndim != 2 or len(value) != n:
                 raise ValueError(f"{name}: shape {value.shape}, must be ({n}, columns)")
 
-    def discrepancy_size(self, size: float, form: float) -> float:
-        """Size of the discrepancy with what laws that are wrong by a share `form` add to it."""
-        return float(np.hypot(size, form * self.spill))
+    def discrepancy_size(self, size: float, form_error: float) -> float:
+        """Size of the discrepancy, the leakage of a model-form error of size `form_error` included."""
+        return float(np.hypot(size, form_error * self.leakage))
 
-    def reductions(self, sizes: Array, forms: Array) -> list[list[Reduced]]:
-        """The problem in theta alone, for each size (s,) of the discrepancy and (f,) of the laws' errors."""
-        wide = [b.shape[1] for b in (self.discrepancy, self.nuisance, self.form)]
-        rest, m = np.hstack([self.nuisance, self.form]), wide[0]
+    def reductions(self, sizes: Array, form_errors: Array) -> list[list[Reduced]]:
+        """The problem in theta alone, for each size (s,) of the discrepancy and (f,) of the model-form error."""
+        wide = [b.shape[1] for b in (self.discrepancy, self.nuisance, self.form_error)]
+        rest, m = np.hstack([self.nuisance, self.form_error]), wide[0]
         known = np.column_stack([self.effects, self.observed])
         own = known.T @ known
         across = np.vstack([self.discrepancy.T @ known, rest.T @ known])
@@ -81,17 +79,17 @@ class Linear:
         within[:m, m:] = within[m:, :m].T
         within[m:, m:] = rest.T @ rest
 
-        def at(size: float, form: float) -> Reduced:
-            scale = np.repeat([self.discrepancy_size(size, form), 1.0, form], wide)
+        def at(size: float, form_error: float) -> Reduced:
+            scale = np.repeat([self.discrepancy_size(size, form_error), 1.0, form_error], wide)
             kept = np.flatnonzero(scale)
             gram = scale[kept, None] * within[np.ix_(kept, kept)] * scale[kept]
             return self._reduced(own, scale[kept, None] * across[kept], gram)
 
-        return [[at(float(size), float(form)) for form in forms] for size in sizes]
+        return [[at(float(size), float(form_error)) for form_error in form_errors] for size in sizes]
 
-    def reduced(self, size: float, form: float) -> Reduced:
+    def reduced(self, size: float, form_error: float) -> Reduced:
         """The same for one size each."""
-        return self.reductions(np.array([size]), np.array([form]))[0][0]
+        return self.reductions(np.array([size]), np.array([form_error]))[0][0]
 
     def _reduced(self, own: Array, across: Array, within: Array) -> Reduced:
         n, p = self.effects.shape

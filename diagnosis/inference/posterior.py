@@ -1,8 +1,8 @@
-"""From evidence to probabilities: prior over hypotheses, tempered evidence, the 95 % set.
+"""From evidence to probabilities: prior over hypotheses, calibrated evidence, the 95 % set.
 
-Prior: none, one effect, two or three have fixed shares; within a share all combinations of the catalogue are alike. A
-pair must therefore pay not only for its free parameters but also for being one of several hundred. How probable a cause
-outside the catalogue is follows from its signs (see probability_calibration); the catalogue shares what is left.
+Prior: none, one effect, two or three have fixed shares; within a share all combinations of the catalogue are equally probable. A
+pair must therefore pay not only for its free parameters but also for being one of several hundred. The probability of a cause
+outside the catalogue follows from the misfit diagnostics (see probability_calibration); the catalogue shares what is left.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
-SHARES = {0: 0.12, 1: 0.66, 2: 0.16, 3: 0.012}
+PRIOR_SHARES = {0: 0.12, 1: 0.66, 2: 0.16, 3: 0.012}
 """Prior share of hypotheses by the number of effects they name."""
-COVERED = 0.95
+CREDIBLE_SHARE = 0.95
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Posterior:
         for named, p in self.ranking:
             chosen.append(named)
             total += p
-            if total >= COVERED:
+            if total >= CREDIBLE_SHARE:
                 break
         return tuple(chosen)
 
@@ -64,7 +64,7 @@ class Posterior:
 
 def prior(named: Hypothesis, effects: int) -> float:
     """Prior probability of a hypothesis of a catalogue of that many effects."""
-    return SHARES.get(len(named), 0.0) / comb(effects, len(named))
+    return PRIOR_SHARES.get(len(named), 0.0) / comb(effects, len(named))
 
 
 def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
@@ -79,7 +79,7 @@ def posterior(candidates: Sequence[Candidate], effects: int, temperature: float)
     )
 
 
-def beside_unknown(known: Posterior, unknown: Candidate, probability: float) -> Posterior:
+def with_unknown(known: Posterior, unknown: Candidate, probability: float) -> Posterior:
     """The same with a cause outside the catalogue of some probability beside it."""
     ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
     ranking.append((UNKNOWN, probability))

@@ -17,30 +17,30 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import TEXTS
 
-from ..data.floor import Components, Repeated, components, reading_rms
 from ..data.noise import Noise
+from ..data.noise_components import NoiseComponents, Repeated, estimate_noise, reading_rms
 from ..data.states import States
 from ..errors import BadCase
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
 from .problem import Parameters, Problem
-from .stand import OF_STAND, Stand, stand
+from .stiffness_trials import PUSH_SOURCES, StiffnessTrials, stiffness_trials
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TIP = ("x", "y", "z")
 KINDS = ("tip", "turn", "marker", "force")
-USUAL = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
-"""Usual white noise of a reading: m, rad, m."""
-USUAL_PRESSURE = 500.0
+DEFAULT_NOISE = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
+"""Default white noise of a reading: m, rad, m."""
+DEFAULT_PRESSURE_NOISE = 500.0
 """Pa."""
 STIFFNESS_ONLY = ("force_bias", "arm_compliance", "contact_offset")
-IDLE, IDLE_SHARE = 5e3, 0.025
+VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
-STEP = 500.0
+PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
-LEAST_UNIT, MOST_UNIT = 0.2e-3, 2e-3
+LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT = 0.2e-3, 2e-3
 """m, between which the unit of the discrepancy is kept."""
 
 
@@ -52,22 +52,22 @@ class Prepared:
     states: States
     problem: Problem
     labels: Labels
-    floor: Components
-    reading: float
+    noise_components: NoiseComponents
+    noise_floor: float
     """m, root mean square distance of a single tip reading from its condition's average; the noise floor."""
     unit: float
     """m, size 1 of the discrepancy."""
     forward: ForwardModel
-    stand: Stand | None
-    """What is known of the stiffness trials; None where there are none."""
+    pushes: StiffnessTrials | None
+    """Noise of the stiffness trials; None where there are none."""
 
     @property
     def pushes_only(self) -> bool:
         """Whether the gap is that of stiffness trials, as no state has a tip."""
         return bool(self.states.pushed.all())
 
-    def shared(self, theta: Array) -> Array:
-        """Parameters (k,) with what each trial has of its own set to nothing: what a model can say of the next trial."""
+    def common(self, theta: Array) -> Array:
+        """Parameters (k,) with those of single trials at their means: what the model predicts for a new trial."""
         return np.where(self.problem.parameters.of_trial, self.problem.parameters.mean, theta)
 
     def tip(self, values: Array) -> Array:
@@ -80,10 +80,10 @@ class Prepared:
     def deflection(self, values: Array) -> Array:
         """(states,) m: forces among values (n,) as the deflection that each specimen gives way by under them, NaN elsewhere."""
         out = np.full(len(self.states), np.nan)
-        if self.stand is not None:
+        if self.pushes is not None:
             own = self.labels.kind == 3
             state = self.labels.state[own]
-            out[state] = values[own] / self.stand.stiffness[state]
+            out[state] = values[own] / self.pushes.stiffness[state]
         return out
 
     def gap(self, values: Array) -> Array:
@@ -95,8 +95,8 @@ class Prepared:
         return out
 
 
-class Kept:
-    """A forward model of which some values are not looked at."""
+class MaskedForward:
+    """A forward model of some of the values."""
 
     def __init__(self, forward: ForwardModel, kept: NDArray[np.bool_]) -> None:
         self._forward, self._kept = forward, kept
@@ -106,7 +106,7 @@ class Kept:
         try:
             return self._forward.predict(theta)[self._kept]
         except np.linalg.LinAlgError:
-            # A trial step that throws a rod far off: as good as no equilibrium.
+            # A step so far off that the rod cannot be solved counts as no equilibrium.
             return np.full(int(self._kept.sum()), np.nan)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
@@ -124,11 +124,11 @@ def prepare(
     """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
     table = table_columns(states)
     design = design_from_columns(robot, table)
-    forward = ForwardModel(robot, design, area, seen_by(states, catalogue))
+    forward = ForwardModel(robot, design, area, observable_effects(states, catalogue))
     start = np.zeros(len(forward.parameters))
     predicted, slope = forward.linearise(start)
     if states.pushed.all():
-        forward = ForwardModel(robot, design, area, _moving(forward, slope))
+        forward = ForwardModel(robot, design, area, _effective(forward, slope))
         start = np.zeros(len(forward.parameters))
         predicted, slope = forward.linearise(start)
     observed, sd = forward.observe(table)
@@ -139,70 +139,72 @@ def prepare(
         )
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
-    missed, response = (observed - predicted)[kept], by_pressure(forward, states, made, slope)[kept]
+    missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
     floor, reading = _floor(states, labels, forward.parameters, missed, slope[kept], response)
-    held = stand(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
-    noise = _noise(states, labels, floor, held, response)
-    if held is not None and states.pushed.all():
-        known = held.reading
+    pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
+    noise = _noise(states, labels, floor, pushes, response)
+    if pushes is not None and states.pushed.all():
+        known = pushes.noise_floor
     else:
         known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
-    unit = float(np.clip(known / np.sqrt(3), LEAST_UNIT, MOST_UNIT))
-    smooth, alike, each = _smooth(robot, states, labels, unit, held)
+    unit = float(np.clip(known / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
+    smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
-        Kept(forward, kept),
-        _scattered(made, forward.parameters, floor, held),
+        MaskedForward(forward, kept),
+        _with_trial_scatter(made, forward.parameters, floor, pushes),
         observed[kept],
         noise,
         smooth,
-        alike,
-        each,
+        shared_basis,
+        channel_basis,
     )
-    return Prepared(robot, states, problem, labels, floor, known, unit, forward, held)
+    return Prepared(robot, states, problem, labels, floor, known, unit, forward, pushes)
 
 
-def _moving(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
-    """The effects that move any value at all: those that the readings cannot bear on are not weighed."""
+def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
+    """The effects that change any of the values; the others are left out."""
     moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
     return {id: spec for id, spec in forward.catalogue.items() if id in moved}
 
 
-def _noise(states: States, labels: Labels, floor: Components, held: Stand | None, response: Array) -> Noise:
-    """Of the robot's values, with their response (n, r) to the pressures' readings, and of the forces at the stand."""
-    usual = np.array([floor.channel.get(k, 1.0) for k in KINDS])
-    white = usual[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
-    shared = floor.pressure * response
-    if held is not None:
+def _noise(
+    states: States, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array
+) -> Noise:
+    """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
+    default = np.array([floor.channel.get(k, 1.0) for k in KINDS])
+    white = default[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
+    by_pressure = floor.pressure * response
+    if pushes is not None:
         own = labels.kind == 3
-        white[own] = held.floor.channel["force"]
-        # No pressure is read there: the deflection's error, the state's own as well, takes the first column.
-        shared[own] = 0.0
-        shared[own, 0] = held.floor.pressure * held.stiffness[labels.state[own]]
-    return Noise(labels.state, white, shared)
+        white[own] = pushes.noise_components.channel["force"]
+        # The error of the deflection takes the place of the pressure's, in the first column.
+        by_pressure[own] = 0.0
+        by_pressure[own, 0] = pushes.noise_components.pressure * pushes.stiffness[labels.state[own]]
+    return Noise(labels.state, white, by_pressure)
 
 
-def seen_by(states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+def observable_effects(states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
     """A catalogue without the effects of stiffness trials, which states of the robot cannot show."""
     return {id: spec for id, spec in catalogue.items() if states.pushed.any() or id not in STIFFNESS_ONLY}
 
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
     """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
-    cells = [row.cells() for row in states.rows]
-    names = dict.fromkeys(name for row in cells for name in row)
-    table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in cells]) for name in names}
-    pressures = {f"p{i}": column for i, column in enumerate(vented(states).T, 1)}
+    log_terms = [row.cells() for row in states.rows]
+    names = dict.fromkeys(name for row in log_terms for name in row)
+    table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in log_terms]) for name in names}
+    pressures = {f"p{i}": column for i, column in enumerate(with_vented_at_zero(states).T, 1)}
     return table | {"spine_length": states.spine_length} | pressures
 
 
-def vented(states: States) -> Array:
+def with_vented_at_zero(states: States) -> Array:
     """(n, chambers) Pa, readings with those of vented chambers set to zero.
 
     A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which
     would otherwise bend the model.
     """
     out = states.pressure.copy()
-    idle = min(IDLE, IDLE_SHARE * float(out.max()))
+    idle = min(VENTED, VENTED_SHARE * float(out.max()))
     for t in np.unique(states.trial):
         own = np.flatnonzero(states.trial == t)
         out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < idle))] = 0.0
@@ -239,12 +241,12 @@ def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> L
 
 def _floor(
     states: States, labels: Labels, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array, response: Array
-) -> tuple[Components, float]:
+) -> tuple[NoiseComponents, float]:
     """Components of the noise of the robot's states, and the rms of a single tip reading (m)."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
-    usual = Components(dict(USUAL), USUAL_PRESSURE, {}, 1.0, 0)
+    default = NoiseComponents(dict(DEFAULT_NOISE), DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
     if not names:
-        return usual, float("nan")
+        return default, float("nan")
     of_robot = labels.kind < 3
     column = np.array([names.index(c) for c in labels.channel[of_robot]])
 
@@ -254,23 +256,23 @@ def _floor(
         return out
 
     residual = grid(missed)
-    whole = np.isfinite(residual).all(axis=1)
+    complete = np.isfinite(residual).all(axis=1)
     by_trial = {
         source: slope[:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
-        for source in dict.fromkeys(p.source for p in infos if p.trial is not None and p.source not in OF_STAND)
+        for source in dict.fromkeys(p.source for p in infos if p.trial is not None and p.source not in PUSH_SOURCES)
     }
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
     data = Repeated(
-        residual[whole],
-        states.condition[whole],
-        states.trial[whole],
+        residual[complete],
+        states.condition[complete],
+        states.trial[complete],
         kinds,
-        grid(response)[whole],
-        {source: grid(values)[whole] for source, values in by_trial.items()},
-        resting(states)[whole],
+        grid(response)[complete],
+        {source: grid(values)[complete] for source, values in by_trial.items()},
+        resting(states)[complete],
     )
     trial = {source: next(p.sd for p in infos if p.source == source) for source in by_trial}
-    found = components(data, replace(usual, trial=trial))
+    found = estimate_noise(data, replace(default, trial=trial))
     return found, reading_rms(data, np.array([name in TIP for name in names]))
 
 
@@ -279,9 +281,9 @@ def resting(states: States) -> NDArray[np.bool_]:
     return np.array([r.hold is None or r.hold > 0 for r in states.rows])
 
 
-def by_pressure(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
+def pressure_response(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
     """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
-    row, pressure = forward.observations.row, vented(states)
+    row, pressure = forward.observations.row, with_vented_at_zero(states)
     together = regulators(pressure)
     if "pressure_offset.offset" not in made.names:
         return np.zeros((len(slope), len(together)))
@@ -292,8 +294,8 @@ def by_pressure(forward: ForwardModel, states: States, made: Parameters, slope: 
     if several.any():
         for r, own in enumerate(together):
             change = np.zeros(pressure.shape)
-            change[:, own] = STEP * inflated[:, [r]]
-            out[several, r] = forward.respond(change)[several] / STEP
+            change[:, own] = PRESSURE_STEP * inflated[:, [r]]
+            out[several, r] = forward.respond(change)[several] / PRESSURE_STEP
     return np.asarray(np.nan_to_num(out))
 
 
@@ -306,31 +308,33 @@ def regulators(pressure: Array) -> list[Ints]:
     return found or [np.arange(pressure.shape[1])]
 
 
-def _scattered(made: Parameters, infos: tuple[ParameterInfo, ...], floor: Components, held: Stand | None) -> Parameters:
-    """The priors of what a trial has of its own as wide as the repeats show: those of the robot, those at the stand."""
+def _with_trial_scatter(
+    made: Parameters, infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None
+) -> Parameters:
+    """Priors of the trials' own parameters as wide as the repeats show."""
 
     def own(p: ParameterInfo) -> float:
-        at_stand = held is not None and p.name in held.names
-        trial = held.floor.trial if held is not None and at_stand else floor.trial
+        at_stand = pushes is not None and p.name in pushes.names
+        trial = pushes.noise_components.trial if pushes is not None and at_stand else floor.trial
         return trial.get(p.source, p.sd)
 
     return replace(made, sd=np.array([own(p) for p in infos]))
 
 
-def _smooth(
-    robot: Robot, states: States, labels: Labels, unit: float, held: Stand | None
+def _discrepancy_bases(
+    robot: Robot, states: States, labels: Labels, unit: float, pushes: StiffnessTrials | None
 ) -> tuple[Array, Array, Array]:
-    """Columns of a discrepancy of size 1, and of a smooth factor over the states, for all channels and for each."""
-    load = states.highest if held is None else held.load(states)
+    """Columns of a discrepancy of size 1; shared and channel basis of the model-form error, see `Problem`."""
+    load = states.highest if pushes is None else pushes.load_level(states)
     where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
     channels = sorted(set(labels.channel.tolist()))
     number = np.array([channels.index(c) for c in labels.channel])
     # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
     size = np.array([2 * unit / robot.length if n.startswith("r") else 1.0 if n == "force" else unit for n in channels])
-    alike = columns(Settings(where.place, np.ones(len(states))))
-    each = by_channel(alike, labels.state, number, np.ones(len(channels)))
-    smooth = by_channel(alike * where.size[:, None], labels.state, number, size)
-    if held is not None:
+    shared_basis = columns(Settings(where.place, np.ones(len(states))))
+    channel_basis = by_channel(shared_basis, labels.state, number, np.ones(len(channels)))
+    smooth = by_channel(shared_basis * where.size[:, None], labels.state, number, size)
+    if pushes is not None:
         force = labels.kind == 3
-        smooth[force] *= held.unit[labels.state[force], None]
-    return smooth, alike[labels.state], each
+        smooth[force] *= pushes.unit[labels.state[force], None]
+    return smooth, shared_basis[labels.state], channel_basis

@@ -1,7 +1,7 @@
 """The non-linear problem: a forward model with named parameters, measured values and their noise.
 
-`Problem.at(theta)` makes the linear problem around a point; its evidence is then the Laplace approximation there
-(Gauss-Newton form), exact where the model is linear.
+`Problem.at(theta)` makes the linear problem around a point; its evidence is the Laplace approximation there (Gauss-Newton
+form), exact where the model is linear.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from .linear import Linear, Prior
 Array = NDArray[np.float64]
 
 
-TOLERATED = 0.12
-"""Share of its scale that an effect usually has where no robot is otherwise perfect."""
-KEPT, LEAST_LAW, SEED = 160, 1.0, 7
-"""Most columns kept for the errors of tolerated laws; those are left out that even laws which are all wrong would not move by
-as many standard deviations of the noise."""
+TYPICAL_TOLERANCE = 0.12
+"""Typical size of an effect that is not named, as a share of its scale."""
+MOST_COLUMNS, LEAST_COLUMN, SEED = 160, 1.0, 7
+"""Most columns of model-form error of the effects that are not named; columns below this many standard deviations of the noise
+are left out."""
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
-"""Of a size that is evenly spread between nothing and a limit, when its root mean square is 1."""
-AFTER = 0.3
-"""Of a law's error, the part that may also lie where the law does nothing, such as what a memory leaves behind."""
+"""Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
+LEAKAGE = 0.3
+"""Leakage: share of a model-form error that may lie where the effect itself does nothing."""
 
 
 class Forward(Protocol):
@@ -55,7 +55,7 @@ class Parameters:
     upper: Array
     units: tuple[str, ...]
     shapes: tuple[bool, ...] = ()
-    """Parameters that say how an effect looks and do nothing where its size is zero; empty: none is."""
+    """Shape parameters of effects, without influence where the effect's size is zero; empty: none is."""
     calibration: tuple[bool, ...] = ()
     """Parameters that are fitted in every model, with wide priors; empty: none is."""
     starts: tuple[tuple[float, ...], ...] = ()
@@ -63,9 +63,9 @@ class Parameters:
     sources: tuple[str, ...] = ()
     """Effect, tolerance or calibration that each belongs to; empty: not known."""
     trials: tuple[int | None, ...] = ()
-    """The trial whose own each is, None where it is common to all; empty: all are."""
+    """The trial that each belongs to, None where it is common to all; empty: all are."""
     changes: bool = False
-    """Effects are changes since a reference: those that act one way only may have grown or shrunk."""
+    """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
     @property
     def of_effect(self) -> NDArray[np.bool_]:
@@ -74,7 +74,7 @@ class Parameters:
 
     @property
     def of_trial(self) -> NDArray[np.bool_]:
-        """(k,) which parameters a trial has of its own."""
+        """(k,) which parameters belong to a single trial."""
         return np.array([t is not None for t in self.trials or (None,) * len(self.names)])
 
     @property
@@ -104,7 +104,7 @@ class Parameters:
 
     @property
     def sizes(self) -> NDArray[np.bool_]:
-        """(p,) which of the effects' parameters are sizes: they alone may be a little off zero without being named."""
+        """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
         shapes = np.array(self.shapes or (False,) * len(self.names))
         return ~shapes[self.of_effect]
 
@@ -113,17 +113,17 @@ class Parameters:
         """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
         return np.array([[float(e == one) for one in self.ids] for e in self.effects if e])
 
-    def prior(self, named: NDArray[np.bool_], spike: float, reach: Array | None = None) -> Prior:
-        """When the parameters marked `named` (..., p) are wide and the sizes of all other effects held narrow.
+    def prior(self, named: NDArray[np.bool_], spike: float, effect_size: Array | None = None) -> Prior:
+        """Prior with the parameters marked `named` (..., p) wide and the sizes of all other effects narrow.
 
-        What acts one way only is tolerated one way only: its narrow prior has the mean and variance of a size evenly spread
-        up to a limit. How a tolerated effect looks is as little known as how a named one does; where the problem is linear
-        around a point, `reach` is `Linear.reach` there: what a look can do is what it can at the limit, not beyond.
+        The narrow prior of a one-sided effect has the mean and variance of a size uniform up to a limit. Shape parameters
+        keep their full prior; `effect_size`, see `Linear`, narrows it where the problem was linearised at a larger size than
+        the limit, so that they do no more than they can at the limit.
         """
-        way = np.zeros(len(self.low)) if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
-        mean, sd = spike * ONE_WAY_MEAN * way, spike * np.where(way == 0, 1.0, ONE_WAY_SD)
-        beyond = np.maximum(reach / (LIMIT * spike), 1.0) if reach is not None and spike > 0 else 1.0
-        mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / beyond**2)
+        side = np.zeros(len(self.low)) if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
+        mean, sd = spike * ONE_WAY_MEAN * side, spike * np.where(side == 0, 1.0, ONE_WAY_SD)
+        narrowing = np.maximum(effect_size / (LIMIT * spike), 1.0) if effect_size is not None and spike > 0 else 1.0
+        mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / narrowing**2)
         return Prior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
 
     def scaled(self, prior: Prior) -> tuple[Array, Array]:
@@ -133,13 +133,13 @@ class Parameters:
         mean[self.of_effect] += prior.mean * self.scale
         return sd, mean
 
-    def reach(self, theta: Array) -> Array:
-        """(p,) how large, in units of its scale, the effect is at parameters (k,) to which a shape belongs; 0 for sizes."""
+    def effect_size(self, theta: Array) -> Array:
+        """(p,) size, in units of its scale, of the effect that a shape parameter belongs to at parameters (k,); 0 for sizes."""
         size = np.where(self.sizes, theta[self.of_effect] / self.scale, 0.0)
         return np.where(self.sizes, 0.0, np.sqrt(size**2 @ self.members) @ self.members.T)
 
-    def absent(self) -> Prior:
-        """No effect at all."""
+    def no_effects(self) -> Prior:
+        """Prior without any effect."""
         return self.prior(self.mask(()), 0.0)
 
     def mask(self, chosen: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -149,7 +149,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything needed to weigh hypotheses."""
+    """Forward model, data and noise: all that the evidence of a hypothesis needs."""
 
     forward: Forward
     parameters: Parameters
@@ -158,11 +158,11 @@ class Problem:
     noise: Noise
     discrepancy: Array
     """(n, m) columns of a discrepancy of size 1."""
-    alike: Array
-    """(n, a) columns that draw a factor of standard deviation 1, smooth over the states and one for all channels: how an
-    effect's true law may differ from the catalogue's."""
-    each: Array
-    """(n, b) the same for each channel by itself: half of what a named effect's law may get wrong is such."""
+    shared_basis: Array
+    """(n, a) basis of a factor of standard deviation 1, smooth over the states and shared by all channels: how an effect's true
+    law may differ from the catalogue's (model-form error)."""
+    channel_basis: Array
+    """(n, b) the same with one factor for each channel; shared and channel basis contribute half of the variance each."""
 
     @cached_property
     def whitened_discrepancy(self) -> Array:
@@ -170,16 +170,16 @@ class Problem:
         return self.noise.whiten(self.discrepancy)
 
     @cached_property
-    def _wrong(self) -> Array:
-        """(n, a + b) columns of a law that is wrong by once its size in all channels, and once in each."""
-        return np.hstack([self.alike, self.each])
+    def _form_error_basis(self) -> Array:
+        """(n, a + b) shared and channel basis."""
+        return np.hstack([self.shared_basis, self.channel_basis])
 
     @cached_property
     def _gram(self) -> Array:
         return np.asarray(self.whitened_discrepancy.T @ self.whitened_discrepancy)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """As the forward model's; a state next to its point of snapping has no derivative and is left where it is."""
+        """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
         predicted, slope = self.forward.linearise(theta, columns)
         return predicted, np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
 
@@ -203,38 +203,40 @@ class Problem:
             self.noise.log_sd,
             none,
             gram=self._gram,
-            reach=p.reach(theta),
+            effect_size=p.effect_size(theta),
         )
 
     @cached_property
-    def tolerated(self) -> Array:
-        """(n, r) whitened columns for what the laws of effects that are not named may get wrong, smoothly over the states,
-        when each is as large as is usually tolerated; a coefficient of 1 is all of it. The leading ones of many."""
+    def tolerated_form_error(self) -> Array:
+        """(n, r) whitened columns for the model-form error of effects that are not named, smooth over the states, at their
+        typical tolerance; a coefficient of 1 is all of what they do. The leading columns of many."""
         p = self.parameters
         sizes = np.flatnonzero(p.of_effect)[p.sizes]
-        done = TOLERATED * self.linearise(p.mean, sizes.tolist())[1] * p.sd[sizes]
-        every = self.noise.whiten(np.hstack([done * factor[:, None] for factor in self.alike.T]))
-        drawn = np.random.default_rng(SEED).normal(size=(every.shape[1], min(KEPT, *every.shape)))
+        done = TYPICAL_TOLERANCE * self.linearise(p.mean, sizes.tolist())[1] * p.sd[sizes]
+        every = self.noise.whiten(np.hstack([done * factor[:, None] for factor in self.shared_basis.T]))
+        drawn = np.random.default_rng(SEED).normal(size=(every.shape[1], min(MOST_COLUMNS, *every.shape)))
         basis = np.linalg.qr(every @ drawn)[0]
         inner = basis.T @ every
         value, vector = np.linalg.eigh(inner @ inner.T)
-        kept = value > LEAST_LAW**2
+        kept = value > LEAST_COLUMN**2
         return np.asarray(basis @ (vector[:, kept] * np.sqrt(value[kept])))
 
-    def loosened(
-        self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...], tolerating: bool
+    def with_form_error(
+        self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...], with_tolerances: bool
     ) -> Linear:
-        """The linear problem with columns for what the laws of the effects that are there may get wrong, smoothly over the
-        states; a coefficient of 1 is all of what a named effect does at theta, or of what those that are tolerated do."""
-        columns, spill = [self.tolerated] if tolerating else [], 0.0
+        """The linear problem with columns of model-form error, smooth over the states.
+
+        A coefficient of 1 is all of what a named effect does at theta, or, `with_tolerances`, of what the others do.
+        """
+        columns, leakage = [self.tolerated_form_error] if with_tolerances else [], 0.0
         for effect in named:
             without = theta.copy()
             without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
-                columns.append(_leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._wrong)))
-                spill = float(np.hypot(spill, AFTER * self._typical(done)))
-        return replace(linear, form=np.hstack(columns), spill=spill) if columns else linear
+                columns.append(_leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis)))
+                leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
+        return replace(linear, form_error=np.hstack(columns), leakage=leakage) if columns else linear
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""
@@ -249,4 +251,4 @@ class Problem:
 def _leading(columns: Array) -> Array:
     """Fewer columns (n, r) with which unit normal coefficients draw nearly the same as with these (n, c)."""
     value, vector = np.linalg.eigh(columns.T @ columns)
-    return np.asarray(columns @ vector[:, value > LEAST_LAW**2])
+    return np.asarray(columns @ vector[:, value > LEAST_COLUMN**2])

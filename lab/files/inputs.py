@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.data.plausible import refuse
+from diagnosis.data.plausible import require_plausible
 from diagnosis.errors import DiagnosisError
 from model.condition import Condition, conditions
 from model.robot import Robot
@@ -113,7 +113,7 @@ def _names(recordings: Sequence[Recording]) -> str:
 
 def _demand_plausible(robot: Robot, table: Table, file: str) -> None:
     try:
-        refuse(robot, table, file)
+        require_plausible(robot, table, file)
     except DiagnosisError as e:
         raise ConfigError(str(e)) from e
 

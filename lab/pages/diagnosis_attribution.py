@@ -17,12 +17,12 @@ from .figures import STYLE, save
 BLUE, RED, GREY = "#20639b", "#b5382a", "#8a8a8a"
 SMALLEST, LARGEST = 1.0, 1000.0
 """Ends of the colour scale of separations."""
-WEIGHTY = 0.01
+PROBABLE = 0.01
 """Effects more probable than this are in bold."""
 
 
-def apart(found: Mapping[str, Any], path: Path) -> Path:
-    """T of each effect (row) against each other fitted in its place (column); ties framed, weighty effects first."""
+def distinguishability(found: Mapping[str, Any], path: Path) -> Path:
+    """T of each effect (row) against each other fitted in its place (column); ties framed, probable effects first."""
     effects, tied = found["effects"], found["tied_below"]
     n, values = len(effects), np.array(found["separation"], float)
     with plt.rc_context(STYLE):
@@ -41,7 +41,7 @@ def apart(found: Mapping[str, Any], path: Path) -> Path:
         axis.set_xticks(range(n), effects, rotation=90, fontsize=7.5)
         axis.set_yticks(range(n), effects, fontsize=7.5)
         for label, weight in zip((*axis.get_xticklabels(), *axis.get_yticklabels()), 2 * found["weight"], strict=True):
-            label.set_fontweight("bold" if weight > WEIGHTY else "normal")
+            label.set_fontweight("bold" if weight > PROBABLE else "normal")
         axis.grid(False)
         axis.set_xlabel("fitted instead (diagonal: nothing fitted)")
         axis.set_ylabel("at work")
@@ -52,7 +52,7 @@ def apart(found: Mapping[str, Any], path: Path) -> Path:
 
 
 def sizes(found: Sequence[Mapping[str, Any]], path: Path) -> Path:
-    """Density of each parameter of the named effects, cut at its physical bounds: within all that is possible, and close up."""
+    """Density of each parameter of the named effects, cut at its physical bounds: over the possible range, and close up."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(
             len(found), 2, figsize=(7.6, 1.45 * len(found) + 0.3), layout="constrained", squeeze=False
@@ -71,7 +71,7 @@ def sizes(found: Sequence[Mapping[str, Any]], path: Path) -> Path:
 
 
 def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> None:
-    """Between two values; the part that cannot be is dotted, the 90 % interval shaded, zero black, bounds red."""
+    """Between two values; the impossible part is dotted, the 90 % interval shaded, zero black, bounds red."""
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
     x = np.unique(

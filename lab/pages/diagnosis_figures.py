@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, gap map, loops, posterior, masking."""
+"""Figures of a diagnosis: waterfall, gap map, loops, posterior, confounding."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def loops(d: Diagnosis, path: Path) -> Path:
 
 
 def posterior(d: Diagnosis, path: Path) -> Path:
-    """Probability of each hypothesis; those that the data cannot tell apart carry the same mark."""
+    """Probability of each hypothesis; those that the data cannot distinguish are marked."""
     ranking = [r for r in d.attribute.ranking if r.probability > 0.002][:10][::-1]
     names = [" + ".join(r.effects) or "none" for r in ranking]
     tied = {e for group in d.attribute.cannot_tell_apart for e in group}
@@ -116,24 +116,28 @@ def posterior(d: Diagnosis, path: Path) -> Path:
         marks = [f"{r.probability:.2f}" + (" ]" if set(r.effects) & tied else "") for r in ranking]
         axis.bar_label(bars, marks, fontsize=8, padding=3)
         axis.set_xlim(0, 1.1)
-        axis.set_xlabel("probability ( ] = this data cannot tell it from another)")
+        axis.set_xlabel("probability ( ] = these data cannot distinguish it from another)")
         axis.grid(False, axis="y")
         return save(figure, path)
 
 
-def masking(d: Diagnosis, path: Path) -> Path:
-    """Share of each effect's tip displacement that a calibration absorbs."""
-    one, each = d.detail["masking"]["one"], d.detail["masking"]["per_length"]
+def confounding(d: Diagnosis, path: Path) -> Path:
+    """Share of each effect's tip displacement that a calibration takes over."""
+    one, per_length = d.detail["masking"]["one"], d.detail["masking"]["per_length"]
     names = sorted(one, key=lambda e: one[e])
     at = np.arange(len(names))
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(7.2, 0.8 + 0.26 * len(names)), layout="constrained")
         axis.barh(at + 0.2, [100 * one[n] for n in names], 0.38, color=BLUE, label="one area factor")
         axis.barh(
-            at - 0.2, [100 * each[n] for n in names], 0.38, color=GREY, label="an area factor for each spine length"
+            at - 0.2,
+            [100 * per_length[n] for n in names],
+            0.38,
+            color=GREY,
+            label="an area factor for each spine length",
         )
         axis.set_yticks(at, names, fontsize=8)
-        axis.set_xlabel("share of the effect that calibration hides, %")
+        axis.set_xlabel("share of the effect that a calibration takes over, %")
         axis.grid(False, axis="y")
         axis.legend(loc="lower right")
         return save(figure, path)

@@ -14,14 +14,29 @@ from diagnosis.answer.result import Diagnosis
 from diagnosis.compare_campaigns import Change
 
 from . import diagnosis_figures as draw
-from .diagnosis_attribution import apart as draw_apart
+from .diagnosis_attribution import distinguishability as draw_distinguishability
 from .diagnosis_attribution import sizes as draw_sizes
 from .diagnosis_shapes import shapes as draw_shapes
 from .pushes_figure import pushes as draw_pushes
 from .report import Report, Section
 
 LITTLE = 0.05
-"""Bits: an experiment that is expected to tell less is worth its time only as a trial of the answer."""
+"""Bits: an experiment with a smaller expected information only serves to test the answer."""
+MISFIT_LABELS = {
+    "discrepancy_gain": "log evidence gained by a large discrepancy",
+    "discrepancy_size": "size of the discrepancy, in noise floors",
+    "lack_of_fit": "chi-square per degree of freedom",
+    "strain": "prior tension, standard deviations",
+    "strained": "parameter furthest from its prior",
+    "transport": "cross-prediction, chi-square per value",
+    "named": "effects named",
+    "odd_spine": "spine outlier, standard deviations",
+    "beyond": "excess scatter of repeats, factor",
+    "outlier_trial": "trial that the others predict worst",
+    "outlier_surprise": "its chi-square per value",
+    "trend": "trend over time, p-value",
+}
+"""Keys of `signs` in diagnosis.json -> labels on the page."""
 
 
 def write(d: Diagnosis, length: float, path: Path, source: str, change: Change | None = None) -> Path:
@@ -30,14 +45,14 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         if d.concerns:
-            said = report.section("What this data cannot say")
+            section = report.section("What these data cannot answer")
             for concern in d.concerns:
-                said.text(concern)
+                section.text(concern)
         if change is not None:
             report.section("What changed since the reference").text(change.statement)
         _how_much(report.section("How large, and how far it shrinks"), d, length, folder)
         if "holdout" in d.detail:
-            _held_out(report.section("On a campaign the fit never saw"), d.detail["holdout"])
+            _held_out(report.section("On a campaign that was not fitted"), d.detail["holdout"])
         _where(report.section("Where"), d, folder)
         if "stiffness" in d.detail:
             _pushed(report.section("Stiffness trials"), d, folder)
@@ -46,9 +61,9 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
             _shapes(report.section("The robot's shape"), d, folder)
         _which(report.section("Which cause"), d, folder)
         if tips:
-            _told_apart(report.section("Which effects this data can tell apart"), d, folder)
+            _distinguishability(report.section("Which effects these data can distinguish"), d, folder)
         if d.detail["masking"]:
-            _hidden(report.section("What calibration hides"), d, folder)
+            _confounding(report.section("Confounding: what a calibration takes over"), d, folder)
         _next(report.section("What to do next"), d)
     return report.write(path)
 
@@ -61,7 +76,7 @@ def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     )
     if d.shrink is None:
         s.text(
-            "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is not known."
+            "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown."
         )
         return
     closed = "nothing can be closed" if d.shrink.share_closed is None else f"{_percent(d.shrink.share_closed)} %"
@@ -82,8 +97,8 @@ def _percent(share: float) -> str:
 def _held_out(s: Section, found: Mapping[str, Any]) -> None:
     s.text(found["statement"])
     s.text(
-        "Both models know the diagnosed campaign alone; re-growing, re-jamming and whatever else differs from trial to trial "
-        "is at its expectation. The interval comes from drawing the trials of this campaign anew, within each spine length."
+        "Both models were fitted to the diagnosed campaign alone; re-growing, re-jamming and whatever else differs from trial to "
+        "trial is at its expectation. The interval is a bootstrap over the trials of this campaign, within each spine length."
     )
     rows = [
         [f"{100 * x['value']:.0f} cm", str(x["n"]), f"{x['before_mm']:.2f}", f"{x['after_mm']:.2f}"]
@@ -97,7 +112,8 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     tips = d.locate.of == "tip"
     if tips:
         s.figure(
-            draw.gap_map(d, folder / "map.png"), "Gap by spine length and pressure, before and after, one colour scale"
+            draw.gap_map(d, folder / "map.png"),
+            "Gap by spine length and pressure, before and after, on one colour scale",
         )
         s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
     rows = [
@@ -124,10 +140,10 @@ def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     found = d.detail["stiffness"]
     s.figure(
         draw_pushes(found, folder / "pushes.png"),
-        "Force missed, over the specimen's stiffness: as a deflection; grey: noise floor",
+        "Force error over the specimen's stiffness, as a deflection; grey: noise floor",
     )
     rows = [[name, f"{value:.3f}"] for name, value in found["waterfall_mm"].items()]
-    s.table(("model", "deflection missed, mm rms"), [*rows, ["noise floor", f"{found['floor_mm']:.3f}"]])
+    s.table(("model", "deflection error, mm rms"), [*rows, ["noise floor", f"{found['floor_mm']:.3f}"]])
 
 
 def _at(factor: str, value: float | str) -> str:
@@ -143,7 +159,7 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     if d.detail["sizes"]:
         _sizes(s, d.detail["sizes"], folder)
     for group in d.attribute.cannot_tell_apart:
-        s.text(f"This data cannot tell apart: {', '.join(group)}.")
+        s.text(f"These data cannot distinguish {', '.join(group)}.")
     rows = [
         [" + ".join(r.effects) or "none", f"{r.probability:.3f}", f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
@@ -152,14 +168,14 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     s.table(("hypothesis", "probability", "log evidence", "held out, mm"), rows)
     stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
     s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
-    signs = d.detail["signs"]
+    found = d.detail["signs"]
     s.table(
-        ("sign of something outside the catalogue", "value"),
-        [[k.replace("_", " "), _sign(v)] for k, v in signs.items()],
+        ("misfit diagnostic", "value"),
+        [[MISFIT_LABELS.get(k, k.replace("_", " ")), _diagnostic(v)] for k, v in found.items()],
     )
 
 
-def _sign(value: float | str | None) -> str:
+def _diagnostic(value: float | str | None) -> str:
     if isinstance(value, str):
         return value or "none"
     return "none" if value is None else f"{value:.3g}"
@@ -168,8 +184,8 @@ def _sign(value: float | str | None) -> str:
 def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
     s.figure(
         draw_sizes(sizes, folder / "sizes.png"),
-        "Size of the leading hypothesis: normal posterior of the problem linearised at the fit, as much wider as the bench asks "
-        "for (dashed), cut at the physical bounds (red). Left: within all that is possible; right: close up, 90 % shaded",
+        "Size of the leading hypothesis: normal posterior of the problem linearised at the fit, widened as calibrated "
+        "(dashed), cut at the physical bounds (red). Left: the physically possible range; right: close up, 90 % shaded",
     )
     rows = [
         [x["name"], x["unit"], f"{x['fitted']:.3g}", f"{x['sd']:.2g}", f"{x['low90']:.3g} .. {x['high90']:.3g}",
@@ -216,38 +232,39 @@ def _miss(state: Mapping[str, Any], model: str) -> str:
     return f"{1e3 * float(np.linalg.norm(missed)):.2f} {_point(missed)}"
 
 
-def _told_apart(s: Section, d: Diagnosis, folder: Path) -> None:
+def _distinguishability(s: Section, d: Diagnosis, folder: Path) -> None:
     found = d.detail["apart"]
     effects, tied = found["effects"], found["tied_below"]
     s.figure(
-        draw_apart(found, folder / "apart.png"),
-        f"T: chi-square lost when the column's effect stands for the row's, at the honest noise floor. Below {tied:g} (red "
-        "frames) they are tied; effects that carry weight come first, in bold. Sizes: as fitted where an effect carries "
-        "weight, else its plausible scale",
+        draw_distinguishability(found, folder / "apart.png"),
+        "T: chi-square lost when the column's effect is fitted in place of the row's, the discrepancy integrated out. Below "
+        f"{tied:g} (red frames) they are tied; probable effects come first, in bold. Sizes: as fitted where an effect is "
+        "probable, else its plausible scale",
     )
     rows = []
     for i, (effect, weight) in enumerate(zip(effects, found["weight"], strict=True)):
         others = sorted((t, effects[j]) for j, t in enumerate(found["separation"][i]) if j != i)
         seen = found["separation"][i][i] >= tied
-        alike = ", ".join(e for t, e in others if t < tied) if seen else "would not be seen at all"
+        alike = ", ".join(e for t, e in others if t < tied) if seen else "not detectable"
         nearest = f"{others[0][1]} ({others[0][0]:.1f})" if others else ""
         rows.append([effect, f"{weight:.3f}", f"{found['separation'][i][i]:.1f}", nearest, alike])
     s.table(("effect", "probability", "T against none", "nearest rival (T)", "tied with"), rows)
 
 
-def _hidden(s: Section, d: Diagnosis, folder: Path) -> None:
+def _confounding(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(
-        draw.masking(d, folder / "masking.png"), "Share of each effect's tip displacement that a calibration absorbs"
+        draw.confounding(d, folder / "masking.png"),
+        "Share of each effect's tip displacement that a calibration takes over",
     )
 
 
 def _next(s: Section, d: Diagnosis) -> None:
     if not d.next_experiment:
-        s.text("No experiment of the rig is expected to tell the remaining candidates apart better.")
+        s.text("No experiment on this rig is expected to distinguish the remaining candidates better.")
         return
     if d.next_experiment[0].expected_bits < LITTLE:
         s.text(
-            "The leading hypothesis stands so far ahead that no experiment is expected to add much; any of these can try it."
+            "The leading hypothesis is so far ahead that no experiment is expected to add much; any of these can test it."
         )
     rows = [
         [p.do, f"{p.expected_bits:.2f}", f"{p.cost_min:.0f}", "; ".join(" | ".join(x) for x in p.separates[:3])]

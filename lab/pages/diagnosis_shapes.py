@@ -16,7 +16,7 @@ from .figures import STYLE, save
 Array = NDArray[np.float64]
 
 MM = 1e3
-LOOKS = {"calibrated": ("#8a8a8a", "--", "baseline model"), "explained": ("#20639b", "-", "with the best hypothesis")}
+MODELS = {"calibrated": ("#8a8a8a", "--", "baseline model"), "explained": ("#20639b", "-", "with the best hypothesis")}
 MEASURED = "#b5382a"
 LEAST_WINDOW = 2.0
 """mm, half the edge of the smallest close-up."""
@@ -34,12 +34,12 @@ def shapes(states: Sequence[State], path: Path) -> Path:
         figure = plt.figure(figsize=(2.5 * columns, 3.2 * rows))
         for k, state in enumerate(states):
             whole, close = (_axes(figure, rows, columns, row * n + k + 1) for row in (0, 1))
-            points = np.vstack([_mm(state[name]["backbone"]) for name in LOOKS])
+            points = np.vstack([_mm(state[name]["backbone"]) for name in MODELS])
             _draw(whole, state)
             _box(whole, points.min(axis=0), points.max(axis=0))
             where = f"spine {100 * state['spine_length']:.0f} cm, {state['pressure'] / 1e3:.0f} kPa, {state['branch']}"
             whole.set_title(f"{where}\ntrial {state['trial']}, step {state['step']}", fontsize=8, y=1.04)
-            tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[name]["tip"]) for name in LOOKS)])
+            tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[name]["tip"]) for name in MODELS)])
             middle = tips.mean(axis=0)
             half = max(LEAST_WINDOW, 1.25 * float(np.nanmax(np.abs(tips - middle))))
             _draw(close, state, middle, half)
@@ -60,7 +60,7 @@ def _axes(figure: Any, rows: int, columns: int, place: int) -> Axes3D:
 
 def _draw(axes: Axes3D, state: State, middle: Array | None = None, half: float = np.inf) -> None:
     """Backbones, their tips and what was measured; within a window around `middle` (3,) mm only, where given."""
-    for name, (colour, line, label) in LOOKS.items():
+    for name, (colour, line, label) in MODELS.items():
         curve = _fine(_mm(state[name]["backbone"]))
         if middle is not None:
             outside = np.abs(curve - middle).max(axis=1) > half

@@ -16,7 +16,7 @@ from diagnosis.compare_campaigns import Change, compare_campaigns
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
-from diagnosis.inference.effort import Effort
+from diagnosis.inference.executor import Executor
 from model.errors import ModelError
 from recordings.errors import RecordingError
 
@@ -39,13 +39,13 @@ class Outputs:
 
 
 @dataclass(frozen=True)
-class Beside:
+class Comparisons:
     """What is read besides the campaign that is diagnosed."""
 
     reference: Path | None = None
     """An earlier campaign: what changed since?"""
     holdout: Path | None = None
-    """A campaign that the fit never sees."""
+    """A campaign that is not fitted."""
     effects: Path | None = None
     """Python file with effects of one's own."""
 
@@ -54,7 +54,7 @@ def diagnose(
     inputs: Sequence[Path],
     robot: Path | None,
     outputs: Outputs,
-    beside: Beside | None = None,
+    comparisons: Comparisons | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> int:
@@ -62,7 +62,7 @@ def diagnose(
 
     Raises ConfigError, BadEffect, RecordingError.
     """
-    besides = beside or Beside()
+    comparisons = comparisons or Comparisons()
     _writable(outputs)
     cores = workers if workers is not None else len(os.sched_getaffinity(0))
     if cores < 1:
@@ -72,7 +72,7 @@ def diagnose(
     note(clipped_note(case.table))
     with cluster(scheduler) if scheduler is not None else nullcontext() as others:
         elsewhere = None if others is None else others.in_order
-        answer, change = _answer(case, robot, besides, Effort(cores, elsewhere=elsewhere))
+        answer, change = _answer(case, robot, comparisons, Executor(cores, remote_map=elsewhere))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
@@ -84,25 +84,27 @@ def diagnose(
     return 0
 
 
-def _answer(case: Case, robot: Path | None, beside: Beside, effort: Effort) -> tuple[Diagnosis, Change | None]:
-    weighed = catalogue(case.robot, beside.effects)
-    held = _held_out(beside.holdout, robot) if beside.holdout is not None else None
+def _answer(
+    case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor
+) -> tuple[Diagnosis, Change | None]:
+    weighed = catalogue(case.robot, comparisons.effects)
+    held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
     try:
         with Screen("weighing hypotheses") as screen:
-            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, effort=_shown(screen, effort)))
-        if beside.reference is None:
+            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, executor=_shown(screen, executor)))
+        if comparisons.reference is None:
             return answer, None
-        earlier = read_case([beside.reference], robot)
+        earlier = read_case([comparisons.reference], robot)
         with Screen("comparing") as screen:
-            return answer, compare_campaigns(case, earlier, weighed, _shown(screen, effort))
+            return answer, compare_campaigns(case, earlier, weighed, _shown(screen, executor))
     except BadHoldout as e:
-        raise ConfigError(f"--holdout {beside.holdout}: {e}") from e
+        raise ConfigError(f"--holdout {comparisons.holdout}: {e}") from e
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
 
 
-def _shown(screen: Screen, effort: Effort) -> Effort:
-    return replace(effort, told=lambda share: screen.progress(share, 1.0))
+def _shown(screen: Screen, executor: Executor) -> Executor:
+    return replace(executor, progress=lambda share: screen.progress(share, 1.0))
 
 
 def _held_out(path: Path, robot: Path | None) -> Case:
@@ -113,7 +115,7 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 
 
 def _writable(outputs: Outputs) -> None:
-    """A folder that is not there is told before minutes are spent, not after."""
+    """A missing folder is reported before minutes are spent, not after."""
     for path in (outputs.json, outputs.report):
         if path is not None and (path.is_dir() or not path.parent.is_dir()):
             raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
@@ -139,7 +141,7 @@ def _show(d: Diagnosis, change: Change | None) -> None:
         out.print(change.statement)
     out.print(_ranking(d.attribute.ranking))
     for group in d.attribute.cannot_tell_apart:
-        out.print(f"this data cannot tell apart: {', '.join(group)}")
+        out.print(f"these data cannot distinguish: {', '.join(group)}")
     if d.next_experiment:
         out.print(_proposals(d))
 

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from benchmarks.sampled import Hypothetical, hypothetical
-from diagnosis.inference.evidence import DOMINANT
+from diagnosis.inference.evidence import LEAST_NAMED_SIZE
 from diagnosis.inference.problem import Problem
 from tests.diagnosis.toy import toy_problem
 
@@ -50,9 +50,9 @@ def test_the_prior_leaves_small_sizes_out_and_keeps_within_bounds() -> None:
     cut = np.array([-0.5 if n == "turned" else b for n, b in zip(p.names, p.lower, strict=True)])
     h = hypothetical(replace(problem, parameters=replace(p, lower=cut)), ("turned",), 0.1)
     drawn = np.array([h.prior(np.array([u, 0.5]))[0] for u in np.linspace(0.001, 0.999, 999)])
-    assert (np.abs(drawn) >= DOMINANT - 1e-9).all() and drawn.min() >= -0.5
+    assert (np.abs(drawn) >= LEAST_NAMED_SIZE - 1e-9).all() and drawn.min() >= -0.5
     assert (np.diff(drawn) > 0).all()
-    below, above = norm.cdf(-DOMINANT) - norm.cdf(-0.5), norm.sf(DOMINANT)
+    below, above = norm.cdf(-LEAST_NAMED_SIZE) - norm.cdf(-0.5), norm.sf(LEAST_NAMED_SIZE)
     assert (drawn < 0).mean() == pytest.approx(below / (below + above), abs=0.005)
 
 
@@ -62,8 +62,8 @@ def test_of_two_sizes_one_may_be_small() -> None:
     h = hypothetical(replace(problem, parameters=replace(problem.parameters, effects=effects)), ("turned",), 0.1)
     rng = np.random.default_rng(1)
     drawn = np.array([h.prior(u)[:2] for u in rng.random((4000, 3))])
-    small = np.abs(drawn) < DOMINANT
+    small = np.abs(drawn) < LEAST_NAMED_SIZE
     assert not small.all(axis=1).any()
-    inside = 1 - 2 * norm.sf(DOMINANT)
+    inside = 1 - 2 * norm.sf(LEAST_NAMED_SIZE)
     assert small[:, 0].mean() == pytest.approx(inside * (1 - inside) / (1 - inside**2), abs=0.02)
     assert small[:, 1].mean() == pytest.approx(inside * (1 - inside) / (1 - inside**2), abs=0.02)

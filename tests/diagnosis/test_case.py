@@ -87,7 +87,7 @@ def test_what_is_missing_is_said(rows: list[TrialRow], said: str) -> None:
     [
         ([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()], "looks like cm"),
         ([replace(r, pressures=(0.0, 1e5)) for r in sweep()], "different robots"),
-        ([replace(r, spine_length=0.5) for r in sweep()], "beyond the robot"),
+        ([replace(r, spine_length=0.5) for r in sweep()], "longer than the robot"),
         ([replace(r, protocol="stiffness", tip=None) for r in sweep()], "none with a tip"),
     ],
 )

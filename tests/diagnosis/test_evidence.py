@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, uniform
 
-from diagnosis.inference.evidence import DOMINANT, TOLERABLE, Grid, weigh
+from diagnosis.inference.evidence import LEAST_NAMED_SIZE, MOST_TOLERATED_SIZE, Grid, weigh
 from diagnosis.inference.linear import Linear, Prior
 from diagnosis.inference.problem import Parameters
 
@@ -49,7 +49,7 @@ def test_log_evidence_equals_the_gaussian_marginal_likelihood(
 
 def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_noise_do() -> None:
     plain, columns = small_problem(), RNG.normal(size=(12, 2))
-    wrong = replace(plain, form=columns)
+    wrong = replace(plain, form_error=columns)
     noisy = replace(plain, nuisance=np.hstack([plain.nuisance, 0.3 * columns]))
     v = Prior(np.zeros(3), np.ones(3), WIDE)
     assert wrong.reduced(0.5, 0.3).log_evidence(v) == pytest.approx(float(noisy.reduced(0.5, 0.0).log_evidence(v)))
@@ -63,7 +63,7 @@ def test_a_named_effect_is_weighed_with_the_prior_within_its_bounds_and_off_smal
     def joint(theta: float) -> float:
         return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta))
 
-    sides = [(DOMINANT, 10.0)] + ([(-10.0, -DOMINANT)] if lower < 0 else [])
+    sides = [(LEAST_NAMED_SIZE, 10.0)] + ([(-10.0, -LEAST_NAMED_SIZE)] if lower < 0 else [])
     prior = sum(norm.cdf(high) - norm.cdf(low) for low, high in sides)
     exact = np.log(sum(quad(joint, low, high)[0] for low, high in sides) / prior)
     found = weigh(linear, ONE, parameters(1, lower=lower), [("e0",)])[0]
@@ -74,14 +74,19 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     linear = small_problem()
     grid = Grid(np.array([0.0, 0.02]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
     found = weigh(linear, grid, parameters(3), [()])[0]
-    cells = [
+    log_terms = [
         w * v * np.exp(dense_log_evidence(linear, Prior(np.zeros(3), np.full(3, k**2), WIDE), g))
         for k, w in zip(grid.spikes, grid.spike_weights, strict=True)
         for g, v in zip(grid.sizes, grid.size_weights, strict=True)
     ]
-    assert found.log_evidence == pytest.approx(np.log(sum(cells)), abs=1e-9)
+    assert found.log_evidence == pytest.approx(np.log(sum(log_terms)), abs=1e-9)
     assert found.log_evidence == pytest.approx(
-        np.logaddexp(*(weigh(linear, grid.part(loose), parameters(3), [()])[0].log_evidence for loose in (False, True)))
+        np.logaddexp(
+            *(
+                weigh(linear, grid.part(with_tolerances), parameters(3), [()])[0].log_evidence
+                for with_tolerances in (False, True)
+            )
+        )
     )
 
 
@@ -116,17 +121,17 @@ def test_a_tolerated_size_is_below_the_one_at_which_it_must_be_named() -> None:
     def joint(theta: float) -> float:
         return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta, scale=0.3))
 
-    prior = norm.cdf(TOLERABLE / 0.3) - norm.cdf(-TOLERABLE / 0.3)
-    exact = np.log(quad(joint, -TOLERABLE, TOLERABLE)[0] / prior)
+    prior = norm.cdf(MOST_TOLERATED_SIZE / 0.3) - norm.cdf(-MOST_TOLERATED_SIZE / 0.3)
+    exact = np.log(quad(joint, -MOST_TOLERATED_SIZE, MOST_TOLERATED_SIZE)[0] / prior)
     assert weigh(linear, spiked, parameters(1), [()])[0].log_evidence == pytest.approx(exact, abs=1e-6)
 
 
 def test_how_a_tolerated_effect_looks_is_as_little_known_as_how_a_named_one_does() -> None:
     p = replace(parameters(3), shapes=(False, False, True))
-    loose, strict = (p.prior(np.zeros(3, bool), spike) for spike in (0.2, 0.0))
-    assert loose.variance == pytest.approx([0.04, 0.04, 1.0])
+    with_tolerances, strict = (p.prior(np.zeros(3, bool), spike) for spike in (0.2, 0.0))
+    assert with_tolerances.variance == pytest.approx([0.04, 0.04, 1.0])
     # around a point where the effect is larger than it may be, a look can do no more than at the limit
     limit = np.sqrt(3) * 0.2
-    around = p.prior(np.zeros(3, bool), 0.2, reach=np.array([0.0, 0.0, 2 * limit]))
+    around = p.prior(np.zeros(3, bool), 0.2, effect_size=np.array([0.0, 0.0, 2 * limit]))
     assert around.variance == pytest.approx([0.04, 0.04, 0.25])
     assert strict.variance == pytest.approx(np.zeros(3))

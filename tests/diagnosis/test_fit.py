@@ -55,4 +55,4 @@ def test_a_few_rounds_go_along_a_curved_valley_to_its_end() -> None:
     known = float(least_squares(residual, start).cost)
     found = fit(problem, p.prior(p.mask(("bend",)), 0.0), 0.0, start, 6)
     assert found.cost < known + 1.0
-    assert found.short < 1.0
+    assert found.predicted_decrease < 1.0

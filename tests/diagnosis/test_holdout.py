@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.answer.attribute import Found, attribute
-from diagnosis.answer.holdout import hold_out, unmet
-from diagnosis.answer.shrink import closed
+from diagnosis.answer.attribute import Attribution, attribute
+from diagnosis.answer.holdout import evaluate_holdout, unseen_states
+from diagnosis.answer.shrink import closed_with_interval
 from diagnosis.answer.verdict import Decision
 from diagnosis.data.case import states
 from diagnosis.errors import BadHoldout
@@ -27,39 +27,39 @@ def diagnosed() -> Measured:
 
 
 @pytest.fixture(scope="module")
-def found(diagnosed: Measured) -> Found:
+def found(diagnosed: Measured) -> Attribution:
     return attribute(prepare(ROBOT, states(diagnosed)[0]))
 
 
-def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Found, diagnosed: Measured) -> None:
-    held = hold_out(found, unmet(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
+def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:
+    held = evaluate_holdout(found, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
     assert held.hypothesis == ("chamber_azimuth",) and held.named and held.verdict == "confirmed"
     assert held.share_closed is not None and held.share_closed > 0.8
     assert held.states == 40 and held.trials == 8 and held.unsolved == 0
     assert sum(x.n for x in held.by_spine_length) == held.states
 
 
-def test_an_effect_that_was_gone_by_then_is_contradicted(found: Found, diagnosed: Measured) -> None:
-    held = hold_out(found, unmet(diagnosed, measured(2, 9, chamber_azimuth__angle=-AZIMUTH)))
+def test_an_effect_that_was_gone_by_then_is_contradicted(found: Attribution, diagnosed: Measured) -> None:
+    held = evaluate_holdout(found, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=-AZIMUTH)))
     assert held.verdict == "contradicted" and held.ci95 is not None and held.ci95[1] < 0
     assert held.after_mm > held.before_mm and "contradicted" in held.statement
 
 
-def test_where_the_baseline_is_right_nothing_can_be_closed(found: Found, diagnosed: Measured) -> None:
+def test_where_the_baseline_is_right_nothing_can_be_closed(found: Attribution, diagnosed: Measured) -> None:
     right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, reading=1e-3))
-    held = hold_out(right, unmet(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
+    held = evaluate_holdout(right, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
     assert held.share_closed is None and held.verdict == "open" and "nothing can be closed" in held.statement
 
 
-def test_what_was_not_named_is_not_confirmed(found: Found, diagnosed: Measured) -> None:
+def test_what_was_not_named_is_not_confirmed(found: Attribution, diagnosed: Measured) -> None:
     doubtful = replace(found, decision=Decision("unknown", (), 0.3))
-    held = hold_out(doubtful, unmet(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
+    held = evaluate_holdout(doubtful, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
     assert held.verdict == "open" and "not named, so nothing is confirmed" in held.statement
 
 
-def test_one_trial_gives_no_interval_and_no_verdict(found: Found, diagnosed: Measured) -> None:
+def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnosed: Measured) -> None:
     rows = [r for r in measured(1, 9, chamber_azimuth__angle=AZIMUTH).table if r.trial == 2]
-    held = hold_out(found, unmet(diagnosed, case(rows)))
+    held = evaluate_holdout(found, unseen_states(diagnosed, case(rows)))
     assert held.trials == 1 and held.ci95 is None and held.verdict == "open"
 
 
@@ -81,18 +81,18 @@ def push(r: TrialRow) -> TrialRow:
 def test_what_cannot_be_held_out_is_refused(diagnosed: Measured, other: object, said: str) -> None:
     assert callable(other)
     with pytest.raises(BadHoldout, match=said):
-        unmet(diagnosed, other(diagnosed))
+        unseen_states(diagnosed, other(diagnosed))
 
 
 def test_what_was_diagnosed_without_tips_cannot_be_tried_on_them() -> None:
     pushed = case([push(r) for r in sweep() if r.spine_length > 0.05])
     with pytest.raises(BadHoldout, match="what is diagnosed has none"):
-        unmet(pushed, measured(2, 9))
+        unseen_states(pushed, measured(2, 9))
 
 
 def test_pushes_beside_tips_are_not_tried(diagnosed: Measured) -> None:
     other = list(measured(2, 9).table)
-    own = unmet(diagnosed, case(other + [push(r) for r in other if r.spine_length > 0.05]))
+    own = unseen_states(diagnosed, case(other + [push(r) for r in other if r.spine_length > 0.05]))
     assert len(own) == len(other) and not own.pushed.any()
 
 
@@ -100,7 +100,7 @@ def test_trials_are_drawn_within_their_kind() -> None:
     trial = np.repeat(np.arange(4), 5)
     before = np.repeat([1e-3, 1e-3, 9e-3, 9e-3], 5)
     after = np.repeat([0.9e-3, 0.9e-3, 1e-3, 1e-3], 5)
-    loose = closed(before, after, 0.5e-3, trial)[1]
-    tight = closed(before, after, 0.5e-3, trial, trial // 2)[1]
-    assert loose is not None and tight is not None
-    assert tight[1] - tight[0] < 1e-9 < loose[1] - loose[0]
+    wide = closed_with_interval(before, after, 0.5e-3, trial)[1]
+    tight = closed_with_interval(before, after, 0.5e-3, trial, trial // 2)[1]
+    assert wide is not None and tight is not None
+    assert tight[1] - tight[0] < 1e-9 < wide[1] - wide[0]

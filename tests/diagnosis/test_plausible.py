@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.data.plausible import oddities, refuse
+from diagnosis.data.plausible import implausible_values, require_plausible
 from diagnosis.errors import BadCase
 from model.condition import conditions
 from model.robot import Robot, load_robot
@@ -83,7 +83,7 @@ def w_last(r: TrialRow) -> TrialRow:
         (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
         (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["columns x, y, z", "z upside down", "change the sign of z"]),
         (moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["columns x, y, z", "x were the robot's axis"]),
-        (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["way from the rest", "add 0.4 to z"]),  # type: ignore[index]
+        (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
         (w_last, ["qw, qx, qy, qz", "order x, y, z, w", "write w"]),
         (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["length 41.9", "unit quaternion"]),
         (lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
@@ -93,7 +93,7 @@ def w_last(r: TrialRow) -> TrialRow:
 )  # fmt: skip
 def test_another_unit_or_frame_is_named_with_what_to_write(change: Change, words: list[str]) -> None:
     with pytest.raises(BadCase) as caught:
-        refuse(ROBOT, [change(r) for r in sweep()], "a/trials.csv")
+        require_plausible(ROBOT, [change(r) for r in sweep()], "a/trials.csv")
     text = str(caught.value)
     assert all(word in text for word in words), text
     assert all(line.startswith("a/trials.csv: ") for line in text.splitlines())
@@ -101,14 +101,14 @@ def test_another_unit_or_frame_is_named_with_what_to_write(change: Change, words
 
 def test_each_thing_that_is_wrong_gets_one_line() -> None:
     wrong = [pressures(1e-3)(positions(1000.0)(w_last(r))) for r in sweep()]
-    found = oddities(ROBOT, wrong)
+    found = implausible_values(ROBOT, wrong)
     assert len(found) == 3 and all(any(word in line for line in found) for word in ("mm", "kPa", "x, y, z, w"))
 
 
 def test_a_roll_in_rad_is_seen_by_where_the_tip_goes() -> None:
     rows = sweep(rolls=(0.0, 40.0, 120.0), spines=(0.0,))
-    assert oddities(ROBOT, rows) == ()
-    (text,) = oddities(ROBOT, [replace(r, roll_deg=float(np.radians(r.roll_deg or 0.0))) for r in rows])
+    assert implausible_values(ROBOT, rows) == ()
+    (text,) = implausible_values(ROBOT, [replace(r, roll_deg=float(np.radians(r.roll_deg or 0.0))) for r in rows])
     assert "roll_deg: 2.0944" in text and "looks like rad" in text and "multiply by 57.2958" in text
 
 
@@ -121,7 +121,7 @@ def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
     guessed = ROBOT.model_copy(
         update={"youngs_modulus": ROBOT.youngs_modulus * factor, "shear_modulus": ROBOT.shear_modulus * factor}
     )
-    assert oddities(guessed, sweep()) == ()
+    assert implausible_values(guessed, sweep()) == ()
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
          "rolls in degrees", "one roll"],
 )  # fmt: skip
 def test_an_unusual_campaign_is_left_alone(rows: tuple[TrialRow, ...]) -> None:
-    assert oddities(ROBOT, rows) == ()
+    assert implausible_values(ROBOT, rows) == ()
 
 
 def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None:
@@ -149,20 +149,20 @@ def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None
         replace(r, pressures=tuple(rng.normal(0, 40.0, 9).tolist()), tip=(-0.03 * i, 0.0, 0.39), tip_mass=0.1 * i)
         for i, r in enumerate(sweep())
     ]
-    assert oddities(ROBOT, rows) == ()
+    assert implausible_values(ROBOT, rows) == ()
 
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
     hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0,))]
-    assert any("upside down" in text for text in oddities(ROBOT, hanging))
-    assert oddities(LIMP, hanging) == ()
+    assert any("upside down" in text for text in implausible_values(ROBOT, hanging))
+    assert implausible_values(LIMP, hanging) == ()
 
 
 def test_a_level_body_that_sags_is_left_alone() -> None:
     level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0), "youngs_modulus": 1.2e5, "shear_modulus": 4e4})
     rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     assert rows[0].tip is not None and rows[0].tip[0] < -0.1
-    assert oddities(level, rows) == ()
+    assert implausible_values(level, rows) == ()
 
 
 # ------------------------------------------------------------------ pushes
@@ -188,10 +188,10 @@ def pushes(force: float = 1.0, deflection: float = 1.0, modulus: float = 1.0) ->
     ],
 )
 def test_a_push_in_another_unit_is_named(rows: list[TrialRow], words: list[str]) -> None:
-    (text,) = oddities(ROBOT, rows)
+    (text,) = implausible_values(ROBOT, rows)
     assert all(word in text for word in words), text
 
 
 @pytest.mark.parametrize("modulus", [0.1, 0.5, 3.0, 10.0])
 def test_a_modulus_that_is_to_be_found_is_no_other_unit_of_force(modulus: float) -> None:
-    assert oddities(ROBOT, pushes(modulus=modulus)) == ()
+    assert implausible_values(ROBOT, pushes(modulus=modulus)) == ()

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.inference.effort import Effort
 from diagnosis.inference.evidence import NONE, Hypothesis
+from diagnosis.inference.executor import Executor
 from diagnosis.inference.fit import fit
 from diagnosis.inference.posterior import posterior
-from diagnosis.inference.problem import TOLERATED, Problem
+from diagnosis.inference.problem import TYPICAL_TOLERANCE, Problem
 from diagnosis.inference.search import Search
 from tests.diagnosis.toy import IDS, Grid, ToyForward, toy_problem
 
@@ -55,7 +55,7 @@ def test_the_same_data_give_the_same_answer_to_the_last_bit() -> None:
 def test_threads_change_nothing_and_progress_only_rises() -> None:
     told: list[float] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
-    alone, shared = Search(problem).run(), Search(problem, effort=Effort(3, told.append)).run()
+    alone, shared = Search(problem).run(), Search(problem, executor=Executor(3, told.append)).run()
     assert [(c.named, c.log_evidence) for c in alone] == [(c.named, c.log_evidence) for c in shared]
     assert told == sorted(told) and 0 < told[0] < told[-1] < 1
 
@@ -80,8 +80,8 @@ def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() ->
 def test_what_tolerated_laws_may_get_wrong_are_their_effects_times_smooth_factors() -> None:
     problem = toy_problem(3, {})
     own = problem.noise.whiten(problem.linearise(problem.parameters.mean)[1][:, : len(IDS)])
-    alike = problem.alike @ problem.alike.T
-    exact = TOLERATED**2 * (own @ own.T) * alike
-    columns = problem.tolerated
+    shared_basis = problem.shared_basis @ problem.shared_basis.T
+    exact = TYPICAL_TOLERANCE**2 * (own @ own.T) * shared_basis
+    columns = problem.tolerated_form_error
     assert columns.shape[1] < 0.5 * len(columns)
     assert np.abs(columns @ columns.T - exact).max() < 0.02 * np.abs(exact).max()

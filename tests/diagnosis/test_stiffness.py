@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.result import FACTORS, Diagnosis
-from diagnosis.data.case import enough, states
+from diagnosis.data.case import can_name_cause, states
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.prepare import prepare
@@ -108,11 +108,11 @@ def test_the_floor_comes_from_repeats_and_not_from_what_the_model_gets_wrong() -
         for effect, size in (("", 0), ("force_bias", 0.15))
     ]
     for one in p:
-        assert one.stand is not None
-        assert one.stand.floor.channel["force"] == pytest.approx(FORCE, rel=0.3)
-        assert one.stand.floor.trial["zero"] == pytest.approx(ZERO, rel=0.6)
-    assert p[0].stand is not None and p[1].stand is not None
-    assert p[1].stand.reading == pytest.approx(p[0].stand.reading, rel=0.05)
+        assert one.pushes is not None
+        assert one.pushes.noise_components.channel["force"] == pytest.approx(FORCE, rel=0.3)
+        assert one.pushes.noise_components.trial["zero"] == pytest.approx(ZERO, rel=0.6)
+    assert p[0].pushes is not None and p[1].pushes is not None
+    assert p[1].pushes.noise_floor == pytest.approx(p[0].pushes.noise_floor, rel=0.05)
 
 
 def test_beside_a_sweep_they_leave_its_states_and_its_floor_alone() -> None:
@@ -136,8 +136,8 @@ def test_deflections_that_were_meant_alike_are_repeats_though_the_arm_misses_a_l
     rows = [replace(r, deflection=r.deflection + 5e-6 * rng.normal()) for r in pushes()]  # type: ignore[operator]
     s = states(case(rows))[0]
     assert s.repeats == 3 and len(np.unique(s.condition)) == 36
-    assert enough(s) and not enough(states(case([r for r in rows if r.repeat == 1]))[0])
-    assert not enough(states(case([r for r in rows if r.spine_length == 0.1]))[0])
+    assert can_name_cause(s) and not can_name_cause(states(case([r for r in rows if r.repeat == 1]))[0])
+    assert not can_name_cause(states(case([r for r in rows if r.spine_length == 0.1]))[0])
 
 
 def test_a_state_read_twice_in_one_trial_is_no_repeat() -> None:

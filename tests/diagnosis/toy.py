@@ -99,6 +99,14 @@ def toy_problem(seed: int, truth: dict[str, float], sd: float = 0.3 * MM, clutte
     state, channel = np.repeat(np.arange(n), 3), np.tile(np.arange(3), n)
     where = settings(grid.length, grid.pressure, grid.branch, np.zeros(n), ROBOT_LENGTH)
     smooth = by_channel(columns(where), state, channel, np.full(3, sd))
-    alike = columns(Settings(where.place, np.ones(n)))
-    each = by_channel(alike, state, channel, np.ones(3))
-    return Problem(forward, p, y, Noise(state, np.full(y.size, sd), np.zeros((y.size, 1))), smooth, alike[state], each)
+    shared_basis = columns(Settings(where.place, np.ones(n)))
+    channel_basis = by_channel(shared_basis, state, channel, np.ones(3))
+    return Problem(
+        forward,
+        p,
+        y,
+        Noise(state, np.full(y.size, sd), np.zeros((y.size, 1))),
+        smooth,
+        shared_basis[state],
+        channel_basis,
+    )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.inference.effort import Effort
+from diagnosis.inference.executor import Executor
 from diagnosis.inference.search import Search
 from lab.blind.workers import Crew, spread
 from lab.cluster import cluster
@@ -55,7 +55,7 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> N
     told: list[float] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
     with cluster(scheduler) as workers:
-        there = Search(problem, effort=Effort(told=told.append, elsewhere=workers.in_order)).run()
+        there = Search(problem, executor=Executor(progress=told.append, remote_map=workers.in_order)).run()
     here = Search(problem).run()
     assert [c.named for c in there] == [c.named for c in here]
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-6)

@@ -164,7 +164,7 @@ def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.Cap
         ({"x": None, "y": None, "z": None}, 2, ["line 2", "needs the tip's x, y, z"]),
         ({"p1": None}, 2, ["no column p1"]),
         ({"spine_length": None}, 2, ["no column spine_length"]),
-        ({"spine_length": "0.45"}, 2, ["0.45 m", "beyond the robot's 0.4 m"]),
+        ({"spine_length": "0.45"}, 2, ["0.45 m", "longer than the robot (0.4 m)"]),
         ({"p9": None}, 2, ["8 pressures", "9 chambers"]),
     ],
     ids=["NaN", "40 m away", "4 m away", "no tip", "no pressure", "no spine length", "long spine", "other robot"],

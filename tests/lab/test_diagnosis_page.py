@@ -30,8 +30,8 @@ QUIET = (
 OF_THE_BROWSER = "not an origin"
 """Initiator of what a browser asks for by itself, whatever page is open."""
 SECTIONS = (
-    "How large, and how far it shrinks", "On a campaign the fit never saw", "Where", "The robot's shape", "Which cause",
-    "Which effects this data can tell apart", "What calibration hides", "What to do next",
+    "How large, and how far it shrinks", "On a campaign that was not fitted", "Where", "The robot's shape", "Which cause",
+    "Which effects these data can distinguish", "Confounding: what a calibration takes over", "What to do next",
 )  # fmt: skip
 
 

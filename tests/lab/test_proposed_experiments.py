@@ -12,7 +12,7 @@ import pytest
 from diagnosed_case import ROBOT, campaign
 from virtual_lab import VirtualLab
 
-from diagnosis.answer.menu import Experiment, columns, menu
+from diagnosis.answer.candidate_experiments import Experiment, candidate_experiments, columns
 from diagnosis.answer.result import Proposal
 from diagnosis.data.case import states
 from lab.cli import main
@@ -29,7 +29,7 @@ def offered() -> dict[str, Experiment]:
     """The whole menu: what is offered after a campaign that read tips on the way up and nothing else."""
     robot = ROBOT.model_copy(update={"markers": (0.1, 0.2, 0.3)})
     rows = [replace(r, orientation=None) for r in campaign({}) if r.branch == "load"]
-    return {e.id: e for e in menu(robot, states(Case(robot, Table(tuple(rows))))[0])}
+    return {e.id: e for e in candidate_experiments(robot, states(Case(robot, Table(tuple(rows))))[0])}
 
 
 def file(folder: Path, e: Experiment, **changes: object) -> Path:

@@ -17,7 +17,7 @@ LENGTHS, STEPS, REPEATS = (0.05, 0.15, 0.3), 4, 3
 BIAS, NOISE = 0.15, 0.01
 """N."""
 SECTIONS = [
-    "What this data cannot say", "How large, and how far it shrinks", "Where", "Stiffness trials", "Which cause",
+    "What these data cannot answer", "How large, and how far it shrinks", "Where", "Stiffness trials", "Which cause",
     "What to do next",
 ]  # fmt: skip
 

@@ -1,8 +1,8 @@
 """Predicting data that a fit did not see: a share of the values is left out, the model refitted, the rest predicted.
 
-A refit solves the linear problem of the other values around a fit to all of them. Where that leads astray, as it does when
-the model is far off or hardly any value is left that says something about a parameter, the search is made in full. Its
-parameters then predict with the model in full. The discrepancy weighs the fit but takes no part in the prediction.
+A refit solves the linear problem of the other values around a fit to all of them. Where that diverges, because
+the model is far from linear there or hardly any value constrains a parameter, the full non-linear fit is made. The
+parameters found then predict with the non-linear model. The discrepancy weighs the fit but takes no part in the prediction.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-WORSE = 10.0
-"""A refit that leaves so many times the squared misfit of the fit to all values was led astray."""
+DIVERGED = 10.0
+"""A linear refit with so many times the squared misfit of the fit to all values has diverged."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Model:
     """A fit to all values, around which the refits are linear."""
 
 
-def left_out(problem: Problem, model: Model, fold: Ints) -> Array:
+def cross_validated_residuals(problem: Problem, model: Model, fold: Ints) -> Array:
     """Measured minus predicted (n,) for each value, predicted by a fit to all values of the other folds.
 
     `fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN).
@@ -53,11 +53,11 @@ def _predicted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array
     predicted = problem.forward.predict(_refitted(problem, model, seen))
     noise = problem.noise.take(seen)
     after, before = (noise.whiten((problem.observed - y)[seen]) for y in (predicted, model.around.predicted))
-    if np.isfinite(predicted).all() and float(after @ after) <= WORSE * float(before @ before):
+    if np.isfinite(predicted).all() and float(after @ after) <= DIVERGED * float(before @ before):
         return predicted
     rest = replace(
         problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
-        discrepancy=problem.discrepancy[seen], alike=problem.alike[seen], each=problem.each[seen],
+        discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],
     )  # fmt: skip
     return problem.forward.predict(fit(rest, model.prior, model.size, model.around.theta).theta)
 

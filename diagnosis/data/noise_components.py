@@ -1,9 +1,9 @@
-"""The noise floor from repeats: what differs between readings of the same state, and how much of it belongs to a trial.
+"""Noise components from repeats: what differs between readings of the same state, and how much of it belongs to a trial.
 
-Only differences between repeats enter (orthonormal contrasts within each condition), so nothing that the model gets
-wrong can leak into the floor. Components: white noise of each kind of channel, the reading of the pressure (which moves
-all channels of a state together), and what a trial has of its own (spine length, stiffness of the re-jammed spine, ..),
-all by maximum likelihood with weak priors at the instruments' usual values.
+Only differences between repeats enter (orthonormal contrasts within each condition), so errors of the model do not. The
+components are standard deviations: white noise of each kind of channel, the error of the pressure reading (which moves all
+channels of a state together), and parameters of each trial (spine length, stiffness of the re-jammed spine, ..). They are
+estimated by maximum a posteriori with log-normal priors at the instruments' defaults.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from .noise import Noise
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-VAGUE = 0.7
-"""Prior standard deviation of the logarithm of each component: a factor of two either way is nothing unusual."""
-SMALLEST = 0.05
-"""No component is taken below this share of its usual value."""
+LOG_PRIOR_SD = 0.7
+"""Prior standard deviation of the logarithm of each component, a factor of two either way."""
+LEAST_SHARE = 0.05
+"""Least value of a component, as a share of its default."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class Repeated:
     pressure_response: Array
     """(n, c, r) d(prediction)/d(pressure reading) of each regulator, per Pa."""
     trial_response: Mapping[str, Array]
-    """Component -> (n, c) d(prediction)/d(what a trial has of its own)."""
+    """Component -> (n, c) d(prediction)/d(parameter of the trial)."""
     resting: NDArray[np.bool_]
     """(n,) states read at rest: they are averaged for longer than those read while ramping."""
 
 
 @dataclass(frozen=True)
-class Components:
-    """Standard deviations."""
+class NoiseComponents:
+    """Estimated standard deviations of the noise."""
 
     channel: Mapping[str, float]
     """Kind of channel -> unit of the channel."""
@@ -60,32 +60,32 @@ class Components:
     rest: float
     """White noise of states read at rest, as a factor on that of states read while ramping."""
     contrasts: int
-    """Independent differences between repeats behind the estimate; 0: usual values, nothing was repeated."""
-    beyond: float = 1.0
-    """Largest factor by which the pressure's reading, or what a trial has of its own, differs more than usual between repeats."""
+    """Independent differences between repeats behind the estimate; 0: defaults, nothing was repeated."""
+    excess_scatter: float = 1.0
+    """Largest factor by which the pressure reading or a parameter of the trials scatters more than its default."""
 
 
-def components(data: Repeated, usual: Components) -> Components:
-    """Maximum a posteriori; `usual` holds the centre of the priors and is returned where nothing was repeated."""
+def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
+    """Maximum a posteriori; `default` holds the centre of the priors and is returned where nothing was repeated."""
     contrast = _contrasts(data.condition)
     if not len(contrast):
-        return usual
-    groups = list(usual.channel)
+        return default
+    groups = list(default.channel)
     member = np.array([groups.index(g) for g in data.group])
     names = list(data.trial_response)
-    centre = np.log([*usual.channel.values(), usual.pressure, usual.rest, *(usual.trial[k] for k in names)])
+    centre = np.log([*default.channel.values(), default.pressure, default.rest, *(default.trial[k] for k in names)])
     loss = _Loss(data, contrast, member, len(groups), names, centre)
-    # What no contrast depends on stays where its prior has it.
-    found = minimize(loss, np.zeros(len(centre)), method="L-BFGS-B", bounds=[(np.log(SMALLEST), 3.0)] * len(centre))
+    # Components that no contrast depends on stay at their defaults.
+    found = minimize(loss, np.zeros(len(centre)), method="L-BFGS-B", bounds=[(np.log(LEAST_SHARE), 3.0)] * len(centre))
     value = np.exp(centre + found.x)
     g = len(groups)
-    return Components(
+    return NoiseComponents(
         channel=dict(zip(groups, value[:g].tolist(), strict=True)),
         pressure=float(value[g]),
         trial=dict(zip(names, value[g + 2 :].tolist(), strict=True)),
         rest=float(value[g + 1]),
         contrasts=len(contrast),
-        beyond=float(np.exp(np.max(np.append(found.x[g + 2 :], found.x[g])))),
+        excess_scatter=float(np.exp(np.max(np.append(found.x[g + 2 :], found.x[g])))),
     )
 
 
@@ -114,7 +114,7 @@ def _contrasts(condition: Ints) -> Array:
 
 
 class _Loss:
-    """Minus the log posterior of the components' logarithms, off the centre of their priors."""
+    """Minus the log posterior of the components' logarithms, relative to the centre of their priors."""
 
     def __init__(
         self, data: Repeated, contrast: Array, member: Ints, groups: int, names: list[str], centre: Array
@@ -139,7 +139,7 @@ class _Loss:
         quiet = np.sqrt(1 + (value[g + 1] ** 2 - 1) * self._resting)
         noise = Noise(self._state, value[:g][self._member] * quiet, value[g] * self._pressure)
         white = noise.whiten(self._value)
-        prior = 0.5 * float(((shift / VAGUE) ** 2).sum())
+        prior = 0.5 * float(((shift / LOG_PRIOR_SD) ** 2).sum())
         total = noise.log_sd + 0.5 * float(white @ white) + prior
         if self._trial:
             columns = noise.whiten(

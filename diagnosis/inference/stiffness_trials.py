@@ -1,9 +1,9 @@
-"""The noise floor of stiffness trials, and their forces as deflections.
+"""Noise of stiffness trials, and their forces as deflections.
 
-A force that is missed by dF says as much as a deflection that is missed by dF / k, k the specimen's stiffness: so forces
-of specimens of all lengths can be compared, in the unit of the tip's gap. The floor comes from repeats as the robot's
-does: white noise of the force, the reading of the deflection (which takes the place of the pressure's), and what a trial
-has of its own: touch point, zero of the sensor, and the spine's length and stiffness.
+A force error dF is expressed as the deflection dF / k, k the specimen's stiffness (N/m), so that specimens of all lengths
+are compared in the unit of the tip's gap. The noise comes from repeats as for the robot: white noise of the force, the
+error of the deflection (in place of the pressure's), and parameters of each trial: touch point, zero of the sensor, and
+the spine's length and stiffness.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from numpy.typing import NDArray
 
 from model.effects.parameters import ParameterInfo
 
-from ..data.floor import Components, Repeated, components, reading_rms
+from ..data.noise_components import NoiseComponents, Repeated, estimate_noise, reading_rms
 from ..data.states import States
 from .labels import Labels
 
 Array = NDArray[np.float64]
 
-OF_STAND = ("touch", "zero")
-"""What a stiffness trial has of its own besides its spine."""
-USUAL_FORCE = 0.03
+PUSH_SOURCES = ("touch", "zero")
+"""Parameters of each stiffness trial besides its spine's."""
+DEFAULT_FORCE_NOISE = 0.03
 """N, white noise of an averaged reading."""
-USUAL_DEFLECTION = 0.02e-3
+DEFAULT_DEFLECTION_NOISE = 0.02e-3
 """m, how well an arm repeats a small step."""
 
 
 @dataclass(frozen=True)
-class Stand:
+class StiffnessTrials:
     """What is known of the stiffness trials of a case."""
 
-    floor: Components
+    noise_components: NoiseComponents
     """`channel` holds force (N), `pressure` the standard deviation of a deflection's reading (m)."""
-    reading: float
-    """m of deflection, rms distance of a single reading from its condition's average; the noise floor."""
+    noise_floor: float
+    """m of deflection, rms distance of a single reading from its condition's average."""
     stiffness: Array
     """(states,) N/m of the specimen; NaN for states of the robot."""
     unit: Array
-    """(states,) N, size 1 of the discrepancy: what a single reading errs by; NaN for states of the robot."""
+    """(states,) N, size 1 of the discrepancy: standard error of a single reading; NaN for states of the robot."""
     names: frozenset[str]
-    """The parameters that a stiffness trial has of its own."""
+    """Names of the parameters of single stiffness trials."""
 
-    def load(self, states: States) -> Array:
+    def load_level(self, states: States) -> Array:
         """(states,) how strongly each is loaded, as a pressure (Pa) where there are any: a push by its share of the largest
         at this length."""
         out = states.highest.copy()
@@ -56,7 +56,9 @@ class Stand:
         return out
 
 
-def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array) -> Stand:
+def stiffness_trials(
+    states: States, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
+) -> StiffnessTrials:
     """From forces missed (n,) by the baseline and the slope (n, k) of all values there; other values are not looked at."""
     own = np.flatnonzero(labels.kind == 3)
     state, trial = labels.state[own], labels.trial[own]
@@ -66,7 +68,7 @@ def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed
     }
     stiff = np.zeros(len(own))
     for t in np.unique(trial):
-        # A probe that does not touch yet feels nothing; the specimen is the same.
+        # Before contact there is no force; the specimen is the same.
         stiff[trial == t] = np.abs(by_source["touch"][trial == t]).max()
     stiff = np.maximum(stiff, 1e-9)
     data = Repeated(
@@ -78,8 +80,10 @@ def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed
         {source: values[:, None] for source, values in by_source.items()},
         np.zeros(len(own), bool),
     )
-    usual = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
-    floor = components(data, Components({"force": USUAL_FORCE}, USUAL_DEFLECTION, usual, 1.0, 0))
+    default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
+    floor = estimate_noise(
+        data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0)
+    )
     alone = np.hypot(floor.channel["force"], floor.pressure * stiff)
     erring = np.sqrt(alone**2 + sum((floor.trial[k] * by_source[k]) ** 2 for k in by_source))
     repeated = reading_rms(replace(data, residual=data.residual / stiff[:, None]), np.ones(1, bool))
@@ -92,4 +96,4 @@ def stand(states: States, labels: Labels, infos: Sequence[ParameterInfo], missed
 
     trials = set(trial.tolist())
     names = frozenset(p.name for p in infos if p.trial in trials)
-    return Stand(floor, reading, spread(stiff), spread(erring), names)
+    return StiffnessTrials(floor, reading, spread(stiff), spread(erring), names)

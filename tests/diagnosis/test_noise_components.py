@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.data.floor import Components, Repeated, components, reading_rms
+from diagnosis.data.noise_components import NoiseComponents, Repeated, estimate_noise, reading_rms
 
-USUAL = Components({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
+DEFAULT_NOISE = NoiseComponents({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 
 
 def repeated(
@@ -34,24 +34,24 @@ def repeated(
 
 @pytest.mark.parametrize("error", [0.0, 0.05])
 def test_components_are_found_whatever_the_model_gets_wrong(error: float) -> None:
-    found = components(repeated(1, 0.2e-3, 800.0, 2e-3, error=error), USUAL)
+    found = estimate_noise(repeated(1, 0.2e-3, 800.0, 2e-3, error=error), DEFAULT_NOISE)
     assert found.channel["tip"] == pytest.approx(0.2e-3, rel=0.15)
     assert found.pressure == pytest.approx(800, rel=0.2)
     assert found.trial["spine_length"] == pytest.approx(2e-3, rel=0.4)
     assert found.contrasts == 120
-    assert found.beyond == pytest.approx(2.0, rel=0.4)
+    assert found.excess_scatter == pytest.approx(2.0, rel=0.4)
 
 
 def test_a_robot_whose_trials_have_nothing_of_their_own_has_a_floor_too() -> None:
     bare = replace(repeated(1, 0.2e-3, 1500.0, 0.0), trial_response={})
-    found = components(bare, replace(USUAL, trial={}))
+    found = estimate_noise(bare, replace(DEFAULT_NOISE, trial={}))
     assert found.trial == {}
-    assert found.beyond == pytest.approx(3.0, rel=0.2)
+    assert found.excess_scatter == pytest.approx(3.0, rel=0.2)
 
 
 def test_without_repeats_the_usual_values_are_returned_and_said_to_be_no_measurement() -> None:
     data = repeated(1, 0.2e-3, 800.0, 2e-3, repeats=1)
-    assert components(data, USUAL) == USUAL
+    assert estimate_noise(data, DEFAULT_NOISE) == DEFAULT_NOISE
     assert math.isnan(reading_rms(data, np.ones(3, bool)))
 
 

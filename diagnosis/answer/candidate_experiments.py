@@ -1,4 +1,4 @@
-"""What the rig could do next: experiments as protocol parameters, and the states they would give.
+"""Candidate experiments: what the rig could do next, as protocol parameters, and the states that would give.
 
 Each is a bending or elongation run with one thing changed, short enough to be worth its time: three spine lengths,
 three pressures, two repeats. Costs are minutes of the rig plus minutes of a person's hands.
@@ -64,14 +64,14 @@ class _State:
     seconds: float = field(default=PER_STATE)
 
 
-def menu(robot: Robot, s: States) -> list[Experiment]:
+def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     """Experiments that the campaign does not hold yet."""
     lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > s.pressure_gap], s.pressure_gap)
     chambers = _inflated(s)
     others = [(c - 1 + len(robot.chambers.azimuths_deg) // 3) % len(robot.chambers.azimuths_deg) + 1 for c in chambers]
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
-    usual = 80e3 if robot.spine is not None else 0.0
-    vacuum = float(np.median([usual if r.vacuum is None else r.vacuum for r in s.rows]))
+    default_vacuum = 80e3 if robot.spine is not None else 0.0
+    vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": lengths, "pressures": pressures, "chambers": chambers, "unload": False,
         "repeats": 2, "rate": RATE, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
@@ -99,10 +99,10 @@ def menu(robot: Robot, s: States) -> list[Experiment]:
     if robot.markers:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offered.append(Experiment("markers", "put markers along the body", base, 20.0, names))
-    return [e for e in offered if not _done(e.id, s)]
+    return [e for e in offered if not _already_recorded(e.id, s)]
 
 
-def _done(id: str, s: States) -> bool:
+def _already_recorded(id: str, s: States) -> bool:
     """Whether the campaign holds such states already."""
     rows = s.rows
     has = {

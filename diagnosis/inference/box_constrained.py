@@ -1,4 +1,4 @@
-"""A convex quadratic within bounds."""
+"""Box-constrained least squares: the minimum of a convex quadratic within bounds."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 PATIENCE, PIVOTS = 3, 100
-"""Changes of what is held at its bound, all at once, that may help nothing before they are made one by one; most of them."""
+"""Exchanges of the whole active set without progress before single exchanges; most exchanges."""
 
 
-def bounded(curve: Array, score: Array, low: Array, high: Array) -> Array:
+def box_constrained_minimum(curve: Array, score: Array, low: Array, high: Array) -> Array:
     """Minimum of x.curve.x / 2 - score.x with low <= x <= high.
 
-    By block principal pivoting (Kim and Park 2011, for two-sided bounds): what runs out of its bounds is held there, what is
-    held though it would rather come back is freed, all at once while that helps, else one at a time, which always ends.
+    By block principal pivoting (Kim and Park 2011, for two-sided bounds): variables outside their bounds join the active
+    set, those whose multiplier has the wrong sign leave it, all at once while that helps, else one at a time, which is finite.
     """
     n = len(score)
     side = np.zeros(n, np.int64)  # -1 held at its lower bound, 1 at its upper, 0 free

@@ -1,4 +1,4 @@
-"""What is predicted was not seen; what the catalogue cannot explain leaves signs."""
+"""Cross-validation predicts only unseen values; misfit diagnostics show what the catalogue cannot explain."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.criticism.unknown import signs
+from diagnosis.criticism.misfit import misfit_diagnostics
 from diagnosis.data.noise import Noise
+from diagnosis.inference.cross_validation import Model, cross_validated_residuals
 from diagnosis.inference.fit import fit
-from diagnosis.inference.heldout import Model, left_out
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
 from tests.diagnosis.toy import MM, Grid, toy_problem
@@ -37,46 +37,51 @@ def changed(problem: Problem, by: np.ndarray) -> Problem:
 def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
     problem = toy_problem(1, {"play": 1.0})
     model = fitted(problem, ("play",), 0.1, 0.5)
-    before = problem.observed - left_out(problem, model, LENGTH)
+    before = problem.observed - cross_validated_residuals(problem, model, LENGTH)
     lifted = changed(problem, np.where(LENGTH == 3, 5 * MM, 0.0))
-    after = lifted.observed - left_out(lifted, model, LENGTH)
+    after = lifted.observed - cross_validated_residuals(lifted, model, LENGTH)
     assert after[LENGTH == 3] == pytest.approx(before[LENGTH == 3], abs=1e-9)
     assert rms(after[LENGTH != 3] - before[LENGTH != 3]) > 1e-5
 
 
 def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_without_it_they_are_not() -> None:
     problem = toy_problem(2, {"play": 1.0})
-    without = rms(left_out(problem, fitted(problem, (), 0.0, 0.0), LENGTH))
-    assert rms(left_out(problem, fitted(problem, ("play",), 0.0, 0.5), LENGTH)) < 0.4 * MM < 0.8 * MM < without
+    without = rms(cross_validated_residuals(problem, fitted(problem, (), 0.0, 0.0), LENGTH))
+    assert (
+        rms(cross_validated_residuals(problem, fitted(problem, ("play",), 0.0, 0.5), LENGTH))
+        < 0.4 * MM
+        < 0.8 * MM
+        < without
+    )
 
 
 def test_values_of_no_fold_are_not_predicted() -> None:
     problem = toy_problem(2, {})
     fold = np.where(LENGTH == 2, 0, -1)
-    missed = left_out(problem, fitted(problem, (), 0.0, 0.0), fold)
+    missed = cross_validated_residuals(problem, fitted(problem, (), 0.0, 0.0), fold)
     assert np.isnan(missed[fold < 0]).all() and np.isfinite(missed[fold == 0]).all()
 
 
-def test_a_world_of_the_catalogue_leaves_no_sign() -> None:
+def test_data_of_the_catalogue_raise_no_diagnostic() -> None:
     problem = toy_problem(3, {"play": 1.0})
-    found = signs(problem, Search(problem).run()[0], TRIAL, KIND, 1.0)
+    found = misfit_diagnostics(problem, Search(problem).run()[0], TRIAL, KIND, 1.0)
     assert found.discrepancy_gain < 0
     assert found.lack_of_fit == pytest.approx(1.0, abs=0.15)
-    assert found.outlier_trial is None and found.transport is None
+    assert found.outlier_trial is None and found.cross_prediction is None
 
 
 def test_a_smooth_cause_outside_the_catalogue_is_seen_as_discrepancy() -> None:
     out_of_plane = np.sin(GRID.length / 0.05) * GRID.pressure / 250e3
     wave = out_of_plane[:, None] * np.array([0.0, 1.0, 0.0])
     problem = changed(toy_problem(3, {}), 3 * MM * wave.ravel())
-    found = signs(problem, Search(problem).run()[0], TRIAL, KIND, 1.0)
+    found = misfit_diagnostics(problem, Search(problem).run()[0], TRIAL, KIND, 1.0)
     assert found.discrepancy_gain > 5
     assert found.discrepancy_size > 2
 
 
 def test_one_bad_trial_is_named() -> None:
     problem = changed(toy_problem(3, {}), np.where(TRIAL == 12, 1.5 * MM, 0.0))
-    assert signs(problem, Search(problem).run()[0], TRIAL, KIND, 1.0).outlier_trial == 12
+    assert misfit_diagnostics(problem, Search(problem).run()[0], TRIAL, KIND, 1.0).outlier_trial == 12
 
 
 def test_noise_of_a_part_is_the_part_of_the_noise() -> None:

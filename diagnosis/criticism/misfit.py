@@ -1,0 +1,181 @@
+"""Model criticism: misfit diagnostics of a cause outside the catalogue.
+
+Whatever comes nearest to such a cause is fitted in its place, and leaves little in the residual. What shows it instead:
+parameters and model-form errors far from their priors (prior tension), an experiment that the others do not predict
+(cross-prediction), one trial with an outlying spine, a trend over time, repeats that scatter more than instruments and
+re-grown spines do (excess scatter), and evidence for a large smooth discrepancy. How much each counts was fitted on a
+benchmark (see `probability_calibration`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ..inference.evidence import KNOWN, LARGE, weigh
+from ..inference.linear import Linear, Prior
+from ..inference.problem import Parameters, Problem
+from ..inference.search import Candidate
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+LEAST_DISCREPANCY = 0.1
+"""Size of the discrepancy that is always allowed for when values are predicted from others."""
+LARGE_SHARE = 0.1
+"""Prior share of a large discrepancy beside a named effect."""
+LEAST_INFORMED = 0.05
+"""Directions in which the data take away less than this share of the prior's variance are left out of prior tension."""
+SPINE_SOURCES = ("spine_length", "spine_stiffness")
+"""Parameters of each trial that describe its newly grown and jammed spine."""
+TENSE = 4.0
+"""Standard deviations from its prior from which a parameter is named."""
+
+
+@dataclass(frozen=True)
+class MisfitDiagnostics:
+    """Misfit diagnostics around the best hypothesis."""
+
+    discrepancy_gain: float
+    """Log evidence that a large discrepancy adds to the best hypothesis."""
+    discrepancy_size: float
+    """Expected size of the discrepancy, in units of the noise floor."""
+    lack_of_fit: float
+    """Squared misfit per degree of freedom after the fit, without discrepancy; 1 where the model holds."""
+    prior_tension: float
+    """(chi^2 - r) / sqrt(2 r) of all parameters with a prior, chi^2 their squared Mahalanobis distance from it and r its degrees
+    of freedom; about 0 where the model holds."""
+    furthest_from_prior: str
+    """The parameter furthest from its prior; empty when none lies beyond `TENSE`."""
+    cross_prediction: float | None
+    """Largest chi-square per value of a kind of experiment predicted from all others; None where all states are of one kind."""
+    effects_named: int
+    """Number of effects that the best hypothesis names."""
+    spine_outlier: float
+    """Distance of the most outlying trial's spine from its prior, in standard deviations; 0 without spines."""
+    excess_scatter: float
+    """Factor by which repeats scatter more than the default, see `NoiseComponents`."""
+    outlier_trial: int | None
+    """The trial that the others predict worst, where its p-value times the number of trials is below 0.001."""
+    outlier_surprise: float
+    """Chi-square per value of that trial, predicted from the others."""
+
+
+def misfit_diagnostics(
+    problem: Problem, best: Candidate, trial: Ints, kind: Ints, excess_scatter: float
+) -> MisfitDiagnostics:
+    """All diagnostics around the best hypothesis.
+
+    `trial`, `kind` (n,) number each measured value's trial and kind of experiment; `excess_scatter` as in `NoiseComponents`.
+    """
+    linear, p = best.fit.linear, problem.parameters
+    large = LARGE.part(best.with_tolerances)
+    beside = weigh(linear, large, p, [best.named])[0]
+    log_terms = [np.logaddexp.reduce(w.log_terms, axis=2) for w in (best.weighed, beside)]
+    both = np.concatenate([log_terms[0], log_terms[1] + np.log(LARGE_SHARE)], axis=1)
+    weight = np.exp(both - both.max())
+    sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
+    expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
+    prior = best.prior(p)
+    form_error = best.grid_point.form_error
+    plain = _Gaussian(linear, prior, 0.0, form_error)
+    within = _Gaussian(linear, prior, max(best.grid_point.size, LEAST_DISCREPANCY), form_error)
+    own = _Gaussian(linear, prior, best.grid_point.size, form_error)
+    surprise, numbers, probability = [], np.unique(trial), []
+    for t in numbers:
+        value, n = within.surprise(trial == t)
+        surprise.append(value / n)
+        probability.append(float(chi2.sf(value, n)))
+    worst = int(np.argmin(probability))
+    significant = probability[worst] * len(numbers) < 1e-3
+    kinds = np.unique(kind)
+    cross_prediction = [value / n for value, n in (within.surprise(kind == k) for k in kinds)] if len(kinds) > 1 else []
+    prior_tension, furthest_from_prior, spine_outlier = _prior_tension(own, p, best.named)
+    return MisfitDiagnostics(
+        discrepancy_gain=beside.log_evidence - best.log_evidence,
+        discrepancy_size=expected,
+        lack_of_fit=plain.misfit_per_dof(),
+        prior_tension=prior_tension,
+        furthest_from_prior=furthest_from_prior,
+        cross_prediction=max(cross_prediction) if cross_prediction else None,
+        effects_named=len(best.named),
+        spine_outlier=spine_outlier,
+        excess_scatter=excess_scatter,
+        outlier_trial=int(numbers[worst]) if significant else None,
+        outlier_surprise=float(surprise[worst]),
+    )
+
+
+def _prior_tension(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
+    """Prior tension of all but the calibration and the trials' own parameters, the furthest parameter, the outlying spine."""
+    order = np.concatenate([np.flatnonzero(p.of_effect), np.flatnonzero(~p.of_effect)])
+    names, sources = np.array(p.names)[order], np.array(p.sources or ("",) * len(p.names))[order]
+    effects = int(p.of_effect.sum())
+    free = np.zeros(len(names), bool)
+    free[effects:] = p.calibrated
+    by_trial = p.of_trial[order]
+    mask = np.zeros(len(names), bool)
+    mask[:effects] = p.mask(named)
+    nuisance = np.arange(len(names)) >= effects
+    form = np.arange(len(names), len(names) + g.form_columns)
+    groups = [np.flatnonzero(~nuisance & mask), np.flatnonzero(~nuisance & ~mask)]
+    groups += [np.flatnonzero(nuisance & ~free & ~by_trial), form]
+    found = [g.distance(own) for own in groups if own.size]
+    squares, rank = (float(sum(x)) for x in zip(*found, strict=True)) if found else (0.0, 0.0)
+    single = g.single()[: len(names)]
+    tension = np.where(free | by_trial, 0.0, single)
+    furthest = int(np.argmax(tension))
+    return (
+        (squares - rank) / np.sqrt(2 * max(rank, 1.0)),
+        str(names[furthest]) if tension[furthest] > TENSE else "",
+        float(np.max(single[by_trial & np.isin(sources, SPINE_SOURCES)], initial=0.0)),
+    )
+
+
+class _Gaussian:
+    """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
+
+    def __init__(self, linear: Linear, prior: Prior, size: float, form_error: float) -> None:
+        blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance]
+        self.form_columns = linear.form_error.shape[1] if form_error else 0
+        """Number of columns of model-form error."""
+        if form_error:
+            blocks.append(form_error * linear.form_error)
+        if large := linear.discrepancy_size(size, form_error):
+            blocks.append(large * linear.discrepancy)
+        self._x = np.hstack(blocks)
+        self._inverse = np.linalg.inv(np.eye(self._x.shape[1]) + self._x.T @ self._x)
+        missed = linear.observed - linear.effects @ prior.mean
+        self._residual = missed - self._x @ (self._inverse @ (self._x.T @ missed))
+
+    def surprise(self, own: Flags) -> tuple[float, int]:
+        """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
+        x, left = self._x[own], self._residual[own]
+        # The block of the inverse covariance is the inverse covariance of the prediction's error.
+        block = np.eye(len(x)) - x @ self._inverse @ x.T
+        return float(left @ np.linalg.solve(block, left)), len(x)
+
+    def misfit_per_dof(self) -> float:
+        """Squared residual after the fit per remaining degree of freedom."""
+        spent = self._x.shape[1] - float(np.trace(self._inverse))
+        return float(self._residual @ self._residual) / max(len(self._residual) - spent, 1.0)
+
+    def distance(self, own: Ints) -> tuple[float, int]:
+        """Squared Mahalanobis distance of some coefficients' posterior mean from what their prior leads to expect of it,
+        chi-square with as many degrees of freedom as are returned besides."""
+        mean = self._x[:, own].T @ self._residual
+        value, vector = np.linalg.eigh(np.eye(own.size) - self._inverse[np.ix_(own, own)])
+        informed = value > LEAST_INFORMED
+        along = vector[:, informed].T @ mean
+        return float((along**2 / value[informed]).sum()), int(informed.sum())
+
+    def single(self) -> Array:
+        """The same distance (not squared) of each coefficient by itself."""
+        spread = 1 - np.diag(self._inverse)
+        mean = np.abs(self._x.T @ self._residual)
+        return np.asarray(np.where(spread > LEAST_INFORMED, mean / np.sqrt(np.maximum(spread, LEAST_INFORMED)), 0.0))
