@@ -142,9 +142,9 @@ class Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from .console import out
-        from .version import told
+        from .version import version_text
 
-        out.print(told())
+        out.print(version_text())
         parser.exit()
 
 
@@ -166,15 +166,15 @@ def parser() -> argparse.ArgumentParser:
     def own_effects(p: argparse.ArgumentParser) -> None:
         p.add_argument("--effects", type=Path, metavar="FILE.py", help="effects of your own (a tuple named EFFECTS)")
 
-    p = verb("demo", _demo, "the whole story on fake instruments, ending in an HTML report")
+    p = verb("demo", _demo, "record, fit and diagnose on fake instruments, ending in an HTML report")
     p.add_argument("--out", type=Path, default=Path("demo"), help="folder for recordings and report")
     p.add_argument("--seed", type=int, help="repeat a demo: the seed chooses the withheld effect and the noise")
     p.add_argument("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)")
 
     p = verb("check", _check, "connect to each instrument: identity, rate, age, limits", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
-    p.add_argument("--move", action="store_true", help="try each actuator by a little: is it what rig.yaml says?")
-    p.add_argument("--yes", action="store_true", help="with --move: nobody is in reach, do not ask")
+    p.add_argument("--move", action="store_true", help="move each actuator a little and compare with rig.yaml")
+    p.add_argument("--yes", action="store_true", help="with --move: do not ask; nobody is within reach")
     p.add_argument(
         "--seconds", type=float, default=2.0, help="host seconds over which stream rates and losses are counted"
     )
@@ -191,9 +191,9 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one parameter")
         if name == "run":
             p.add_argument("--out", type=Path, help="folder for the recording (default: this one)")
-            p.add_argument("--resume", type=Path, metavar="RUN", help="go on with a run that was broken off (.mcap)")
+            p.add_argument("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)")
 
-    p = verb("safe", _safe, "vent, stop and un-jam, confirmed by reading back", reads=True)
+    p = verb("safe", _safe, "vent, stop and release the spine, confirmed by reading back", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
     p.add_argument("--clear", action="store_true", help="unlock the rig when everything is confirmed safe")
 
@@ -205,8 +205,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, default=0, help="seed of all noise")
     p.add_argument("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or an installed one")
     p.add_argument("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'")
-    p.add_argument("--firmware", default="10v20.0-R24", help="of an Alicat; before 6v00 it does not tell its unit")
-    p.add_argument("--unit", default="kPa", help="what an Alicat shows and takes, such as psi")
+    p.add_argument("--firmware", default="10v20.0-R24", help="of an Alicat; before 6v00 it does not report its unit")
+    p.add_argument("--unit", default="kPa", help="unit that an Alicat reads and accepts, such as psi")
     p.add_argument(
         "--swap", metavar="I,K", help="two channels whose hoses are exchanged, for `lab check --move` to find"
     )
@@ -221,7 +221,7 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("info", _info, "what a recording holds: streams, rates, losses, provenance, outcome", reads=True)
     p.add_argument("file", type=Path)
-    p = verb("runs", _runs, "the recordings of a folder tree, with outcome and losses", reads=True)
+    p = verb("runs", _runs, "list the recordings of a folder tree, with outcome and losses", reads=True)
     p.add_argument("folder", type=Path)
     p.add_argument("--since", default="", metavar="DATE", help="from this date or time on (UTC)")
     p.add_argument("--protocol", default="", help="only runs of this protocol")

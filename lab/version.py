@@ -36,7 +36,7 @@ def source() -> dict[str, str]:
     }
 
 
-def told() -> str:
+def version_text() -> str:
     """For people: version, and where it comes from a checkout the commit."""
     git = source()
     if not git["commit"]:

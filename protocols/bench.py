@@ -88,9 +88,9 @@ class Bench:
     narrator: Narrator
     stopping: Callable[[], bool]
     """True once a person asked to finish the present step and end."""
-    mendable: Callable[[InstrumentError], bool]
+    recoverable: Callable[[InstrumentError], bool]
     """Whether a person can put right what an instrument complains of, without losing what was measured."""
-    mend: Callable[[InstrumentError], None]
+    recover: Callable[[InstrumentError], None]
     """Vent and stop, have a person put right what is wrong, and be ready to go on; raises the cause when it stays."""
     chambers: ChamberMap
     stand: StandFrame | None = None

@@ -60,7 +60,7 @@ class Bending(Parameters):
     settle: Settle = Settle()
 
     @classmethod
-    def usual(cls, robot: RobotFacts) -> dict[str, Any]:
+    def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
         """Its tip mass; the first channel's chambers where the paper's group is not connected; no spine where there is none."""
         found: dict[str, Any] = {"tip_mass": robot.tip_mass}
         if not robot.spine:

@@ -28,9 +28,9 @@ class Elongation(Bending):
     unload: bool = False
 
     @classmethod
-    def usual(cls, robot: RobotFacts) -> dict[str, Any]:
+    def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
         """All chambers that are connected; no spine where there is none."""
-        found = super().usual(robot)
+        found = super().defaults_for(robot)
         return {**found, "chambers": sorted(c for group in robot.channels for c in group)} if robot.channels else found
 
 

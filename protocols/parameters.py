@@ -27,7 +27,7 @@ class Parameters(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
-    def usual(cls, robot: RobotFacts) -> dict[str, Any]:
+    def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
         """Values that fit a robot, of keys that a person has left out; where none is given here the default holds."""
         return {}
 

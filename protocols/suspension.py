@@ -29,6 +29,6 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
         except (Suspended, InstrumentError) as e:
             cause = e.cause if isinstance(e, Suspended) else e
             paused += 1
-            if paused > TRIES or not (isinstance(e, Suspended) or bench.mendable(cause)):
+            if paused > TRIES or not (isinstance(e, Suspended) or bench.recoverable(cause)):
                 raise cause from e
-            bench.mend(cause)
+            bench.recover(cause)

@@ -24,7 +24,7 @@ import numpy as np
 from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
 from lab.guard.instruments import ACTUATORS
-from lab.guard.rescue import land_anew
+from lab.guard.new_guard import make_safe_with_new_guard
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import write_rig
 from sim_fakes.rig import FakeRig
@@ -73,13 +73,16 @@ class Bench:
                 for name in (*OTHERS, "pressure"):
                     rig.actuators.open(name)
                 self._inflate()
-                told, ended = self._timed(rig.safe, state, failing, dead_units)
+                told, ended = self._timed(rig.make_safe, state, failing, dead_units)
                 self.fakes.switch.end()
         else:
             self._inflate()
             clock = RigClock(SPEED)
             told, ended = self._timed(
-                lambda: land_anew(file, clock, ACTUATORS, "bench", unlock=True), state, failing, dead_units
+                lambda: make_safe_with_new_guard(file, clock, ACTUATORS, "bench", unlock=True),
+                state,
+                failing,
+                dead_units,
             )
         return Trial(self.regulators, way, state, failing, dead_units, told, ended)
 

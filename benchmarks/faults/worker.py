@@ -31,13 +31,13 @@ class Told(Rig):
     ended = 0.0
     report = SafeReport()
 
-    def safe(self) -> SafeReport:
-        """See Rig.safe."""
+    def make_safe(self) -> SafeReport:
+        """See Rig.make_safe."""
         if not self.ended:
             self.ended = time.monotonic()
             self.line.send("landing")
             self.line.recv()
-        self.report = super().safe()
+        self.report = super().make_safe()
         return self.report
 
 

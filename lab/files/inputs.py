@@ -104,7 +104,7 @@ def clipped_note(table: Table) -> list[str]:
     if not states:
         return []
     named = ", ".join(states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
-    return [f"set-points were clipped by the rig's limits on the way to {len(states)} of {len(table)} states: {named}"]
+    return [f"set-points were clipped to the rig's limits before {len(states)} of {len(table)} states: {named}"]
 
 
 def _names(recordings: Sequence[Recording]) -> str:

@@ -56,7 +56,7 @@ class NotInstalled(InstrumentConfig):
     @field_validator("driver")
     @classmethod
     def _none(cls, driver: str) -> str:
-        raise ValueError("no driver of this kind is installed; docs/howto/driver.md tells how one is added")
+        raise ValueError("no driver of this kind is installed; see docs/howto/driver.md for how to add one")
 
 
 def _tables() -> dict[str, Any]:
@@ -236,7 +236,7 @@ class RigFile(Table):
         if operator == "console" or (operator.startswith("unix:/") and len(path.encode()) < LONGEST_SOCKET_PATH):
             return operator
         if operator.startswith("tcp:"):
-            raise ValueError("anybody on this computer could speak there; " + OPERATORS)
+            raise ValueError("anybody on this computer could connect there; " + OPERATORS)
         raise ValueError(OPERATORS)
 
     @property
@@ -265,7 +265,7 @@ def load_rig(path: Path) -> RigFile:
     return rig.model_copy(update={"robot": robot}).read_from(path.resolve())
 
 
-def load_rig_to_land(path: Path) -> tuple[RigFile, dict[str, str]]:
+def load_rig_to_make_safe(path: Path) -> tuple[RigFile, dict[str, str]]:
     """Read rig.yaml as far as a landing needs it: without its robot, and without instruments whose driver cannot be used.
 
     Returns the rig, and for each instrument that is left out why. Raises ConfigError.

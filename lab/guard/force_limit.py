@@ -38,11 +38,11 @@ class ForceLimit:
 
     def judge(self, sample: WrenchSample) -> None:
         """Take one sample."""
-        self._pulse.shout(FRESH, time.monotonic())
+        self._pulse.send(FRESH, time.monotonic())
         found = self._beyond(sample)
         self._over = self._over + 1 if found else 0
         if found and self._over >= AGREE:  # as long as it lasts: what the guard lets pass at rest must not move later
-            self._pulse.shout(*found)
+            self._pulse.send(*found)
 
     def _beyond(self, sample: WrenchSample) -> tuple[bytes, float] | None:
         """The kind of record and the value (N or N m) beyond its limit."""

@@ -65,7 +65,7 @@ class Guard:
         self.rig, self.clock, self.tell = rig, clock, tell
         self.latch = Latch(rig.path) if rig.path is not None else None
         self.despite_latch = despite_latch
-        self.judge = LimitMonitor(self.rig)
+        self.monitor = LimitMonitor(self.rig)
         self.own = Owned()
         for name in COMMANDS:
             config = getattr(self.rig.instruments, name)
@@ -88,7 +88,7 @@ class Guard:
         self._cause: InstrumentError | None = None
         self._landing_lock = threading.RLock()
         self._deciding = threading.Lock()
-        self._clip_told = 0.0
+        self._clip_logged = 0.0
         self._landed_at = -math.inf
         self._last = SafeReport()
         self._closed = False
@@ -117,8 +117,8 @@ class Guard:
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
         """One command of the program."""
         own: dict[str, Callable[[], Any]] = {
-            "safe": lambda: self.safe("asked for by the program", self.rig.safe.keep_vacuum),
-            "pause": lambda: self.safe("pause", keep_vacuum=True),
+            "make_safe": lambda: self.make_safe("asked for by the program", self.rig.safe.keep_vacuum),
+            "pause": lambda: self.make_safe("pause", keep_vacuum=True),
             "resume": self.resume,
             "unlock": self.unlock,
         }
@@ -132,7 +132,7 @@ class Guard:
             raise ValueError(f"{name}.{method} is not a command of this rig")
         with self.own.locks[name]:
             if (name, method) == ("pressure", "vent"):
-                self.judge.vented()
+                self.monitor.vented()
             if (name, method) not in ENERGISING:
                 return getattr(self.own.drivers[name], method)(*args)
             self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
@@ -175,25 +175,27 @@ class Guard:
         return self._cause or RigLanded(f"the guard has landed the rig: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        allowed = self.judge.setpoints(pressures)
-        self.judge.told = None
+        allowed = self.monitor.setpoints(pressures)
+        self.monitor.setpoints_confirmed = None
         try:
             held: tuple[float, ...] = self.own.drivers["pressure"].set(allowed)
         except InstrumentError:
             if len(allowed) == self.own.drivers["pressure"].channels:
-                self.judge.may_have_taken(allowed)
+                self.monitor.may_have_taken(allowed)
             raise
-        self.judge.confirmed(held)
+        self.monitor.confirmed(held)
         now = time.monotonic()
         worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
-        if worst > CLIPPED and now - self._clip_told > LOG_EVERY:
-            self._clip_told = now
+        if worst > CLIPPED and now - self._clip_logged > LOG_EVERY:
+            self._clip_logged = now
             asked, got = (", ".join(f"{p / 1e3:.1f}" for p in ps) for ps in (pressures, held))
             self.tell(Event("clipped", f"pressure set-points clipped: asked {asked} kPa, set {got} kPa"))
         return held
 
     # -- landing
-    def safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
+    def make_safe(
+        self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0
+    ) -> SafeReport:
         """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
 
         What is not open is opened, trying for `reach` host seconds.
@@ -201,9 +203,9 @@ class Guard:
         with self._landing_lock:
             if self._closed:
                 return self._last
-            self.judge.vented()
+            self.monitor.vented()
             names = list(self.own.opened) if names is None else names
-            report = self._last = self.landing.land(names, keep_vacuum, reach)
+            report = self._last = self.landing.make_safe(names, keep_vacuum, reach)
             self._landed_at = time.monotonic()
             if self.latch is not None:
                 if self.energised or not report.confirmed:
@@ -220,7 +222,7 @@ class Guard:
         """Land by the guard's own decision, once, in a thread of its own; commands are refused from here on."""
 
         def go() -> None:
-            report = self.safe(why, self.rig.safe.keep_vacuum)
+            report = self.make_safe(why, self.rig.safe.keep_vacuum)
             self.tell(Event("landed", why, error, report))
 
         with self._deciding:
@@ -235,7 +237,7 @@ class Guard:
         with self._deciding:
             self.handed_over = by
             self.landed = self.landed or why
-        report = self.safe(why, self.rig.safe.keep_vacuum)
+        report = self.make_safe(why, self.rig.safe.keep_vacuum)
         self.tell(Event("landed", why, None, report))
         return report
 
@@ -271,15 +273,15 @@ class Guard:
                 sample: Any
                 try:
                     with self.own.locks[name]:
-                        sample = self._judge(name, self.own.drivers[name].read())  # before the next set-point is told
+                        sample = self._checked(name, self.own.drivers[name].read())  # before the next set-point is told
                 except InstrumentError as e:
                     sample = e
                 self.tell((name, sample))
             time.sleep(max(0.0, due - time.monotonic()))
 
-    def _judge(self, name: str, sample: Any) -> Any:
+    def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error that stands for one that is not acceptable."""
-        finding = self.judge.judge(name, sample)
+        finding = self.monitor.check(name, sample)
         if finding is None:
             return sample
         if finding.act == "pause":
@@ -311,7 +313,7 @@ class Guard:
         self.landed = self.landed or "the guard is ending"
         with self._landing_lock:
             if self.energised and time.monotonic() - self._landed_at > JUST_TRIED:
-                self.safe("the program ended", self.rig.safe.keep_vacuum)
+                self.make_safe("the program ended", self.rig.safe.keep_vacuum)
             self._closed = True  # a landing that another thread still wants has been done
         self.running = False
         closing = [

@@ -108,7 +108,7 @@ class Hosted:
                     raise NoReply(
                         self.name,
                         f"{method} did not come back within {within:g} s; its process was ended and the controller's watchdog "
-                        "stops the arm: look whether it stands, then open it again",
+                        "stops the arm: check that it stands still, then open it again",
                     )
                 ok, answer = line.recv()
             except (EOFError, OSError) as e:

@@ -80,7 +80,7 @@ class Landing:
         self._gauge_until = 0.0
         """Host time until which the valve waits for a gauge that is being opened."""
 
-    def land(self, names: Sequence[str], keep_vacuum: bool, reach: float = 0.0) -> SafeReport:
+    def make_safe(self, names: Sequence[str], keep_vacuum: bool, reach: float = 0.0) -> SafeReport:
         """Stop these instruments; returns when each is confirmed or its time is over. Never raises.
 
         Those that are not open are opened, trying for `reach` host seconds.
@@ -101,7 +101,7 @@ class Landing:
         give_up = time.monotonic() + reach + self._within + LEAST_TIME
         for thread in threads:
             thread.join(max(0.0, give_up - time.monotonic()))
-        hung = "its driver does not come back; stop it by hand"
+        hung = "its driver does not return; stop it by hand"
         return SafeReport(tuple(results.get(name, SafeStep(name, False, hung)) for name in order))
 
     def _open_gauge(self) -> None:
@@ -144,7 +144,7 @@ class Landing:
                 failed = "not reached" if not self._is_open(name) else "did not take the stop"
                 text = str(e) if taken else f"{failed}: {e}"
             if overtook and confirmed:
-                confirmed, text = False, f"{text}, but an earlier command does not come back"
+                confirmed, text = False, f"{text}, but an earlier command has not returned"
             if confirmed or time.monotonic() > deadline:
                 results[name] = SafeStep(name, confirmed, text)
                 return

@@ -1,6 +1,6 @@
-"""What the guard makes of commands and readings: set-points within the rig's limits, readings that can be true.
+"""Checks commands and readings against the rig's limits: set-points are clipped, readings outside the limits reported.
 
-A finding is "land" (the guard lands the rig at once) or "pause" (the experiment is told; it pauses and can go on).
+A finding calls for "land" (the guard lands the rig at once) or "pause" (the experiment pauses and can go on).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROUNDED = 2e3
 AGREE = 2
 """Readings that must agree that a set-point was lost."""
 SLACK = 0.01
-"""m beyond max_length that an encoder may show before the spine counts as run away."""
+"""m beyond max_length that an encoder may show before the spine counts as out of control."""
 
 
 class NotHeld(DeviceFault):
@@ -51,23 +51,23 @@ class LimitMonitor:
         lag = pressure.time_constant if pressure is not None else math.inf
         error, patience = self._limits.pressure_error, self._limits.pressure_error_time
         self._envelopes = [PressureEnvelope(lag, error, patience) for _ in self._sizes]
-        self.told: tuple[float, ...] | None = None
+        self.setpoints_confirmed: tuple[float, ...] | None = None
         """Set-points that the regulators confirmed last, Pa; None while they are not known."""
-        self._forgot = 0
+        self._lost_in_row = 0
 
     def confirmed(self, setpoints: Sequence[float]) -> None:
         """The regulators confirmed these set-points (Pa a channel)."""
-        self.told = tuple(setpoints)
+        self.setpoints_confirmed = tuple(setpoints)
         self.may_have_taken(setpoints)
 
     def may_have_taken(self, setpoints: Sequence[float]) -> None:
-        """The regulators were told these set-points (Pa a channel); whether each took its own is not known."""
+        """These set-points (Pa a channel) were sent; whether each regulator took its own is not known."""
         for envelope, setpoint in zip(self._envelopes, setpoints, strict=True):
             envelope.command(setpoint)
 
     def vented(self) -> None:
-        """All channels are being told zero; whether they confirm it is not this monitor's matter."""
-        self.told = None
+        """Zero is being sent to all channels; this monitor does not wait for their confirmation."""
+        self.setpoints_confirmed = None
         self.may_have_taken((0.0,) * len(self._envelopes))
 
     def setpoints(self, pressures: Sequence[float]) -> tuple[float, ...]:
@@ -78,14 +78,14 @@ class LimitMonitor:
         share = min(1.0, self._limits.max_total_pressure / total) if total > 0 else 1.0
         return tuple(p * share for p in pressures)
 
-    def judge(self, name: str, sample: Any) -> Finding | None:
+    def check(self, name: str, sample: Any) -> Finding | None:
         """The first thing that is wrong with a reading."""
         if isinstance(sample, PressureSample):
             return self._pressure(name, sample)
         if isinstance(sample, GaugeSample):
             lowest = STANDARD_AMBIENT - self._limits.max_vacuum
             if not math.isfinite(sample.absolute) or sample.absolute < lowest:
-                return _land(
+                return _landing(
                     name,
                     f"{sample.absolute / 1e3:.1f} kPa absolute is beyond limits.max_vacuum (lowest {lowest / 1e3:.1f} kPa); "
                     "turn the supply down",
@@ -93,9 +93,9 @@ class LimitMonitor:
         if isinstance(sample, SpineSample) and sample.homed:
             most = self._rig.instruments.spine.max_length + SLACK if self._rig.instruments.spine else math.inf
             if not -SLACK <= sample.length <= most:
-                return _land(
+                return _landing(
                     name,
-                    f"length {sample.length * 1e3:.1f} mm is outside of {-SLACK * 1e3:.0f} to {most * 1e3:.0f} mm; "
+                    f"length {sample.length * 1e3:.1f} mm is outside {-SLACK * 1e3:.0f} to {most * 1e3:.0f} mm; "
                     "check drum and encoder, then home it",
                 )
         return None
@@ -107,9 +107,9 @@ class LimitMonitor:
         highest = pressure.max_pressure + self._limits.pressure_error
         for channel, p in enumerate(sample.measured, 1):
             if not math.isfinite(p):
-                return _land(name, f"channel {channel} measures {p} Pa; check the regulator's sensor")
+                return _landing(name, f"channel {channel} measures {p} Pa; check the regulator's sensor")
             if p > highest:
-                return _land(
+                return _landing(
                     name,
                     f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; vent by hand, check "
                     "the regulator",
@@ -117,45 +117,46 @@ class LimitMonitor:
         total = sum(p * n for p, n in zip(sample.measured, self._sizes, strict=True))
         most = self._limits.max_total_pressure + self._limits.pressure_error * sum(self._sizes)
         if total > most:
-            return _land(
+            return _landing(
                 name,
-                f"the chambers hold {total / 1e3:.0f} kPa in sum, limits.max_total_pressure is "
+                f"the chambers' pressures sum to {total / 1e3:.0f} kPa, limits.max_total_pressure is "
                 f"{self._limits.max_total_pressure / 1e3:.0f} kPa; check the regulators",
             )
-        return self._forgotten(name, sample) or self._holds(name, sample)
+        return self._setpoint_lost(name, sample) or self._holds(name, sample)
 
-    def _forgotten(self, name: str, sample: PressureSample) -> Finding | None:
+    def _setpoint_lost(self, name: str, sample: PressureSample) -> Finding | None:
         """A regulator that holds another set-point than it confirmed has restarted, or has a second master."""
+        known = self.setpoints_confirmed or sample.setpoint
         off = [
-            (channel, told, held)
-            for channel, (told, held) in enumerate(zip(self.told or sample.setpoint, sample.setpoint, strict=True), 1)
-            if abs(told - held) > ROUNDED
+            (channel, confirmed, held)
+            for channel, (confirmed, held) in enumerate(zip(known, sample.setpoint, strict=True), 1)
+            if abs(confirmed - held) > ROUNDED
         ]
-        self._forgot = self._forgot + 1 if off else 0
-        if self._forgot < AGREE:
+        self._lost_in_row = self._lost_in_row + 1 if off else 0
+        if self._lost_in_row < AGREE:
             return None
-        channel, told, held = off[0]
-        return _land(
+        channel, confirmed, held = off[0]
+        return _landing(
             name,
-            f"channel {channel} was told {told / 1e3:.1f} kPa and holds {held / 1e3:.1f} kPa: it has restarted (power lost?) or "
-            "is told otherwise (front panel, second program); check its supply",
+            f"channel {channel} was set to {confirmed / 1e3:.1f} kPa but its set-point is {held / 1e3:.1f} kPa: it restarted "
+            "(power lost?) or something else sets it (front panel, second program); check its supply",
         )
 
     def _holds(self, name: str, sample: PressureSample) -> Finding | None:
         """Whether each channel follows its own set-point, whatever the others do."""
         channels = enumerate(zip(self._envelopes, sample.setpoint, sample.measured, strict=True), 1)
-        astray = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
-        if not astray:
+        deviating = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
+        if not deviating:
             return None
-        p, asked, channel = max(astray, key=lambda found: found[0] - found[1])  # one too high calls for more
+        p, asked, channel = max(deviating, key=lambda found: found[0] - found[1])  # one too high calls for more
         text = (
-            f"channel {channel} measures {p / 1e3:.1f} kPa, told {asked / 1e3:.1f} kPa, and has not followed for "
+            f"channel {channel} measures {p / 1e3:.1f} kPa at a set-point of {asked / 1e3:.1f} kPa and has not followed for "
             f"{self._limits.pressure_error_time:g} s"
         )
         if p < asked:
             return Finding("pause", NotHeld(name, f"{text}; supply low, leak or burst chamber: check and repair"))
-        return _land(name, f"{text}; the regulator does not let off: shut the supply and vent by hand")
+        return _landing(name, f"{text}; the regulator does not vent: shut the supply and vent by hand")
 
 
-def _land(name: str, text: str) -> Finding:
+def _landing(name: str, text: str) -> Finding:
     return Finding("land", DeviceFault(name, text))

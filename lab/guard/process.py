@@ -84,7 +84,7 @@ class ProgramWatch(threading.Thread):
                 guard.land("the program ended")
                 return
             if guard.energised and now - heard > guard.rig.safe.heartbeat:
-                guard.land(f"no sign of life from the program for {now - heard:.1f} s")
+                guard.land(f"no heartbeat from the program for {now - heard:.1f} s")
             if self._requests is not None and (request := self._requests.take()) is not None:
                 threading.Thread(target=self._give_up, args=(request,), name="takeover", daemon=True).start()
             if now > beat_back:
@@ -142,7 +142,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     try:
         guard.take_over()
     except (RigLocked, OSError) as e:
-        known = e if isinstance(e, RigLocked) else RigLocked(f"latch and journal cannot be kept: {e}")
+        known = e if isinstance(e, RigLocked) else RigLocked(f"cannot write latch and journal: {e}")
         commands.send((0, False, known))
         return 1
     commands.send((0, True, None))

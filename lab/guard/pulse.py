@@ -1,7 +1,7 @@
-"""The protocol's sign of life, and what it may shout: fixed records on a pipe that nothing else uses.
+"""The protocol's heartbeat and urgent messages: fixed records on a pipe that nothing else uses.
 
 A thread sends a beat every 0.1 s with the time since the experiment last moved on. A frozen process sends none; a hung
-experiment is told by that time. A stop is one record too, so that a signal handler or a sensor's thread can send it
+experiment shows in that time. A stop is one record too, so that a signal handler or a sensor's thread can send it
 without waiting for anything: records are written whole and never mix.
 """
 
@@ -30,9 +30,9 @@ class Pulse:
         os.set_blocking(pipe, False)
         self._pipe = pipe
         self.awake = Awake()
-        """Time that this process was awake: what a silence, or a step that takes long, is measured on."""
+        """Clock that runs only while this process is awake; silences and long steps are measured on it."""
         self._last = self.awake.now
-        self._held = 0
+        self._waits = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._beat, name="pulse", daemon=True)
         self._thread.start()
@@ -43,21 +43,21 @@ class Pulse:
 
     @property
     def waiting(self) -> bool:
-        """True while a person is waited for."""
-        return self._held > 0
+        """True while the protocol waits for a person."""
+        return self._waits > 0
 
     @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Waiting for a person: takes as long as it takes."""
-        self._held += 1
+    def waiting_for_person(self) -> Iterator[None]:
+        """While this is entered the guard does not count the time as a hang."""
+        self._waits += 1
         try:
             yield
         finally:
-            self._held -= 1
+            self._waits -= 1
             self.mark()
 
-    def shout(self, kind: bytes, value: float) -> None:
-        """Send one record now; never waits, never raises. The guard lands when the pipe breaks or falls silent anyway."""
+    def send(self, kind: bytes, value: float) -> None:
+        """Send one record now; never waits, never raises. If the pipe breaks or falls silent the guard lands the rig anyway."""
         with contextlib.suppress(OSError):
             os.write(self._pipe, RECORD.pack(kind, value))
 
@@ -70,7 +70,7 @@ class Pulse:
     def _beat(self) -> None:
         while not self._ended.wait(PERIOD):
             now = self.awake.look()
-            self.shout(BEAT, 0.0 if self._held else now - self._last)
+            self.send(BEAT, 0.0 if self._waits else now - self._last)
 
 
 class Listener:

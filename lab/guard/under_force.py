@@ -46,11 +46,11 @@ class UnderForce:
     ) -> None:
         """`begin` does what starts a motion, unless the rig was landed; `tell` logs; `fail`: the arm does not stop."""
         self._arm, self._limits = arm, limits
-        self._begin, self._tell, self._fail = begin, tell, fail
+        self._begin, self._log, self._fail = begin, tell, fail
         self._arrivals: deque[float] = deque(maxlen=FLOW)
         self._turn = threading.Lock()
         self._goal: Call | None = None
-        self._waits = self._told = False
+        self._waits = self._reported = False
         self._stood = 0.0
         """Host seconds that motions stood still for, less those they moved for."""
         self._under_way = threading.Event()
@@ -64,7 +64,7 @@ class UnderForce:
     def move_to(self, *motion: Any) -> None:
         """See Arm.move_to; while no samples flow the motion waits for them, and is checked and begun then."""
         with self._turn:
-            self._goal, self._waits, self._told = motion, not self._flows(), False
+            self._goal, self._waits, self._reported = motion, not self._flows(), False
             self._under_way.set()
             if self._waits:
                 self._say(self._longest())
@@ -87,7 +87,7 @@ class UnderForce:
                     "force",
                     f"the arm stood still for {self._stood:.1f} s on its way, since samples came later than "
                     f"limits.max_age_in_motion = {self._limits.max_age_in_motion:g} s; check the sensor's cable and "
-                    "adapter, and what else keeps the computer busy",
+                    "adapter, and the load on the computer",
                 )
             if self._flows():
                 self._waits = False
@@ -176,9 +176,9 @@ class UnderForce:
 
     def _say(self, late: float) -> None:
         """One line for a motion, however often it waits."""
-        if not self._told:
-            self._told = True
-            self._tell(
+        if not self._reported:
+            self._reported = True
+            self._log(
                 f"force: no sample for {late * 1e3:.0f} ms, limits.max_age_in_motion is "
                 f"{self._limits.max_age_in_motion * 1e3:.0f} ms: the arm waits until samples flow again"
             )

@@ -65,7 +65,7 @@ class Actuators:
         self._silent = BEATS_MISSED * rig.safe.heartbeat
         self._lock = threading.RLock()
         self._numbers = itertools.count(1)
-        self.asked: dict[str, float] = {}
+        self.last_command: dict[str, float] = {}
         """Host time at which the last command to each instrument ended: no reading comes while it works."""
         self._commands, theirs = Pipe()
         self._samples, their_samples = Pipe(duplex=False)
@@ -114,7 +114,7 @@ class Actuators:
                 return self._answer(number, f"{name}.{method}", ANSWER_WITHIN)
             finally:
                 self.pulse.mark()
-                self.asked[name] = time.monotonic()
+                self.last_command[name] = time.monotonic()
 
     def _answer(self, number: int, what: str, within: float) -> Any:
         """The answer to command `number`; answers to commands whose callers were interrupted are dropped."""
@@ -173,16 +173,18 @@ class Actuators:
             self._process.kill()
 
     def _lost(self, during: str) -> ActuatorsLost:
-        return ActuatorsLost(f"the guard of the actuators is lost during {during}: {self.lost}; vent and stop by hand")
+        return ActuatorsLost(
+            f"the process that guards the actuators was lost during {during}: {self.lost}; vent and stop by hand"
+        )
 
     def open(self, name: str) -> Identity:
         """Connect one instrument."""
         identity: Identity = self.call(name, "open")
         return identity
 
-    def safe(self) -> SafeReport:
+    def make_safe(self) -> SafeReport:
         """Bring all actuators into the safe state and read it back."""
-        report: SafeReport = self.call("", "safe")
+        report: SafeReport = self.call("", "make_safe")
         return report
 
     def pause(self) -> SafeReport:

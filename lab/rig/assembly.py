@@ -26,7 +26,7 @@ from ..guard.force_limit import ForceLimit
 from ..guard.instruments import ACTUATORS
 from ..guard.landing import SafeReport
 from ..guard.messages import Event
-from ..guard.rescue import rescue
+from ..guard.new_guard import make_safe_after_loss
 from . import actuators as act
 from . import operator as op
 from .hosted_stream import HostedArmState
@@ -64,7 +64,7 @@ class Rig:
         self._lock = threading.Lock()
         instruments = file.instruments
         self.chambers = wiring(file, robot)
-        self.actuators = act.Actuators(file, self.clock, self._polled, self._told, despite_latch)
+        self.actuators = act.Actuators(file, self.clock, self._polled, self._guard_event, despite_latch)
         self.streams: dict[str, Any] = {}
         self.sensors: dict[str, MessageType] = {}
         """The messages of the lab's own sensors, by instrument."""
@@ -88,7 +88,7 @@ class Rig:
         if name.startswith(SENSORS):
             self.sensors[name] = sensor(name.removeprefix(SENSORS), driver.quantities)
         sink = functools.partial(self._take, name)
-        self.streams[name] = driver.make(name, config, self.clock, sink, self._noticed)
+        self.streams[name] = driver.make(name, config, self.clock, sink, self._driver_notice)
 
     @property
     def names(self) -> list[str]:
@@ -155,7 +155,7 @@ class Rig:
         self.vital.heard[name] = time.monotonic()
         self._take(name, sample)
 
-    def _told(self, event: Event) -> None:
+    def _guard_event(self, event: Event) -> None:
         """What the guard says by itself."""
         if event.kind == "landed":
             self.vital.landed = event
@@ -164,7 +164,7 @@ class Rig:
         if event.kind in ("landed", "clipped", "waiting"):
             _warn(self._recorder, event.text)
 
-    def _noticed(self, text: str) -> None:
+    def _driver_notice(self, text: str) -> None:
         with self._lock:
             self.notices.append(text)
             recorder = self._recorder
@@ -200,8 +200,8 @@ class Rig:
             operator=operator,
             narrator=narrator,
             stopping=stopping,
-            mendable=self.watch.mendable,
-            mend=Recovery(self.actuators, self.watch, operator, self.file.limits, say),
+            recoverable=self.watch.recoverable,
+            recover=Recovery(self.actuators, self.watch, operator, self.file.limits, say),
             chambers=self.chambers,
             stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
             if stand
@@ -218,12 +218,12 @@ class Rig:
         )
 
     # -- the end
-    def safe(self) -> SafeReport:
+    def make_safe(self) -> SafeReport:
         """Bring the actuators into the safe state, confirmed by reading back; by a new guard when the first is lost."""
         try:
-            return self.actuators.safe()
+            return self.actuators.make_safe()
         except act.ActuatorsLost:
-            return rescue(self.file, self.clock, [n for n in ACTUATORS if n in self.identities])
+            return make_safe_after_loss(self.file, self.clock, [n for n in ACTUATORS if n in self.identities])
 
     def close(self) -> None:
         """Land safe and disconnect everything; never raises."""

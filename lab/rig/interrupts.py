@@ -46,7 +46,7 @@ class Interrupts:
         self._pressed += 1 if number == signal.SIGINT else 2
         if self._pressed >= 2 and not self.now:
             self.now = True
-            self._pulse.shout(SIGNAL, float(number))
+            self._pulse.send(SIGNAL, float(number))
             if self._pulse.waiting:
                 raise KeyboardInterrupt
         elif self._pressed == 1:

@@ -126,7 +126,7 @@ def _above(
 def _pressures(pressures: Sequence[float], rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
     highest = max(pressures)
     if robot.max_pressure is not None:
-        remedy = "ask for less: the robot bears no more"
+        remedy = "ask for less: the robot withstands no more"
         yield from _above(highest, "Pa", "max_pressure", robot.max_pressure, rig.robot, remedy=remedy)
     regulators = rig.instruments.pressure
     if regulators is None:

@@ -40,7 +40,7 @@ def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
     said = f"{gone} of {total} samples were lost" if gone else f"No sample was lost; {total} were recorded"
     if anew:
         said += f"; streams began anew {anew} times (their numbers went back), what was lost then is not known"
-    return f"{said}. Gaps are intervals longer than two and a half usual ones.", HEAD, rows
+    return f"{said}. A gap is an interval longer than 2.5 times the usual one.", HEAD, rows
 
 
 def _row(stream: StreamInfo) -> list[str]:

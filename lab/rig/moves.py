@@ -1,7 +1,7 @@
-"""`lab check --move`: each actuator is tried by a little, and other instruments say whether it did what it was told.
+"""`lab check --move`: each actuator is moved a little, and other instruments show whether it did what was commanded.
 
-A regulator's own reading cannot show that its range or its hoses are not those of rig.yaml: it agrees with itself. The tip
-can: which way it goes tells the chambers, how far tells the pressure, both held against the rod model of robot.yaml.
+A regulator's own reading cannot show that its range or its hoses differ from rig.yaml. The tip can: its direction shows the
+chambers, its distance the pressure, both compared with the rod model of robot.yaml.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ RATE = 5e3
 """Pa/s."""
 FRAMES = 200
 """Of the tip that are averaged: 0.3 mm of camera noise becomes 0.03 mm in a difference."""
-SEEN = 0.3e-3
-"""m; a tip that should move less than this sideways is not judged."""
-LEAST, MOST, NOISE = 0.7, 1.45, 0.1e-3
-"""Shares of the expected way that a tip may go, for the model's sake, and m for the cameras'. The ranges of ITVs are further
+LEAST_VISIBLE = 0.3e-3
+"""m; smaller expected displacements are not evaluated."""
+LEAST_RATIO, MOST_RATIO, NOISE = 0.7, 1.45, 0.1e-3
+"""Least and largest ratio of measured to expected displacement, and m of camera noise. The ranges of ITVs are further
 apart (100, 500, 900 kPa)."""
-ASIDE = math.radians(25)
-"""By which the way may differ in direction; a neighbour of nine chambers is 40 deg off."""
-SPINE_WAY, ARM_WAY = 10e-3, 5e-3
+MOST_ANGLE = math.radians(25)
+"""Largest angle between measured and expected direction; the next of nine chambers is 40 deg off."""
+SPINE_TRAVEL, ARM_TRAVEL = 10e-3, 5e-3
 """m that spine and arm are moved."""
 ARM_SPEED, ARM_ACCELERATION, ARRIVED = 0.01, 0.1, 1e-3
 """m/s, m/s^2, and m by which the arm's own state may differ from where it was sent."""
@@ -60,7 +60,7 @@ WITHIN = 30.0
 class Expected:
     """Where the tip should go from its place at rest: (3,) m in the base frame for each channel, for 1 Pa."""
 
-    ways: tuple[Array, ...]
+    displacements: tuple[Array, ...]
 
 
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
@@ -73,10 +73,10 @@ def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
         ("spine", bench.spine, lambda: _spine(bench, rig)),
         ("arm", bench.arm, lambda: _arm(bench, rig)),
     ]
-    ways = _expected(bench, robot) if bench.pressure is not None else Expected(())
+    displacements = _expected(bench, robot) if bench.pressure is not None else Expected(())
     for channel, group in enumerate(bench.chambers.channels):
         name = f"pressure channel {channel + 1} (chambers {', '.join(map(str, group))})"
-        trials.append((name, bench.pressure, lambda c=channel: _channel(bench, rig, ways, c)))  # type: ignore[misc]
+        trials.append((name, bench.pressure, lambda c=channel: _channel(bench, rig, displacements, c)))  # type: ignore[misc]
     for name, instrument, trial in trials:
         if instrument is None:
             continue
@@ -90,8 +90,8 @@ def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
             return
 
 
-class NotAsTold(ProtocolError):
-    """An actuator moved, but not as it was told."""
+class NotAsCommanded(ProtocolError):
+    """An actuator moved, but not as commanded."""
 
 
 def _valve(bench: Bench) -> str:
@@ -100,7 +100,7 @@ def _valve(bench: Bench) -> str:
     if gauge is None:
         valve.set(True)
         valve.set(False)
-        return "switched on and off, by its own read-back; no gauge says what the spine has of it"
+        return "switched on and off, by its own read-back; without a gauge the vacuum in the spine is unknown"
     ambient = release(bench, Jam())
     valve.set(True)
 
@@ -116,12 +116,12 @@ def _valve(bench: Bench) -> str:
 def _spine(bench: Bench, rig: RigFile) -> str:
     unit, config = bench.need(bench.spine, "spine"), rig.instruments.spine
     if bench.valve is None or bench.gauge is None:
-        return "not moved: without valve and gauge nothing says that it is not jammed"
+        return "not moved: without valve and gauge the spine may still be jammed"
     home(bench)
-    most = config.max_length if config is not None else SPINE_WAY
-    way = min(SPINE_WAY, most)
+    most = config.max_length if config is not None else SPINE_TRAVEL
+    displacement = min(SPINE_TRAVEL, most)
     motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed if config is not None else math.inf))
-    grow(bench, way, motion)
+    grow(bench, displacement, motion)
     there = unit.read().length
     grow(bench, 0.0, motion)
     return f"homed, to {there * 1e3:.1f} mm and back to {unit.read().length * 1e3:.1f} mm"
@@ -133,10 +133,12 @@ def _arm(bench: Bench, rig: RigFile) -> str:
     low, high = (config.workspace_min, config.workspace_max) if config is not None else ((-9.0,) * 3, (9.0,) * 3)
     outside = [f"{a} = {x:.3f} m" for a, x, lo, hi in zip("xyz", start, low, high, strict=False) if not lo <= x <= hi]
     if outside:
-        raise NotAsTold(f"arm: its tool is at {', '.join(outside)}, outside its workspace; bring it inside by hand")
+        raise NotAsCommanded(
+            f"arm: its tool is at {', '.join(outside)}, outside its workspace; bring it inside by hand"
+        )
     middle = [(lo + hi) / 2 for lo, hi in zip(low, high, strict=True)]
     goal = list(start)
-    goal[2] += math.copysign(ARM_WAY, middle[2] - start[2])
+    goal[2] += math.copysign(ARM_TRAVEL, middle[2] - start[2])
     speed, acceleration = ARM_SPEED, ARM_ACCELERATION
     if config is not None:
         speed, acceleration = min(speed, config.max_speed), min(acceleration, config.max_acceleration)
@@ -149,7 +151,7 @@ def _arm(bench: Bench, rig: RigFile) -> str:
             lambda aim=aim: True if math.dist(state.latest().tcp_pose[:3], aim) < ARRIVED else None,  # type: ignore[misc]
             WITHIN,
         )
-    return f"{ARM_WAY * 1e3:g} mm along z and back"
+    return f"{ARM_TRAVEL * 1e3:g} mm along z and back"
 
 
 # ------------------------------------------------------------------ pressure
@@ -167,53 +169,53 @@ def _expected(bench: Bench, robot: Robot) -> Expected:
     return Expected(tuple((tip - tips.tip[0]) / STEP for tip in tips.tip[1:]))
 
 
-def _channel(bench: Bench, rig: RigFile, ways: Expected, channel: int) -> str:
+def _channel(bench: Bench, rig: RigFile, displacements: Expected, channel: int) -> str:
     """One channel, from empty to 5 kPa and back."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
-    way = ways.ways[channel] if ways.ways else None
-    rest = _tip(bench) if way is not None else None
+    displacement = displacements.displacements[channel] if displacements.displacements else None
+    rest = _tip(bench) if displacement is not None else None
     before = _pressures(bench)
     config = rig.instruments.pressure
     if config is not None and config.widest is not None and config.full_scale < config.widest:
         # It cannot be asked for its range. So much that even the widest one stays below 5 kPa goes first.
-        told = STEP * config.full_scale / config.widest
-        _inflate(bench, channel, told, before)
-        if way is not None and rest is not None:
-            _judge(_tip(bench) - rest, way * told, told, least=0.0)
+        pressure = STEP * config.full_scale / config.widest
+        _inflate(bench, channel, pressure, before)
+        if displacement is not None and rest is not None:
+            _compare(_tip(bench) - rest, displacement * pressure, pressure, least=0.0)
     _inflate(bench, channel, STEP, before)
     seen = "its own reading agrees, the others stay"
-    if way is None or rest is None:
-        seen += "; no cameras, or no model of these chambers, to see range and hoses by"
-    elif math.hypot(*way[:2]) * STEP < SEEN:
-        seen += "; the tip should not go sideways, so range and hoses were not seen"
+    if displacement is None or rest is None:
+        seen += "; without cameras, or without a model of these chambers, range and hoses are not checked"
+    elif math.hypot(*displacement[:2]) * STEP < LEAST_VISIBLE:
+        seen += "; the tip should not move sideways, so range and hoses are not checked"
     else:
         moved = _tip(bench) - rest
-        _judge(moved, way * STEP, STEP, LEAST)
-        seen += f", and the tip went {math.hypot(*moved[:2]) * 1e3:.1f} mm the right way"
+        _compare(moved, displacement * STEP, STEP, LEAST_RATIO)
+        seen += f", and the tip moved {math.hypot(*moved[:2]) * 1e3:.1f} mm in the right direction"
     vent(bench)
     return seen
 
 
-def _inflate(bench: Bench, channel: int, told: float, before: Array) -> None:
-    """Ramp one channel to a pressure (Pa); NotAsTold when its reading does not get there, or another moves."""
+def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None:
+    """Ramp one channel to a pressure (Pa); NotAsCommanded when its reading does not get there, or another moves."""
     channels = len(bench.chambers.channels)
-    ramp(bench, [told if c == channel else 0.0 for c in range(channels)], RATE)
+    ramp(bench, [pressure if c == channel else 0.0 for c in range(channels)], RATE)
     wanted = before * 0.0
-    wanted[channel] = told
+    wanted[channel] = pressure
     bench.wait(
-        f"pressure: channel {channel + 1} at {told / 1e3:.1f} kPa by its own reading",
-        lambda: True if abs(_pressures(bench)[channel] - told) < AGREE else None,
+        f"pressure: channel {channel + 1} at {pressure / 1e3:.1f} kPa by its own reading",
+        lambda: True if abs(_pressures(bench)[channel] - pressure) < AGREE else None,
         WITHIN,
     )
     bench.pause(REST)
     off = _pressures(bench) - np.where(np.arange(channels) == channel, 0.0, before) - wanted
     for other, by in enumerate(off, 1):
         if abs(by) > AGREE:
-            raise NotAsTold(
-                f"pressure: channel {other} moves by {by / 1e3:.1f} kPa when channel {channel + 1} is told "
-                f"{told / 1e3:.1f} kPa, limit {AGREE / 1e3:g} kPa; look for a hose between them"
+            raise NotAsCommanded(
+                f"pressure: channel {other} moves by {by / 1e3:.1f} kPa when channel {channel + 1} is set to "
+                f"{pressure / 1e3:.1f} kPa, limit {AGREE / 1e3:g} kPa; look for a hose between them"
             )
 
 
@@ -223,28 +225,28 @@ def _pressures(bench: Bench) -> Array:
     return np.mean([regulators.read().measured for _ in range(5)], axis=0)  # type: ignore[no-any-return]
 
 
-def _judge(moved: Array, expected: Array, told: float, least: float) -> None:
-    """Hold the tip's way (m) against the model's; NotAsTold when direction or size is another."""
+def _compare(moved: Array, expected: Array, pressure: float, least: float) -> None:
+    """Compare the tip's displacement (m) with the model's; NotAsCommanded when direction or size is another."""
     size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
-    if size > MOST * should + NOISE:
-        raise NotAsTold(
-            f"pressure: told {told / 1e3:.1f} kPa the tip goes {size * 1e3:.1f} mm, {should * 1e3:.1f} mm are expected: the "
-            "regulator gives more than it says; correct full_scale (or unit) in rig.yaml, else area_factor and "
+    if size > MOST_RATIO * should + NOISE:
+        raise NotAsCommanded(
+            f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
+            "regulator delivers more than it reads; correct full_scale (or unit) in rig.yaml, else area_factor and "
             "youngs_modulus in robot.yaml"
         )
-    if should < SEEN or least == 0:
+    if should < LEAST_VISIBLE or least == 0:
         return
     if size < least * should - NOISE:
-        raise NotAsTold(
-            f"pressure: told {told / 1e3:.1f} kPa the tip goes {size * 1e3:.1f} mm, {should * 1e3:.1f} mm are expected: the "
-            "regulator gives less than it says, or its hose is off; correct full_scale (or unit) in rig.yaml, else "
+        raise NotAsCommanded(
+            f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
+            "regulator delivers less than it reads, or its hose is off; correct full_scale (or unit) in rig.yaml, else "
             "area_factor and youngs_modulus in robot.yaml"
         )
     angle = math.acos(max(-1.0, min(1.0, float(moved[:2] @ expected[:2]) / (size * should))))
-    if angle > ASIDE:
-        raise NotAsTold(
-            f"pressure: the tip goes {math.degrees(math.atan2(moved[1], moved[0])):.0f} deg about the axis, "
-            f"{math.degrees(math.atan2(expected[1], expected[0])):.0f} deg are expected: other chambers are inflated; look for "
+    if angle > MOST_ANGLE:
+        raise NotAsCommanded(
+            f"pressure: the tip moves towards {math.degrees(math.atan2(moved[1], moved[0])):.0f} deg about the axis, "
+            f"{math.degrees(math.atan2(expected[1], expected[0])):.0f} deg expected: other chambers are inflated; look for "
             "exchanged hoses, ports or unit letters, or correct chambers (or mocap_to_base) in rig.yaml"
         )
 

@@ -33,7 +33,7 @@ LONGEST_ANSWER = 65536
 
 
 class Console:
-    """Asks the person to prepare and waits for Enter; where nobody can type, says what it takes for granted."""
+    """Asks the person to prepare and waits for Enter; without a terminal, assumes that it is prepared and says so."""
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare."""
@@ -42,7 +42,7 @@ class Console:
             f"chamber pattern turned by {setup.roll_deg:g} deg; vacuum supply at {setup.vacuum / 1e3:g} kPa below ambient."
         )
         if not sys.stdin.isatty():
-            out.print("(not a terminal: taken as prepared)")
+            out.print("(not a terminal: assumed to be prepared)")
             return
         if input("Enter when ready, q to stop: ").strip().lower() == "q":
             raise Stopped("not prepared; nothing moved")
@@ -51,8 +51,8 @@ class Console:
         """See Operator.confirm; where nobody can type, nobody can confirm."""
         out.print(f"Paused, vented and stopped: {trouble}")
         if not sys.stdin.isatty():
-            raise Stopped(f"paused: {trouble}; nobody is there to put it right (not a terminal)")
-        if input("Enter when it is put right and nobody is in the cell, q to stop: ").strip().lower() == "q":
+            raise Stopped(f"paused: {trouble}; nobody can fix it (not a terminal)")
+        if input("Enter when it is fixed and nobody is in the cell, q to stop: ").strip().lower() == "q":
             raise Stopped(f"stopped during a pause: {trouble}")
 
 

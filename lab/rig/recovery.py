@@ -28,17 +28,17 @@ class PatientOperator:
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare."""
-        with self._pulse.held():
+        with self._pulse.waiting_for_person():
             self._operator.prepare(setup)
 
     def confirm(self, trouble: str) -> None:
         """See Operator.confirm."""
-        with self._pulse.held():
+        with self._pulse.waiting_for_person():
             self._operator.confirm(trouble)
 
 
 class Recovery:
-    """What `Bench.mend` does."""
+    """What `Bench.recover` does."""
 
     def __init__(
         self, actuators: Actuators, watch: Watch, operator: Operator, limits: Limits, say: Callable[[str], None]

@@ -118,7 +118,7 @@ class Watch:
             elif name in self._streams:
                 self._stream(name, now, strict)
 
-    def mendable(self, error: InstrumentError) -> bool:
+    def recoverable(self, error: InstrumentError) -> bool:
         """Whether a person can put right what an instrument complains of: an arm that its own safety system holds, a
         pressure that is not held."""
         if error.instrument == "pressure":
@@ -136,7 +136,7 @@ class Watch:
         error = self._vital.errors.get(name)
         if isinstance(error, DeviceFault):
             raise error
-        age = now - max(self._began, self._vital.heard.get(name, 0.0), self._actuators.asked.get(name, 0.0))
+        age = now - max(self._began, self._vital.heard.get(name, 0.0), self._actuators.last_command.get(name, 0.0))
         if age > self._limits.max_age:
             raise error or StaleReading(
                 name, f"no reading for {age:.1f} s, limits.max_age is {self._limits.max_age:g} s; check its line"

@@ -83,10 +83,12 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
     if yes:
         return robot
     if not sys.stdin.isatty():
-        raise ConfigError("--move: nobody can be asked (not a terminal); add --yes when nobody is in reach of the rig")
+        raise ConfigError(
+            "--move: cannot ask for confirmation (not a terminal); add --yes when nobody is within reach of the rig"
+        )
     out.print(
         f"This inflates each channel to {STEP / 1e3:g} kPa, homes the spine and moves it by 1 cm, opens the valve and moves the "
-        f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, and nobody be in reach."
+        f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, with nobody within reach."
     )
     if input("yes to go on: ").strip().lower() not in ("y", "yes"):
         raise Stopped("not confirmed; nothing moved")
@@ -102,7 +104,7 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
     def tell(result: Moved) -> None:
         seen.append(result)
         if not as_json:
-            out.print(f"  {result.what}: {'as told' if result.ok else 'NOT AS TOLD'}: {result.text}")
+            out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
     with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
         now = rig.clock.now()
@@ -126,7 +128,7 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
         except (ProtocolError, KeyboardInterrupt) as e:
             tell(Moved("check", False, str(e) or "stopped at once by the person at the rig"))
         finally:
-            report = rig.safe()
+            report = rig.make_safe()
             rig.record_to(None)
             recorder.close("completed", "")
     tell(Moved("safe state", report.confirmed, str(report)))

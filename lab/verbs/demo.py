@@ -130,7 +130,9 @@ def _model_warming_up() -> Iterator[Callable[[], None]]:
 
     def ready() -> None:
         if any(process.poll() is None for process in beside):
-            out.print("\nThe model is still being compiled for this computer, once; a minute at most on a usual one.")
+            out.print(
+                "\nThe model is still being compiled for this computer; this happens once and takes about a minute."
+            )
         for process in beside:
             process.wait()
 

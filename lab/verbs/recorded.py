@@ -77,17 +77,17 @@ def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_js
                 )
         table = joined(tables(recordings))
         export_case(first, folder, table)
-        _told([folder / "robot.yaml", folder / "trials.csv"], as_json, table)
+        _report([folder / "robot.yaml", folder / "trials.csv"], as_json, table)
         return 0
     written: list[Path] = []
     for recording in recordings:
         place = folder / recording.path.stem if len(files) > 1 else folder
         written += export_streams(recording, place, "parquet" if parquet else "csv")
-    _told(written, as_json)
+    _report(written, as_json)
     return 0
 
 
-def _told(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
+def _report(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
     if as_json:
         clipped = {} if table is None else {"clipped": len(table.clipped)}
         print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
@@ -138,9 +138,9 @@ def replay(file: Path, as_json: bool) -> int:
         for line in result.differences[:20]:
             out.print(line)
         word = (
-            "equal to the live run's to the last bit"
+            "bit-identical to the live run's"
             if result.equal
             else f"{len(result.differences)} differ from the live run's"
         )
-        out.print(f"{result.replayed} rows concluded again, {word}; sha256 {digest}")
+        out.print(f"{result.replayed} rows recomputed, {word}; sha256 {digest}")
     return 0 if result.equal else 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from recordings.file.recover import recover as rescue
+from recordings.file.recover import recover as recovered
 from recordings.file.verify import verify as inspect
 
 from ..console import out
@@ -26,15 +26,15 @@ def verify(file: Path, as_json: bool) -> int:
         out.print(f"and {len(v.problems) - SHOWN} more; --json prints all")
     found = f"{v.chunks} chunks, {v.messages} messages, {v.checksums} checksums compared"
     if v.ok:
-        out.print(f"{file} is what was written: {found}")
+        out.print(f"{file} is intact: {found}")
     else:
-        out.print(f"{file} is NOT what was written ({found}); `lab recover {file}` keeps all that can be read")
+        out.print(f"{file} is DAMAGED ({found}); `lab recover {file}` keeps all that can be read")
     return 0 if v.ok else 3
 
 
 def recover(file: Path, target: Path | None, as_json: bool) -> int:
     """Write what can be read to a new file; 3 when anything was lost."""
-    r = rescue(file, target)
+    r = recovered(file, target)
     if as_json:
         print(json.dumps(r.to_dict(), indent=1))
         return 0 if r.complete else 3
@@ -46,7 +46,7 @@ def recover(file: Path, target: Path | None, as_json: bool) -> int:
     for topic, n in r.lost.items():
         out.print(f"  {topic}: {n} messages are missing")
     if r.nameless:
-        out.print(f"  {r.nameless} messages of topics that nothing in the file describes any more")
+        out.print(f"  {r.nameless} messages of topics whose description is lost")
     if not r.finished:
-        out.print("The recording ended abruptly: what was in memory then (0.2 s at most) never reached the file.")
+        out.print("The recording ended abruptly: up to 0.2 s of data in memory was never written.")
     return 3

@@ -73,7 +73,7 @@ def job(
     experiment = _experiment(name, own, source.name)
     values = {k: v for k, v in table.items() if k != "protocol"}
     known = _known(rig, robot)
-    values = {**experiment.parameters.usual(known), **values}
+    values = {**experiment.parameters.defaults_for(known), **values}
     parameters = check(Source(source.name, values, source.lines), experiment.parameters)
     if not known.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
@@ -192,7 +192,7 @@ def run(
         raise ConfigError("name a protocol, or --resume a run")
     own = Path(protocol) if broken is not None and protocol is not None and protocol.endswith(".py") else None
     if broken is not None and ((protocol is not None and own is None) or settings or folder is not None):
-        raise ConfigError("--resume goes on with the protocol, settings and folder of the run: leave them out")
+        raise ConfigError("--resume continues with the protocol, settings and folder of the run: leave them out")
     j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, own)
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
@@ -294,7 +294,7 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
             error, outcome = e, "failed"
         if interrupts.now:
             error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
-        report = _land(rig, screen)
+        report = _make_safe(rig, screen)
         rig.record_to(None)
         for topic, n in rig.lost().items():
             _note_lost(recorder, topic, lost_before.get(topic, 0), n)
@@ -331,9 +331,9 @@ def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[s
     return {topic: c.lost + c.dropped for topic, c in counts.items() if c.lost + c.dropped}
 
 
-def _land(rig: Rig, screen: Screen) -> bool:
+def _make_safe(rig: Rig, screen: Screen) -> bool:
     try:
-        report = rig.safe()
+        report = rig.make_safe()
     except Exception as e:  # noqa: BLE001
         screen.say(f"safe state: {e}")
         return False

@@ -1,6 +1,6 @@
-"""`lab safe`: vent, stop and un-jam whatever can be reached, confirmed by reading back; `--clear` unlocks the rig then.
+"""`lab safe`: vent, stop and release whatever can be reached, confirmed by reading back; `--clear` then unlocks the rig.
 
-A run that is going is not waited for: its guard lands the rig at once, and for good, and says here what it read back.
+A run in progress is ended: its guard lands the rig at once and reports here what it read back.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from pathlib import Path
 
 from ..console import err, out, styled
 from ..files.clock import RigClock
-from ..files.rig_file import RigFile, load_rig_to_land
+from ..files.rig_file import RigFile, load_rig_to_make_safe
 from ..guard.instruments import ACTUATORS
 from ..guard.landing import SafeReport, SafeStep
 from ..guard.latch import Entry, Latch
-from ..guard.rescue import land_anew
+from ..guard.new_guard import make_safe_with_new_guard
 from ..guard.takeover import Requests
 from ..rig.interrupts import Shielded
 from ..rig.real_time import at_real_speed
@@ -26,7 +26,7 @@ ANSWER_WITHIN = 30.0
 
 def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
-    rig, missing = load_rig_to_land(rig_path)
+    rig, missing = load_rig_to_make_safe(rig_path)
     file, told = at_real_speed(rig)
     if told:
         err.print(told)
@@ -35,7 +35,7 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
         SafeStep(name, False, f"{why}; make it safe by hand") for name, why in missing.items() if name in ACTUATORS
     )
     with Shielded():
-        report = _land(file, latch, clear and not beyond)
+        report = _make_safe(file, latch, clear and not beyond)
     if beyond:
         report = SafeReport((*report.steps, *beyond))
         latch.write(f"safe state not confirmed after: lab safe. {report}")
@@ -56,14 +56,14 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     return 0 if report.confirmed and locked is None else 1
 
 
-def _land(file: RigFile, latch: Latch, clear: bool) -> SafeReport:
+def _make_safe(file: RigFile, latch: Latch, clear: bool) -> SafeReport:
     """By the guard of the run that is going; by this process where there is none, or where it does not answer."""
     names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
     if latch.owned() and file.path is not None:
         report = Requests(file.path).ask(ANSWER_WITHIN)
         if report is not None:
             return report
-    return land_anew(file, RigClock(file.clock.speed), names, "lab safe", unlock=clear)
+    return make_safe_with_new_guard(file, RigClock(file.clock.speed), names, "lab safe", unlock=clear)
 
 
 def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> tuple[str, str]:

@@ -17,7 +17,7 @@ from ..files.config import ConfigError
 def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: bool) -> int:
     """List them, oldest first; `spine` in m."""
     if not folder.is_dir():
-        raise ConfigError(f"{folder}: is no folder")
+        raise ConfigError(f"{folder}: is not a folder")
     try:
         datetime.fromisoformat(since or "2000-01-01")
     except ValueError:
@@ -39,5 +39,5 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
         if run.outcome == "unreadable":
             out.print(f"{run.path}: {run.detail}")
         elif run.outcome == "abrupt" and not run.detail:
-            out.print(f"{run.path}: was never finished; `lab recover` makes a whole file of what can be read")
+            out.print(f"{run.path}: was never finished; `lab recover` writes a complete file from what can be read")
     return 0

@@ -111,7 +111,9 @@ def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
 ) -> None:
     fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=told, max_pressure=100e3)
     code, seen = checked(rig, capsys)
-    assert code == 1 and any("gives more than it says; correct full_scale" in m.text for m in seen.values()), told(seen)
+    assert code == 1 and any("delivers more than it reads; correct full_scale" in m.text for m in seen.values()), told(
+        seen
+    )
     assert highest(fakes) <= 5e3 * 1.1 and not place(rig).exists()
 
 
@@ -119,7 +121,7 @@ def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
 def test_an_itv_that_gives_less_than_it_says_is_caught(start: Start, capsys: pytest.CaptureFixture[str]) -> None:
     _, rig = start(Regulators("smc_itv", full_scale=500e3), full_scale=900e3)
     code, seen = checked(rig, capsys)
-    assert code == 1 and any("gives less than it says" in m.text for m in seen.values()), told(seen)
+    assert code == 1 and any("delivers less than it reads" in m.text for m in seen.values()), told(seen)
 
 
 @pytest.mark.long

@@ -138,7 +138,7 @@ def test_a_recording_of_other_software_is_described_and_verified(
     told = json.loads(capsys.readouterr().out)
     assert all(stream["timing"]["count"] == 30 for stream in told["streams"].values()) and len(told["streams"]) > 1
     assert main(["verify", str(path)]) == 0
-    assert "is what was written" in " ".join(capsys.readouterr().out.split())
+    assert "is intact" in " ".join(capsys.readouterr().out.split())
 
 
 def test_losses_of_a_driver_that_was_opened_again_count_from_then_on() -> None:

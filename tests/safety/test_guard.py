@@ -133,7 +133,7 @@ def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(sm
     inflate(rig, small)
     os.kill(rig.actuators.pid, signal.SIGKILL)
     small.fakes.lines["pressure"].faults.extra["dead"] = "B"
-    report = rig.safe()
+    report = rig.make_safe()
     (step,) = [s for s in report.steps if s.instrument == "pressure"]
     assert not step.confirmed and "B" in step.text
     assert {s.instrument for s in report.steps if s.confirmed} == {"spine", "valve"}
@@ -166,7 +166,7 @@ def test_an_unconfirmed_landing_locks_the_rig_and_clearing_needs_a_confirmed_one
 ) -> None:
     inflate(rig, small)
     small.fakes.switch.begin("pressure", "silence")
-    report = rig.safe()
+    report = rig.make_safe()
     assert {s.instrument for s in report.steps if not s.confirmed} == {"pressure"}
     rig.close()
     assert "pressure NOT CONFIRMED" in small.latch.read_text()
@@ -188,7 +188,7 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
         guard.do("valve", "set", (True,))
         assert small.latch.exists()
         guard.close()
-        report = guard.safe("the program ended", keep_vacuum=False)
+        report = guard.make_safe("the program ended", keep_vacuum=False)
         assert report.confirmed and not small.latch.exists()
     finally:
         guard.close()
@@ -211,7 +211,7 @@ def test_waiting_for_a_person_is_no_hang(small: House) -> None:
     with Rig(load_rig(small.rig)) as rig:
         rig.open_all(lambda name, outcome: None)
         inflate(rig, small)
-        with rig.actuators.pulse.held():
+        with rig.actuators.pulse.waiting_for_person():
             time.sleep(3.0)
         rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
 
@@ -299,7 +299,7 @@ def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
         with pytest.raises(InstrumentError, match="SIGSEGV"):
             rig.actuators.call("arm", "moving")
         rig.actuators.call("valve", "set", True)
-        report = rig.safe()  # the arm is looked at from outside
+        report = rig.make_safe()  # the arm is looked at from outside
         assert report.confirmed and {s.instrument for s in report.steps} == {"arm", "pressure", "spine", "valve"}
 
 
@@ -314,7 +314,7 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
         assert until(lambda: not rig.streams["arm_state"].latest().program_running)
         with pytest.raises(DeviceFault, match="protective stop"):
             rig.actuators.resume()
-        assert rig.safe().confirmed and not house.latch.exists()
+        assert rig.make_safe().confirmed and not house.latch.exists()
 
 
 def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_the_others_stop(
         house.fakes.switch.begin(name, "silence")
     if "arm" in failing:
         assert until(lambda: stale(drivers["arm"]))
-    report = landing_of(drivers, Safe(within=1.0), 20.0).land(ACTUATORS, keep_vacuum=False)
+    report = landing_of(drivers, Safe(within=1.0), 20.0).make_safe(ACTUATORS, keep_vacuum=False)
     house.fakes.switch.end()
     assert {s.instrument: s.confirmed for s in report.steps} == {n: n not in failing for n in ACTUATORS}, report
     assert report.confirmed is (not failing)
@@ -85,7 +85,7 @@ def test_nothing_open_is_safe_and_says_so() -> None:
 
 def test_the_vacuum_is_kept_when_the_policy_says_so(house: House, drivers: dict[str, Any]) -> None:
     drivers["valve"].set(True)
-    report = landing_of(drivers, Safe(), 20.0).land(ACTUATORS, keep_vacuum=True)
+    report = landing_of(drivers, Safe(), 20.0).make_safe(ACTUATORS, keep_vacuum=True)
     assert report.confirmed and "valve" not in {s.instrument for s in report.steps}
     assert house.fakes.plant.valve_on
     drivers["valve"].set(False)
@@ -118,7 +118,9 @@ def test_stops_are_sent_in_the_order_of_the_policy(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
     told: list[str] = []
     names = ("valve", "spine", "pressure", "arm")
-    report = landing_of({n: Refusing(n, told) for n in names}, Safe(order=names, within=0.1), 200.0).land(names, False)
+    report = landing_of({n: Refusing(n, told) for n in names}, Safe(order=names, within=0.1), 200.0).make_safe(
+        names, False
+    )
     assert tuple(dict.fromkeys(told)) == names
     assert not report.confirmed and all("did not take the stop" in s.text for s in report.steps)
 
@@ -142,7 +144,7 @@ def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.Mo
         vent = stop
 
     drivers = {n: {"valve": Hanging, "arm": Last}.get(n, Refusing)(n, told) for n in names}
-    landing_of(drivers, Safe(order=names), 20.0).land(names, False)
+    landing_of(drivers, Safe(order=names), 20.0).make_safe(names, False)
     assert set(told) == set(names), "the first comes back only after the last was told"
 
 
@@ -175,7 +177,9 @@ def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> 
     instruments = Instruments({"arm": Arm(), "pressure": Regulators(), "gauge": object()}, opened, open_one)
     reports: list[SafeReport] = []
     landing_ = Landing(Safe(), instruments, 20.0)
-    thread = threading.Thread(target=lambda: reports.append(landing_.land(ACTUATORS[:2], False, 60.0)), daemon=True)
+    thread = threading.Thread(
+        target=lambda: reports.append(landing_.make_safe(ACTUATORS[:2], False, 60.0)), daemon=True
+    )
     thread.start()
     assert told.wait(30.0) and until(lambda: opened == ["pressure"], 30.0)
     assert thread.is_alive()
@@ -206,7 +210,7 @@ def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
             spine.moving = True  # here it comes
         return False
 
-    report = landing_of({"spine": spine}, Safe(), 20.0, busy).land(["spine"], keep_vacuum=False)
+    report = landing_of({"spine": spine}, Safe(), 20.0, busy).make_safe(["spine"], keep_vacuum=False)
     assert report.confirmed and spine.stops == 3 and not spine.moving
 
 
@@ -219,5 +223,5 @@ def test_a_command_that_does_not_come_back_keeps_the_landing_unconfirmed() -> No
             return SpineSample(0.0, 0.1, 0.0, 0.1, False, True)
 
     landed = landing_of({"spine": Spine()}, Safe(within=0.1), 200.0, lambda name: True)
-    report = landed.land(["spine"], keep_vacuum=False)
-    assert not report.confirmed and "does not come back" in str(report)
+    report = landed.make_safe(["spine"], keep_vacuum=False)
+    assert not report.confirmed and "has not returned" in str(report)

@@ -35,9 +35,9 @@ def pressure(t: float, asked: float, measured: float) -> PressureSample:
 
 def steady(asked: float, measured: float, seconds: float) -> Finding | None:
     """The last finding of a steady set-point."""
-    judge, found = LimitMonitor(RIG), None
+    monitor, found = LimitMonitor(RIG), None
     for i in range(round(seconds / 0.5) + 1):
-        found = judge.judge("pressure", pressure(0.5 * i, asked, measured))
+        found = monitor.check("pressure", pressure(0.5 * i, asked, measured))
     return found
 
 
@@ -60,8 +60,10 @@ def test_a_pressure_that_is_held_is_fine() -> None:
 
 
 def test_a_pressure_that_lags_behind_a_ramp_is_fine() -> None:
-    judge = LimitMonitor(RIG)
-    assert [judge.judge("pressure", pressure(t, 25e3 * t, max(0.0, 25e3 * (t - 2)))) for t in range(10)] == [None] * 10
+    monitor = LimitMonitor(RIG)
+    assert [monitor.check("pressure", pressure(t, 25e3 * t, max(0.0, 25e3 * (t - 2)))) for t in range(10)] == [
+        None
+    ] * 10
 
 
 @pytest.mark.parametrize("measured", [0.0, 160e3])
@@ -73,23 +75,23 @@ def test_a_pressure_that_stays_below_its_setpoint_asks_for_a_pause(measured: flo
 
 def test_a_pressure_that_stays_above_its_setpoint_lands_the_rig() -> None:
     found = steady(0.0, 60e3, 6.0)
-    assert found is not None and found.act == "land" and "does not let off" in str(found.error)
+    assert found is not None and found.act == "land" and "does not vent" in str(found.error)
 
 
 @pytest.mark.parametrize("measured", [math.nan, math.inf, 340e3])
 def test_a_pressure_that_cannot_be_or_must_not_be_lands_the_rig_at_once(measured: float) -> None:
-    found = LimitMonitor(RIG).judge("pressure", pressure(0.0, 300e3, measured))
+    found = LimitMonitor(RIG).check("pressure", pressure(0.0, 300e3, measured))
     assert found is not None and found.act == "land" and isinstance(found.error, DeviceFault)
 
 
 def test_chambers_that_hold_too_much_in_sum_land_the_rig() -> None:
-    found = LimitMonitor(RIG).judge("pressure", PressureSample(0.0, (300e3,) * 3, (300e3,) * 3))
+    found = LimitMonitor(RIG).check("pressure", PressureSample(0.0, (300e3,) * 3, (300e3,) * 3))
     assert found is not None and found.act == "land" and "sum" in str(found.error)
 
 
 @pytest.mark.parametrize(("absolute", "lands"), [(20e3, False), (5e3, True), (math.nan, True)])
 def test_a_vacuum_beyond_the_limit_lands_the_rig(absolute: float, lands: bool) -> None:
-    assert (LimitMonitor(RIG).judge("gauge", GaugeSample(0.0, absolute)) is not None) is lands
+    assert (LimitMonitor(RIG).check("gauge", GaugeSample(0.0, absolute)) is not None) is lands
 
 
 @pytest.mark.parametrize(
@@ -99,13 +101,13 @@ def test_a_spine_outside_of_its_range_lands_the_rig_once_its_zero_is_known(
     length: float, homed: bool, lands: bool
 ) -> None:
     sample = SpineSample(0.0, length, 0.0, length, False, homed)
-    assert (LimitMonitor(RIG).judge("spine", sample) is not None) is lands
+    assert (LimitMonitor(RIG).check("spine", sample) is not None) is lands
 
 
 def test_a_regulator_that_forgot_its_setpoint_lands_the_rig() -> None:
-    judge = LimitMonitor(RIG)
-    judge.confirmed((100e3, 0.0, 0.0))
-    found = [judge.judge("pressure", pressure(t, held, 0.0)) for t, held in ((0.0, 100e3), (0.1, 0.0), (0.2, 0.0))]
+    monitor = LimitMonitor(RIG)
+    monitor.confirmed((100e3, 0.0, 0.0))
+    found = [monitor.check("pressure", pressure(t, held, 0.0)) for t, held in ((0.0, 100e3), (0.1, 0.0), (0.2, 0.0))]
     assert found[:2] == [None, None]
     assert found[2] is not None and found[2].act == "land" and "restarted" in str(found[2].error)
 
@@ -157,11 +159,11 @@ def chamber(
 def test_no_sound_chamber_is_accused_in_any_sweep(
     rate: float, period: float, tau: float, hold: float, seed: int, levels: list[float]
 ) -> None:
-    judge = LimitMonitor(RIG)
+    monitor = LimitMonitor(RIG)
     assert RIG.instruments.pressure is not None and tau <= RIG.instruments.pressure.time_constant
     told = sweep(rate, tuple(levels), hold + 0.1)
     for t, asked, p in itertools.takewhile(lambda s: s[0] < 60.0, chamber(told, tau, period, 1e3, seed)):
-        assert judge.judge("pressure", pressure(t, asked, p)) is None
+        assert monitor.check("pressure", pressure(t, asked, p)) is None
 
 
 @settings(deadline=None, max_examples=20)
@@ -173,18 +175,18 @@ def test_no_sound_chamber_is_accused_that_is_read_seldom_and_told_often(
     seed: int, tau: float, commands: int, levels: list[float]
 ) -> None:
     """Several set-points between two readings, of which the readings show but the last."""
-    judge, rng, p, t = LimitMonitor(RIG), random.Random(seed), 0.0, 0.0
+    monitor, rng, p, t = LimitMonitor(RIG), random.Random(seed), 0.0, 0.0
     told = itertools.cycle(levels)
     for _ in range(80):
         for _ in range(rng.randint(1, commands)):
             setpoint = next(told)
-            judge.confirmed((setpoint, 0.0, 0.0))
+            monitor.confirmed((setpoint, 0.0, 0.0))
             wait = rng.uniform(0.05, 4.0)
             p, t = setpoint + (p - setpoint) * math.exp(-wait / tau), t + wait
         if rng.random() < 0.5:  # the last one has only just been told
             setpoint = next(told)
-            judge.confirmed((setpoint, 0.0, 0.0))
-        assert judge.judge("pressure", pressure(t, setpoint, p)) is None
+            monitor.confirmed((setpoint, 0.0, 0.0))
+        assert monitor.check("pressure", pressure(t, setpoint, p)) is None
 
 
 def test_a_slow_regulator_is_sound_when_rig_yaml_says_how_slow() -> None:
@@ -194,8 +196,8 @@ def test_a_slow_regulator_is_sound_when_rig_yaml_says_how_slow() -> None:
     rig = RIG.model_copy(update={"instruments": RIG.instruments.model_copy(update={"pressure": slow})})
     stream = [s for s, _ in zip(chamber(told, 4.0, 0.1, 1e3, 1), range(1200), strict=False)]
     for known, accused in ((rig, False), (RIG, True)):
-        judge = LimitMonitor(known)
-        assert any(judge.judge("pressure", pressure(*s)) is not None for s in stream) is accused
+        monitor = LimitMonitor(known)
+        assert any(monitor.check("pressure", pressure(*s)) is not None for s in stream) is accused
 
 
 @settings(deadline=None, max_examples=30)
@@ -207,7 +209,7 @@ def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
     rate: float, period: float, others: float, start: float, seed: int, level: float
 ) -> None:
     """Blocked at what it holds from `start` on, while the other two are ramped up and down without a pause."""
-    judge, rng = LimitMonitor(RIG), random.Random(seed)
+    monitor, rng = LimitMonitor(RIG), random.Random(seed)
     mine, theirs = sweep(rate, (level,), 8.0), sweep(others, (100e3,), 0.1)
     sound, other = chamber(mine, 0.25, period, 100.0, seed), chamber(theirs, 0.25, period, 100.0, seed)
     stuck, off_since = math.nan, math.inf
@@ -215,7 +217,7 @@ def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
         if t >= start and math.isnan(stuck):
             stuck = p
         shown = p if math.isnan(stuck) else stuck + rng.gauss(0.0, 100.0)
-        found = judge.judge("pressure", PressureSample(t, (asked, asked_too, 0.0), (shown, p_too, 0.0)))
+        found = monitor.check("pressure", PressureSample(t, (asked, asked_too, 0.0), (shown, p_too, 0.0)))
         if found is not None:
             assert t > start and "channel 1" in str(found.error)
             assert found.act == ("pause" if shown < asked else "land")
@@ -226,12 +228,12 @@ def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
 
 
 def test_a_leak_in_one_channel_is_told_while_the_others_never_stop_ramping() -> None:
-    judge, found = LimitMonitor(RIG), None
+    monitor, found = LimitMonitor(RIG), None
     theirs = sweep(25e3, (250e3,), 0.1)
     for i in range(140):
         t = 0.1 * i
         leaking = 200e3 if t < 2.0 else 150e3
-        found = judge.judge("pressure", PressureSample(t, (200e3, theirs(t), 0.0), (leaking, theirs(t - 0.3), 0.0)))
+        found = monitor.check("pressure", PressureSample(t, (200e3, theirs(t), 0.0), (leaking, theirs(t - 0.3), 0.0)))
         if found is not None:
             break
     assert found is not None and found.act == "pause" and "channel 1" in str(found.error)
@@ -239,7 +241,7 @@ def test_a_leak_in_one_channel_is_told_while_the_others_never_stop_ramping() -> 
 
 
 def test_of_two_channels_that_do_not_follow_the_one_that_holds_too_much_decides() -> None:
-    judge, found = LimitMonitor(RIG), None
+    monitor, found = LimitMonitor(RIG), None
     for i in range(120):
-        found = judge.judge("pressure", PressureSample(0.1 * i, (200e3, 0.0, 0.0), (0.0, 100e3, 0.0)))
+        found = monitor.check("pressure", PressureSample(0.1 * i, (200e3, 0.0, 0.0), (0.0, 100e3, 0.0)))
     assert found is not None and found.act == "land" and "channel 2" in str(found.error)

@@ -45,11 +45,11 @@ def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     house.change(without=("arm", "force"), limits={"max_hidden": 0.5})
     vented: list[float] = []
 
-    def mend(trouble: str) -> None:
+    def repair(trouble: str) -> None:
         vented.append(house.highest())
         house.fakes.switch.end()
 
-    house.fakes.on_confirm = mend
+    house.fakes.on_confirm = repair
     plant = house.fakes.plant
     during(
         lambda: plant.valve_on and float(plant.regulator.max()) > 100e3, lambda: house.fakes.accidents.begin(accident)

@@ -19,15 +19,17 @@ REACH_WITHIN = 8.0
 """Host seconds in which an actuator must let itself be opened; an earlier connection to the arm takes some to end."""
 
 
-def land_anew(file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool) -> SafeReport:
-    """Own the rig, open these actuators and land them; what cannot be reached is told so.
+def make_safe_with_new_guard(
+    file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool
+) -> SafeReport:
+    """Own the rig, open these actuators and make them safe; what cannot be reached is reported as not confirmed.
 
     `unlock` the rig when everything is confirmed. Raises RigLocked when another guard owns the rig.
     """
     guard = Guard(file, clock, despite_latch=True)
     guard.take_over()
     try:
-        report = guard.safe(why, file.safe.keep_vacuum, names, REACH_WITHIN)
+        report = guard.make_safe(why, file.safe.keep_vacuum, names, REACH_WITHIN)
         if unlock and report.confirmed:
             guard.unlock()
         return report
@@ -35,9 +37,9 @@ def land_anew(file: RigFile, clock: RigClock, names: Sequence[str], why: str, un
         guard.close()
 
 
-def rescue(file: RigFile, clock: RigClock, names: Sequence[str]) -> SafeReport:
+def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -> SafeReport:
     """Land a rig whose guard was lost; unlocks it when everything is confirmed."""
     try:
-        return land_anew(file, clock, names, "the guard was lost", unlock=True)
+        return make_safe_with_new_guard(file, clock, names, "the guard was lost", unlock=True)
     except RigLocked as e:
         return SafeReport((SafeStep("guard", False, str(e)),))
