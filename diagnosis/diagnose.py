@@ -1,6 +1,7 @@
 """The whole diagnosis of one case: pure, seeded, silent.
 
 from diagnosis.diagnose import diagnose
+
 answer = diagnose(case)          # case.robot, case.table
 answer.statement, answer.attribute.verdict, answer.to_json()
 """
@@ -42,7 +43,21 @@ class Options:
 
 
 def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
-    """Diagnose a case; raises `DiagnosisError` when the table, or the campaign held out, cannot be used at all."""
+    """Diagnose a case: where the gap lies, its most probable cause, how far it shrinks, and what to do next.
+
+    `case` has a robot and its table of trials. Raises `BadCase` or `BadHoldout` when the table, or the campaign held out,
+    cannot be used.
+
+    >>> from collections import namedtuple
+    >>> from pathlib import Path
+    >>> from model.robot import load_robot
+    >>> from recordings.table_file import read_csv
+    >>> case = namedtuple("Case", "robot table")(load_robot(Path("robot.yaml")), read_csv(Path("campaign/trials.csv")))
+    >>> one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
+    >>> answer = diagnose(case, Options(quantify=False, experiments=False, catalogue=one))
+    >>> answer.data.rows, answer.data.trials, answer.locate.of
+    (18, 6, 'tip')
+    """
     wanted = options or Options()
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None

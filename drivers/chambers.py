@@ -30,7 +30,7 @@ class ChamberMap:
                 if chamber in self._channel_of:
                     raise ValueError(
                         f"chamber {chamber} is named for channel {self._channel_of[chamber] + 1} and for channel "
-                        f"{channel + 1}; each chamber hangs on one channel"
+                        f"{channel + 1}; each chamber is fed by one channel"
                     )
                 self._channel_of[chamber] = channel
 

@@ -45,7 +45,7 @@ class PressureLimits:
             if not math.isfinite(pressure):
                 raise LimitExceeded(
                     self.name,
-                    f"channel {channel + 1}: {pressure} Pa is no pressure; give 0 to {self.max_pressure:g} Pa",
+                    f"channel {channel + 1}: {pressure} Pa is not a pressure; give 0 to {self.max_pressure:g} Pa",
                 )
         now = self._clock.now()
         step = self.max_rate * min(LONGEST_CREDIT, max(0.0, now - self._at))

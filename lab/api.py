@@ -46,7 +46,12 @@ Place = str | Path
 
 
 def load_robot(path: Place) -> Robot:
-    """The robot of a robot.yaml; numbers in it may carry units. Raises ConfigError."""
+    """The robot of a robot.yaml; numbers in it may carry units. Raises ConfigError.
+
+    >>> robot = load_robot("robot.yaml")
+    >>> robot.length, len(robot.chambers.azimuths_deg)
+    (0.4, 9)
+    """
     return load(Path(path), Robot)
 
 
@@ -54,12 +59,21 @@ def case(*inputs: Place, robot: Place | None = None) -> Case:
     """Recordings (.mcap) and case folders as one: `case.robot`, and `case.table` with a row a state.
 
     `robot`: a robot.yaml instead of the one in the input. Raises ConfigError, RecordingError.
+
+    >>> measured = case("campaign")
+    >>> len(measured.table), measured.table["x"].shape
+    (18, (18,))
     """
     return read_case([Path(place) for place in inputs], None if robot is None else Path(robot))
 
 
 def read(path: Place, truncated: bool = False) -> Recording:
-    """A recording: `stream("/tip")` as a structured array, `trials`, `metadata`. Raises RecordingError."""
+    """A recording: `stream("/tip")` as a structured array, `trials`, `metadata`. Raises RecordingError.
+
+    >>> recording = read("run.mcap")
+    >>> recording.outcome, recording.stream("/tip")["position"].shape
+    ('completed', (112, 3))
+    """
     return Recording.open(Path(path), truncated=truncated)
 
 
@@ -74,6 +88,10 @@ def predict(
 
     `pressures` (n, chambers) or (chambers,) Pa gauge; `spine_length` m, one or (n,); `tip_mass` kg, robot.yaml's unless
     given; `roll` rad of the body in its mount. Raises BadCondition.
+
+    >>> robot = load_robot("robot.yaml")
+    >>> predict(robot, [60e3, 60e3, 60e3, 0, 0, 0, 0, 0, 0]).round(2)
+    array([[-0.02, -0.02,  0.4 ]])
     """
     p = np.atleast_2d(np.asarray(pressures, float))
     n = len(p)
@@ -84,12 +102,22 @@ def predict(
 
 
 def fit(measured: Case) -> Calibration:
-    """Moduli from stiffness trials, area factors from tips; `.robot` has them. Raises ConfigError."""
+    """Moduli from stiffness trials, area factors from tips; `.robot` has them. Raises ConfigError.
+
+    >>> fitted = fit(case("campaign"))
+    >>> round(float(fitted.robot.area_factor_at(0.0)), 1)
+    1.5
+    """
     return calibrate(measured)
 
 
 def compare(measured: Case) -> Comparison:
-    """Every measured tip beside the one that the case's robot predicts. Raises ConfigError."""
+    """Every measured tip with the one that the case's robot predicts. Raises ConfigError.
+
+    >>> found = compare(case("campaign"))
+    >>> found.unsolved, found.table.rmse < 1e-3
+    (0, True)
+    """
     return comparison(measured)
 
 

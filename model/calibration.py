@@ -50,6 +50,15 @@ def fit_area_factor(
 
     `trial` (n,) lets the readings of a trial err together. Raises `NotIdentified` when the tips do not depend on
     the factor or it runs into its bounds, `SolveFailed` when a state has no equilibrium at the fitted value.
+
+    >>> from pathlib import Path
+    >>> from model.condition import conditions
+    >>> from model.robot import load_robot
+    >>> robot = load_robot(Path("robot.yaml"))
+    >>> states = conditions(robot, 0.1, [[p] * 3 + [0.0] * 6 for p in (40e3, 80e3)])
+    >>> tips = solve(robot.with_area_factor(1.1), states).tip
+    >>> round(fit_area_factor(robot, states, tips).factor.value, 3)
+    1.1
     """
     n = len(condition)
     measured = readings(n, tip=tip)["tip"]
@@ -98,7 +107,16 @@ def fit_body_modulus(
     force_sd: ArrayLike | None = None,
     trial: ArrayLike | None = None,
 ) -> Estimate:
-    """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 8."""
+    """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 8.
+
+    E = k L^3 / (3 I), k the slope of force over deflection (N/m). Raises `NotIdentified` where it cannot be determined.
+
+    >>> from pathlib import Path
+    >>> from model.robot import load_robot
+    >>> robot = load_robot(Path("robot.yaml"))
+    >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
+    True
+    """
     fit = fit_stiffness(deflection, force, force_sd, trial)
     return youngs_modulus(fit.slope, robot.length, body_second_moment(robot))
 

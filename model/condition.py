@@ -84,6 +84,12 @@ def conditions(
     """States of `robot` from numbers or arrays that broadcast over n; raises `BadCondition`.
 
     spine_length in m, pressure (..., chambers) in Pa gauge, tip_mass in kg (the robot's own when None), roll in rad.
+
+    >>> from pathlib import Path
+    >>> from model.robot import load_robot
+    >>> states = conditions(load_robot(Path("robot.yaml")), [0.0, 0.1, 0.2], [60e3] * 3 + [0.0] * 6)
+    >>> len(states), states.pressure.shape
+    (3, (3, 9))
     """
     p = np.atleast_2d(_floats("pressure", pressure))
     rows = {

@@ -156,7 +156,12 @@ class Robot(BaseModel):
         return found
 
     def area_factor_at(self, spine_length: ArrayLike) -> Array:
-        """A_effect / A_norm at spine length (m): linear between table entries, the end entries beyond them."""
+        """A_effect / A_norm at spine length (m): linear between table entries, constant beyond them.
+
+        >>> robot = load_robot(Path("robot.yaml")).with_area_factor({0.0: 1.0, 0.2: 1.4})
+        >>> robot.area_factor_at([0.1, 0.3])
+        array([1.2, 1.4])
+        """
         factor = self.area_factor
         table = factor if isinstance(factor, dict) else {0.0: factor}
         return np.interp(np.asarray(spine_length, float), *_sorted(table))
@@ -176,7 +181,11 @@ def robot_from_dict(data: Mapping[str, Any]) -> Robot:
 
 
 def load_robot(path: Path) -> Robot:
-    """Read a robot.yaml written in SI numbers; raises `BadRobot` naming the file and every field that is wrong."""
+    """Read a robot.yaml written in SI numbers; raises `BadRobot` naming the file and every field that is wrong.
+
+    >>> load_robot(Path("robot.yaml")).length
+    0.4
+    """
     if Path(path).exists() and not Path(path).is_file():
         raise BadRobot(f"{path}: is not a file: give the path of a robot.yaml")
     try:

@@ -79,7 +79,7 @@ def protocol_from_file(path: Path) -> Experiment:
     """The protocol of a Python file; raises `BadProtocol` when it cannot be run or holds none."""
     found = importlib.util.spec_from_file_location(f"softlab_protocol_{path.stem}", path)
     if found is None or found.loader is None or not path.is_file():
-        raise BadProtocol(f"{path}: is no Python file that can be read")
+        raise BadProtocol(f"{path}: is not a readable Python file")
     module = importlib.util.module_from_spec(found)
     sys.modules[found.name] = module  # where its annotations are looked up
     try:

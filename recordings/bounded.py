@@ -11,7 +11,7 @@ def read_bounded(path: str | os.PathLike[str], most: int, error: type[Exception]
     """The bytes of a regular file of `most` bytes at most; raises `error` for any other."""
     path = Path(path)
     if "\0" in str(path):
-        raise error(f"{str(path)!r}: is no name of a file")
+        raise error(f"{str(path)!r}: is not a file name")
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise error(f"{path}: is not a file")
@@ -20,5 +20,5 @@ def read_bounded(path: str | os.PathLike[str], most: int, error: type[Exception]
     except OSError as problem:
         raise error(f"{path}: cannot be read ({problem.strerror}); check the path") from problem
     if len(data) > most:
-        raise error(f"{path}: has more than {most / 1e6:g} MB, which no sensible file of this kind has")
+        raise error(f"{path}: has more than {most / 1e6:g} MB, too large for a file of this kind")
     return data

@@ -119,7 +119,7 @@ class TrialRow:
         given: dict[str, Any] = dict(cells)
         for name, value in given.items():
             if not _fits(name, value):
-                raise BadTable(f"{name}: {repr(value)[:80]} cannot stand in this column")
+                raise BadTable(f"{name}: {repr(value)[:80]} is not allowed in this column")
         plain = {name: given[name] for name in (*HEAD, *TAIL) if name in given}
         plain["clipped"] = bool(given.get("clipped", 0))
         places = [order for name in given if (order := column_order(name)) is not None]
@@ -179,7 +179,12 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of trials. `table["x"]` is a numpy column: NaN (or an empty text) where a row has no value."""
+    """Rows of trials. `table["x"]` is a numpy column: NaN (or an empty text) where a row has no value.
+
+    >>> row = TrialRow(1, 1, "bending", 1, "load", 0.0, 0.1, (60e3, 0.0, 0.0), tip=(-0.02, 0.0, 0.39))
+    >>> Table((row,))["p1"], Table((row,)).columns[-3:]
+    (array([60000.]), ('x', 'y', 'z'))
+    """
 
     rows: tuple[TrialRow, ...]
     ignored: tuple[str, ...] = ()

@@ -29,6 +29,7 @@ GROUPS = {
     "test_blind_bench.py": RODS,
     "test_diagnose_verb.py": RODS,
     "test_diagnosis_page.py": RODS,
+    "test_docstring_examples.py": RODS,
     "test_effects_verb.py": RODS,
     "test_paper.py": RODS,
     "test_paper_findings.py": RODS,

@@ -164,7 +164,13 @@ class Diagnosis:
 
     @classmethod
     def from_json(cls, text: str) -> Diagnosis:
-        """Read diagnosis.json; raises `BadCase` when it is none."""
+        """Read diagnosis.json; raises `BadCase` when it is not one.
+
+        >>> Diagnosis.from_json("{}")
+        Traceback (most recent call last):
+        ...
+        diagnosis.errors.BadCase: not a diagnosis/1 file: KeyError 'schema'
+        """
         try:
             data = read_json(text)
             if data["schema"] != SCHEMA:

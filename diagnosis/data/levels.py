@@ -21,7 +21,11 @@ STEP = 0.4
 
 
 def levels(values: Array, gap: float) -> Ints:
-    """Number of each value's level: sorted values further than `gap` apart belong to different levels."""
+    """Number of each value's level: sorted values further than `gap` apart belong to different levels.
+
+    >>> levels(np.array([0.1, 50.2, 0.0, 49.9]), 3.0)
+    array([0, 1, 0, 1])
+    """
     order = np.argsort(values, kind="stable")
     out = np.empty(len(values), np.int64)
     out[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])

@@ -235,12 +235,17 @@ class Search:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
         extended: dict[tuple[Hypothesis, bool], Candidate] = {}
         for parent in parents:
+            children = self._children(parent)
+            if not children:
+                continue
             around = parent.fit if parent.with_tolerances else self._with_all_derivatives(parent.fit)
             with_form_error = self._with_form_error(parent.named, around, parent.with_tolerances)
-            for named, c in self._weigh_around(with_form_error, self._children(parent), parent.with_tolerances).items():
+            for named, c in self._weigh_around(with_form_error, children, parent.with_tolerances).items():
                 key = (named, parent.with_tolerances)
                 if key not in extended or extended[key].log_evidence < c.log_evidence:
                     extended[key] = c
+        if not extended:
+            return []
         leading = sorted(extended.values(), key=lambda c: -c.laplace_log_evidence)
         refined = self._executor.map(lambda c: self._refined(c, 2), leading[:follow], *shares)
         followed = {(c.named, c.with_tolerances): c for c in refined}

@@ -249,7 +249,7 @@ class Alicat:
         else:
             if self.config.unit is None:
                 raise wrong(
-                    f"has firmware {firmware}, which does not tell its unit of measure",
+                    f"has firmware {firmware}, which does not report its unit of measure",
                     f"write what its display shows in rig.yaml: instruments.{self.name}.unit: one of {', '.join(UNITS)}",
                 )
             self._untried.add(self._units.index(unit))

@@ -349,7 +349,7 @@ class DynamixelSpine:
         elif watchdog != self._watchdog_raw:
             self._fault = (
                 f"its bus watchdog was set to {watchdog * table.WATCHDOG_UNIT:g} s by another host, it should be "
-                f"{self._config.watchdog:g} s; disconnect that one, then call stop() to set it anew"
+                f"{self._config.watchdog:g} s; disconnect that one, then call stop() to reset it"
             )
         velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
         return _State(self._clock.now(), counts, velocity_counts, current * self._ampere)
@@ -410,7 +410,7 @@ class DynamixelSpine:
         elif longer < -self._config.homing_tolerance:
             self._end_stop = None
             self._fault = (
-                f"found the end stop {-longer:.3f} m beyond where an earlier run met it: lengths since then are wrong "
+                f"found the end stop {-longer:.3f} m beyond where an earlier run found it: lengths since then are wrong "
                 "by that much; discard them and home() again"
             )
         else:

@@ -109,7 +109,7 @@ class FT300S:
             raise Unreachable(
                 self.name,
                 f"{identity.model} {identity.serial} on {self.config.port} took the command to stream, but sent no "
-                f"whole frame within {FIRST_FRAME_WITHIN:g} s; power-cycle it and check the cable",
+                f"complete frame within {FIRST_FRAME_WITHIN:g} s; power-cycle it and check the cable",
             )
         return identity
 
@@ -231,7 +231,7 @@ class FT300S:
             raise WrongDevice(
                 self.name,
                 f"device {DEVICE_ID} on {self.config.port} has no registers {first} to {first + count - 1} ({answer}); "
-                "it is no FT 300-S, check the port in rig.yaml",
+                "it is not an FT 300-S, check the port in rig.yaml",
             )
         return list(answer.registers)
 

@@ -65,7 +65,7 @@ class NumatoValve:
                 raise Unreachable(self.name, e.message) from e
             except BadReply as e:
                 self._line.close()
-                raise WrongDevice(self.name, f"{self._config.port} is no Numato relay module: {e.message}") from e
+                raise WrongDevice(self.name, f"{self._config.port} is not a Numato relay module: {e.message}") from e
             except InstrumentError:
                 self._line.close()
                 raise
@@ -87,7 +87,7 @@ class NumatoValve:
             if state != on:
                 raise DeviceFault(
                     self.name,
-                    f"relay {self._relay} was told {_word(on)} and reads back {_word(state)}; check the module's "
+                    f"relay {self._relay} was switched {_word(on)} but reads back {_word(state)}; check the module's "
                     "supply and the relay number in rig.yaml",
                 )
             return state

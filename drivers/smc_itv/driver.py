@@ -85,7 +85,7 @@ class _Behind:
     """
 
     held: bool = False
-    told: bytes = b""
+    sent: bytes = b""
     """The set-point that went out last while it was held."""
     last: float = 0.0
     """When the line was last used, host time."""
@@ -298,12 +298,12 @@ class SmcItv:
                 state.last = now
             state.held = now - state.last < QUIET
             if state.held:
-                if request.startswith(b"SET") and request != state.told:
-                    state.told = request
+                if request.startswith(b"SET") and request != state.sent:
+                    state.sent = request
                     line.write(request + END)
                 raise NoReply(
                     self.name,
-                    f"answers on {self.config.ports[channel]} come late or not at all, and cannot be told apart until it "
+                    f"answers on {self.config.ports[channel]} are late or missing and cannot be matched to requests until it "
                     f"has been quiet for {QUIET:g} s; check its cable and adapter",
                 )
         line.flush()

@@ -276,7 +276,7 @@ class TmclSpine:
         elif found != deviation:
             self._fault = (
                 f"its deviation stop was set to {found} microsteps by another host, it should be {deviation}; disconnect "
-                "that one, then call stop() to set it anew"
+                "that one, then call stop() to reset it"
             )
         elif damage:
             self._lose_zero(f"motor driver: {', '.join(damage)}; check motor and cable")

@@ -61,7 +61,7 @@ class ControlThread:
         try:
             self._ready.result(CONNECT_TIMEOUT)
         except TimeoutError as error:
-            raise Unreachable(self.name, f"{self.host} let nobody take control within {CONNECT_TIMEOUT:g} s") from error
+            raise Unreachable(self.name, f"{self.host} did not grant control within {CONNECT_TIMEOUT:g} s") from error
         except RuntimeError as error:
             raise self._explained(str(error)) from error
 

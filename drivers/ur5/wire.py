@@ -41,7 +41,7 @@ def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
     except OSError as error:
         raise Unreachable(
             name,
-            f"nobody listens at {host}:{port} ({error}); is it on, the cable in, and this the address of the arm?",
+            f"nothing listens at {host}:{port} ({error}); is it on, the cable in, and this the address of the arm?",
         ) from error
 
 
@@ -134,7 +134,7 @@ def identify(name: str, host: str, timeout: float) -> Identity:
                     name, f"dashboard {where} is silent for {timeout:g} s; restart the controller"
                 ) from error
             except OSError as error:
-                raise Unreachable(name, f"dashboard {where} hung up ({error})") from error
+                raise Unreachable(name, f"dashboard {where} closed the connection ({error})") from error
             return text
 
         def ask(question: str) -> str:

@@ -30,6 +30,9 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: F
 
     Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) tells
     when they were taken by its clock. Raises `MissingPackage` when Parquet is asked for without pyarrow.
+
+    >>> [path.name for path in export_streams(Recording.open("run.mcap"), "streams")][:2]
+    ['pressure.csv', 'spine.csv']
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -80,6 +83,10 @@ def export_case(recording: Recording, folder: str | os.PathLike[str], table: Tab
     """Write a case folder; `table` defaults to the rows as concluded live. Returns the folder.
 
     Raises `MissingStream` when robot.yaml is not attached, `BadTable` when there is no row.
+
+    >>> case = export_case(Recording.open("run.mcap"), "exported")
+    >>> sorted(path.name for path in case.iterdir())
+    ['robot.yaml', 'trials.csv']
     """
     table = table_of(recording) if table is None else table
     if not len(table):

@@ -59,7 +59,12 @@ class Info:
 
 
 def info(path: str | os.PathLike[str]) -> Info:
-    """Summary of a file, truncated or not. Raises `NotARecording` or `Damaged`."""
+    """Summary of a file, truncated or not. Raises `NotARecording` or `Damaged`.
+
+    >>> found = info("run.mcap")
+    >>> found.outcome, found.complete
+    ('completed', True)
+    """
     recording = Recording.open(path, truncated=True)
     metadata = dict(recording.metadata)
     metadata.pop("clocks", None)
@@ -76,10 +81,10 @@ def info(path: str | os.PathLike[str]) -> Info:
         if len(log_times):
             first = int(log_times[0]) if first is None else min(first, int(log_times[0]))
             last = max(last, int(log_times[-1]))
-        told = counts.get(topic, {})
+        stated = counts.get(topic, {})
         restarts = recording.restarts(topic) if topic in recording.streams else 0
         since = (log_times - start) / 1e9
-        streams[topic] = StreamInfo(timing(since), told.get("dropped"), told.get("lost"), restarts)
+        streams[topic] = StreamInfo(timing(since), stated.get("dropped"), stated.get("lost"), restarts)
     return Info(
         path=str(recording.path),
         size=recording.contents.size,

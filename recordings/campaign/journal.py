@@ -134,7 +134,7 @@ def read(path: Path) -> Progress:
             f"{path}: a line makes no sense ({repr(error)[:200]}); without it the run cannot be resumed"
         ) from error
     if not campaign or not recordings:
-        raise BadJournal(f"{path}: does not name a campaign and a recording; it is no journal of a run")
+        raise BadJournal(f"{path}: does not name a campaign and a recording; it is not the journal of a run")
     return Progress(campaign, protocol, tuple(recordings), done)
 
 
@@ -146,5 +146,5 @@ def _lines(path: Path) -> Iterator[dict[str, int | str]]:
 
 def _whole(value: object) -> int:
     if type(value) is not int or not 0 <= value < 2**31:
-        raise ValueError(f"{repr(value)[:80]} is no number of a trial")
+        raise ValueError(f"{repr(value)[:80]} is not a trial number")
     return value

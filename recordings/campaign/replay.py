@@ -43,7 +43,11 @@ class Comparison:
 
 
 def table_of(recording: Recording) -> Table:
-    """The rows as they were concluded live; raises `Foreign` for a file without states and rows."""
+    """The rows as they were concluded live; raises `Foreign` for a file without states and rows.
+
+    >>> len(table_of(Recording.open("run.mcap")))
+    1
+    """
     recording.need(events.STATE.topic, events.TRIAL.topic)
     return Table(tuple(event.row for event in recording.trials))
 
@@ -92,15 +96,22 @@ def replay_states(recording: Recording) -> list[Replayed]:
 
 
 def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
-    """The table that follows from the samples of a recording."""
+    """The table that follows from the samples of a recording alone; raises `RecordingError`.
+
+    >>> replay("run.mcap")["p1"].shape
+    (1,)
+    """
     recording = Recording.open(path, truncated=truncated)
     return Table(tuple(again.row for again in replay_states(recording) if again.row is not None))
 
 
 def compare(recording: Recording, states: list[Replayed] | None = None) -> Comparison:
-    """Hold a recording's replayed rows against the live ones, number by number, bit by bit.
+    """Compare a recording's replayed rows with the live ones, bit by bit.
 
-    `states`: what `replay_states` gave for this recording, where it was called already.
+    `states`: the result of `replay_states` for this recording, if it is known already.
+
+    >>> compare(Recording.open("run.mcap")).equal
+    True
     """
     again = {replayed.number: replayed for replayed in (replay_states(recording) if states is None else states)}
     live = recording.trials

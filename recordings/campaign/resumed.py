@@ -26,7 +26,7 @@ def first_trial(recording: Recording) -> int:
     text = recording.metadata.get("campaign", {}).get("first_trial", "1")
     if not (text.isascii() and text.isdigit() and len(text) < 10):
         raise Damaged(
-            f"{recording.path}: its metadata 'campaign' tell the first trial {text[:40]!r}, which is no number"
+            f"{recording.path}: its metadata 'campaign' give the first trial {text[:40]!r}, which is not a number"
         )
     return int(text)
 

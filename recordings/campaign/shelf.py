@@ -88,7 +88,7 @@ def runs(
             continue
         return [run for run in out if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)]
     raise RecordingError(
-        f"{folder / INDEX}: no index can be made, not even in memory; is SQLite installed as it should be?"
+        f"{folder / INDEX}: no index can be made, not even in memory; check the installation of SQLite"
     )
 
 

@@ -160,7 +160,7 @@ def index_place(data: memoryview, head: Head) -> tuple[int, int, int]:
     channel, length = _INDEX.unpack_from(data, head.body)
     pairs = head.body + _INDEX.size
     if pairs + length != head.end or length % 16:
-        raise struct.error("a message index of another length than it says")
+        raise struct.error("a message index whose length is wrong")
     return channel, pairs, pairs + length
 
 
@@ -169,13 +169,13 @@ def chunk_place(data: memoryview, head: Head) -> ChunkPlace:
     first, last, size, crc, name = _CHUNK.unpack_from(data, head.body)
     at = head.body + _CHUNK.size
     if name > 16:
-        raise struct.error(f"a compression of {name} letters")
+        raise struct.error(f"a compression name of {name} letters")
     compression = bytes(data[at : at + name]).decode()
     at += name
     (length,) = _U64.unpack_from(data, at)
     at += _U64.size
     if at + length != head.end:
-        raise struct.error("a chunk of another length than it says")
+        raise struct.error("a chunk whose length is wrong")
     return ChunkPlace(head.start, first, last, size, crc, compression, at, at + length)
 
 
@@ -190,6 +190,6 @@ def records_in(chunk: bytes, budget: Budget | None = None) -> Iterator[Head]:
             budget.take(Cost.RECORDS, 1)
         head = head_at(chunk, at)
         if head is None:
-            raise struct.error(f"no whole record at byte {at} of {len(chunk)} in the chunk")
+            raise struct.error(f"no complete record at byte {at} of {len(chunk)} in the chunk")
         yield head
         at = head.end

@@ -57,11 +57,11 @@ def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, in
     out: dict[str, dict[str, int]] = {}
     for topic, text in metadata.get("counts", {}).items():
         try:
-            told = read_json(text)
+            stated = read_json(text)
         except ValueError:
             continue
-        if isinstance(told, dict):
-            out[topic] = {name: value for name, value in told.items() if type(value) is int and 0 <= value <= LARGEST}
+        if isinstance(stated, dict):
+            out[topic] = {name: value for name, value in stated.items() if type(value) is int and 0 <= value <= LARGEST}
     return out
 
 
@@ -70,10 +70,10 @@ def below_zero(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
     found = []
     for topic, text in metadata.get("counts", {}).items():
         with contextlib.suppress(ValueError):
-            told = read_json(text)
+            stated = read_json(text)
             for name in ("generated", "written", "dropped", "lost"):
-                if isinstance(told, dict) and type(told.get(name)) is int and told[name] < 0:
-                    found.append(f"{topic}: {name} is told as {told[name]}, which is no count")
+                if isinstance(stated, dict) and type(stated.get(name)) is int and stated[name] < 0:
+                    found.append(f"{topic}: {name} is given as {stated[name]}, which is not a count")
     return found
 
 

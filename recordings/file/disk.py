@@ -22,7 +22,7 @@ class Disk:
         try:
             self._fd = created(path)
         except FileExistsError:
-            raise WriteFailed(f"{path} exists; a recording is never written over, choose another name") from None
+            raise WriteFailed(f"{path} exists; recordings are never overwritten, choose another name") from None
         except OSError as error:
             raise WriteFailed(f"{path} cannot be created: {error.strerror}") from error
         self.path = path

@@ -85,7 +85,7 @@ def check_chunk(data: memoryview, chunk: ChunkPlace, name: str) -> None:
         except zstandard.ZstdError as error:
             raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
     if chunk.compression != "lz4" and size not in (chunk.size, -1):
-        raise Damaged(f"{where} fails its checksum: its packed data tell another size; run `lab verify`")
+        raise Damaged(f"{where} fails its checksum: its compressed data have another size; run `lab verify`")
 
 
 def decompress(data: memoryview, chunk: ChunkPlace, name: str) -> bytes:
@@ -203,7 +203,7 @@ def _pick(data: memoryview, batch: list[ChunkPlace], raws: list[bytes], budget: 
         if accounted[number] + others != len(raw):
             raise Damaged(
                 f"{name}: the index of the chunk at byte {batch[number].start} does not list all its messages; "
-                "run `lab recover` to have it made anew"
+                "run `lab recover` to rebuild it"
             )
 
 
@@ -214,7 +214,7 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
         return Picked(channel, empty, empty, empty, empty, whole)
     inside = (offsets >= 0) & (offsets <= len(whole) - HEAD)
     if not inside.all():
-        raise Damaged(f"{name}: a message index points outside its chunk; run `lab recover` to have it made anew")
+        raise Damaged(f"{name}: a message index points outside its chunk; run `lab recover` to rebuild it")
     windows = np.ndarray((len(whole) - HEAD + 1,), np.dtype((np.void, HEAD)), whole, strides=(1,))
     heads = windows[offsets].view(_RECORD)
     lengths = heads["length"]
@@ -222,9 +222,9 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
         raise Damaged(f"{name}: a message is longer than its chunk; run `lab recover` to leave it out")
     ends = offsets + 9 + lengths.astype(np.int64)
     if (heads["opcode"] != Opcode.MESSAGE).any() or (heads["channel"] != channel).any() or (ends > len(whole)).any():
-        raise Damaged(f"{name}: a message index points at no message; run `lab recover` to have it made anew")
+        raise Damaged(f"{name}: a message index points at no message; run `lab recover` to rebuild it")
     if (np.diff(offsets) <= 0).any() and len(np.unique(offsets)) < len(offsets):
-        raise Damaged(f"{name}: a message index lists a message twice; run `lab recover` to have it made anew")
+        raise Damaged(f"{name}: a message index lists a message twice; run `lab recover` to rebuild it")
     log_times, sequences = heads["log"].astype(np.int64), heads["sequence"].astype(np.int64)
     return Picked(channel, log_times, sequences, offsets + HEAD, ends, whole)
 

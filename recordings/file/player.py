@@ -106,7 +106,7 @@ def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
         try:
             return MessageToDict(message, preserving_proto_field_name=True)
         except (ValueError, SerializeToJsonError) as error:
-            raise Damaged(f"{topic}: a message cannot be told as JSON ({error}); run `lab verify`") from error
+            raise Damaged(f"{topic}: a message cannot be written as JSON ({error}); run `lab verify`") from error
 
     return fields
 

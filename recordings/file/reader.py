@@ -108,13 +108,17 @@ class Recording:
         """Open a file; `truncated=True` also takes one that was never finished, as far as it goes.
 
         Raises `NotARecording`, or `Truncated` telling how much is readable.
+
+        >>> recording = Recording.open("run.mcap")
+        >>> recording.stream("/tip")["position"].shape
+        (112, 3)
         """
         path = Path(path)
         data = mapped(path)
         contents = walk(data, str(path))
         if not contents.finished and not truncated:
             raise Truncated(
-                f"{path} was not finished (the recording ended abruptly or the copy is not whole): {contents.end} of "
+                f"{path} was not finished (the recording ended abruptly or the copy is incomplete): {contents.end} of "
                 f"{contents.size} bytes, {len(contents.chunks)} chunks, {_seconds(contents):.1f} s are readable; "
                 "run `lab recover` to get them"
             )
@@ -148,7 +152,7 @@ class Recording:
         text = self.metadata.get("recording", {}).get("start_wall_ns", "")
         if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) < 2**63):
             raise Foreign(
-                f"{self.path} was not written by this software: its metadata 'recording' tell no start_wall_ns; it has "
+                f"{self.path} was not written by this software: its metadata 'recording' has no start_wall_ns; it has "
                 f"{self._described()}"
             )
         return int(text)
@@ -292,7 +296,7 @@ class Recording:
         if samples is None:
             schema = self.contents.schemas.get(channel.schema_id)
             if schema is None:
-                raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is not there")
+                raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
             batches = pick(self._data, self.contents, str(self.path))
             payloads = (payload for p in batches if p.channel == channel.id for payload in p.messages())
             count = sum(len(part) for part in self._log_times.get(channel.id, []))
@@ -319,10 +323,10 @@ class Recording:
                 if key.startswith("shape.")
             }
         except ValueError as error:
-            raise Damaged(f"{self.path}: {channel.topic} tells a shape that is none: {error}") from error
+            raise Damaged(f"{self.path}: {channel.topic} has an invalid array shape: {error}") from error
         if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
             raise Oversized(
-                f"{self.path}: {channel.topic} tells arrays of shape {shapes}, read are {MAX_NUMBERS} numbers at most"
+                f"{self.path}: {channel.topic} has arrays of shape {shapes}, read are {MAX_NUMBERS} numbers at most"
             )
         message = self._stream_message(channel)
         usual = {field.name: field.shape for field in message.fields}
@@ -332,14 +336,14 @@ class Recording:
             free = name in OF_ROBOT and len(shape) == len(like) and shape[1:] == like[1:]
             if not free and shape != like:
                 raise OtherVersion(
-                    f"{self.path}: {channel.topic} tells {name} of shape {shape}, this software reads {like}"
+                    f"{self.path}: {channel.topic} has {name} of shape {shape}, this software reads {like}"
                 )
         return message.sized(**shapes)
 
     def _stream_message(self, channel: Channel) -> MessageType:
         schema = self.contents.schemas.get(channel.schema_id)
         if schema is None and channel.topic not in STREAMS:
-            raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is not there")
+            raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
         units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
         try:
             return stream_message(channel.topic, b"" if schema is None else schema.data, units)

@@ -91,6 +91,11 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     """Write what can be read of `source` to `target` (`<name>-recovered.mcap` beside it when None).
 
     Raises `NotARecording`, or `WriteFailed` when the target exists or cannot be written.
+
+    >>> cut = Path("cut.mcap")
+    >>> _ = cut.write_bytes(Path("run.mcap").read_bytes()[:-1000])
+    >>> recover(cut).target
+    'cut-recovered.mcap'
     """
     source = Path(source)
     target = source.with_name(f"{source.stem}-recovered.mcap") if target is None else Path(target)
@@ -98,7 +103,7 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     if bytes(data[: len(MAGIC)]) != MAGIC:
         raise NotARecording(f"{source} is not an MCAP file: it begins with {bytes(data[:8])!r}")
     if target.exists():
-        raise WriteFailed(f"{target} exists; a recording is never written over, choose another name with --out")
+        raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
     found = scan(data, str(source))
     try:
         with replacing(target) as (file, partial):
@@ -107,7 +112,7 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
             problems = verify(partial).problems
             if problems:
                 raise RecordingError(
-                    f"{target}: the recovered file is not right: {problems[0].text}; the source is untouched"
+                    f"{target}: the recovered file is wrong: {problems[0].text}; the source is untouched"
                 )
     except OSError as error:
         raise WriteFailed(f"{target} cannot be written: {error.strerror}") from error

@@ -76,18 +76,21 @@ def _chunk(head: Head, index: ChunkIndex, found: Found, chunks: dict[int, ChunkP
     chunk = chunks.get(index.chunk_start_offset)
     if chunk is None:
         return
-    told = (index.message_start_time, index.message_end_time, index.uncompressed_size, index.compressed_size)
-    if told != (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start):
-        yield head.start, f"the summary tells other times or sizes of the chunk at byte {chunk.start}"
+    stated = (index.message_start_time, index.message_end_time, index.uncompressed_size, index.compressed_size)
+    if stated != (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start):
+        yield head.start, f"the summary has other times or sizes for the chunk at byte {chunk.start}"
     # An index record begins with its head (9 bytes), the channel (2) and the length of the pairs (4).
     places = {channel: begin - 15 for channel, begin, _ in chunk.indexes}
     if chunk.indexes and index.message_index_offsets != places:
-        yield head.start, f"the summary tells other message indexes of the chunk at byte {chunk.start}"
+        yield head.start, f"the summary has other message indexes for the chunk at byte {chunk.start}"
 
 
-def _statistics(head: Head, told: Statistics, found: Found) -> Iterator[tuple[int, str]]:
-    counts = {channel: n for channel, n in told.channel_message_counts.items() if n}
-    if counts != found.messages or told.message_count != sum(found.messages.values()):
-        yield head.start, f"the summary counts {told.message_count} messages, there are {sum(found.messages.values())}"
-    if told.chunk_count != len(found.chunks):
-        yield head.start, f"the summary counts {told.chunk_count} chunks, there are {len(found.chunks)}"
+def _statistics(head: Head, stated: Statistics, found: Found) -> Iterator[tuple[int, str]]:
+    counts = {channel: n for channel, n in stated.channel_message_counts.items() if n}
+    if counts != found.messages or stated.message_count != sum(found.messages.values()):
+        yield (
+            head.start,
+            f"the summary counts {stated.message_count} messages, there are {sum(found.messages.values())}",
+        )
+    if stated.chunk_count != len(found.chunks):
+        yield head.start, f"the summary counts {stated.chunk_count} chunks, there are {len(found.chunks)}"

@@ -113,7 +113,9 @@ class _Check:
                 self.problem(head.start, f"the record of kind {head.opcode} makes no sense: {error}")
             data_section = data_section and head.opcode != Opcode.DATA_END
         self._close_chunk()
-        self.problem(at, f"no whole record follows; {len(self.data) - at} bytes are left and the file was not finished")
+        self.problem(
+            at, f"no complete record follows; {len(self.data) - at} bytes are left and the file was not finished"
+        )
         return False
 
     def _record(self, head: Head) -> None:
@@ -140,7 +142,7 @@ class _Check:
             return
         channel = Channel.read(source)
         if channel.schema_id and channel.schema_id not in self.found.schemas:
-            raise struct.error(f"channel {channel.topic} names the schema {channel.schema_id}, which is not there")
+            raise struct.error(f"channel {channel.topic} names the schema {channel.schema_id}, which is missing")
         self.found.channels[channel.id] = channel
         check_number(self.found.schemas, self.found.channels, self.name)
 
@@ -156,7 +158,7 @@ class _Check:
 
     def _footer(self, head: Head) -> bool:
         if self.data[head.end :] != MAGIC:
-            self.problem(head.end, "the end mark is not there, or something follows it")
+            self.problem(head.end, "the end mark is missing, or something follows it")
         if head.end - head.body != 20:
             raise struct.error("a footer of another length than 20 bytes")
         (start, _, crc) = struct.unpack_from("<QQI", self.data, head.body)
@@ -209,7 +211,7 @@ class _Check:
                 self.problem(head.start, f"the chunk holds messages of channel {channel}, which nothing describes")
         times = [pairs[:, 0] for pairs in self.expected.values()]
         if times and (min(t.min() for t in times), max(t.max() for t in times)) != (chunk.first_time, chunk.last_time):
-            self.problem(head.start, "the chunk tells other times than its messages have")
+            self.problem(head.start, "the times of the chunk differ from those of its messages")
 
     def _index(self, head: Head) -> None:
         channel, start, end = index_place(self.data, head)
@@ -234,7 +236,11 @@ def _sorted(pairs: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def verify(path: str | os.PathLike[str]) -> Verification:
-    """Check a file in full; raises `NotARecording` when it cannot be read or is none, or `Oversized`."""
+    """Check a file in full; raises `NotARecording` when it is not a recording or cannot be read, or `Oversized`.
+
+    >>> verify("run.mcap").ok
+    True
+    """
     path = Path(path)
     data = mapped(path)
     if bytes(data[: len(MAGIC)]) != MAGIC:

@@ -103,7 +103,7 @@ def line_quaternion(at: float, t: Numbers, quaternions: NDArray[np.float64]) -> 
 def _unit(q: Sequence[float]) -> Quaternion:
     length = math.sqrt(math.fsum(c * c for c in q))
     if not length > 0:
-        raise ValueError(f"{tuple(q)} is no rotation")
+        raise ValueError(f"{tuple(q)} is not a rotation")
     return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
 
 
@@ -115,7 +115,7 @@ def from_rotation_vector(vector: Sequence[float]) -> Quaternion:
     """Quaternion (w, x, y, z) of a rotation vector (rad); ValueError for one that is none or beyond all measure."""
     angle = math.sqrt(math.fsum(c * c for c in vector))
     if not angle < math.inf:
-        raise ValueError(f"{tuple(vector)} is no rotation")
+        raise ValueError(f"{tuple(vector)} is not a rotation")
     if angle == 0:
         return (1.0, 0.0, 0.0, 0.0)
     scale = math.sin(angle / 2) / angle

@@ -172,7 +172,7 @@ def _demand_numbers(topic: str, samples: Samples) -> None:
             bad |= np.isnan(values).any(axis=1)
         if bad.any():
             raise NotSettled(
-                f"{topic}: {name} is no number in {int(bad.sum())} of {len(samples)} samples, first at "
+                f"{topic}: {name} is not a number in {int(bad.sum())} of {len(samples)} samples, first at "
                 f"{samples['t'][bad][0]:.2f} s; check the instrument and its line"
             )
 

@@ -206,7 +206,7 @@ def _why_not(
                 f"the tip still moved {moved * 1e3:.2f} mm in {lasting:g} s, limit {rule.still_distance * 1e3:.2f} mm"
             )
     if not parts:
-        parts.append(f"all were at rest at the end, but not yet for {lasting:g} s on end: raise the time-out")
+        parts.append(f"all were at rest at the end, but not yet for {lasting:g} s in a row: raise the time-out")
     return f"not settled within {rule.timeout:g} s: {'; '.join(parts)}"
 
 

@@ -216,7 +216,7 @@ def test_a_cable_pulled_out_is_unreachable_and_closing_is_still_quiet(sensor: FT
     [
         ({"foreign": "GRP"}, WrongDevice, "'GRP'"),
         ({"exception": 2}, WrongDevice, "no registers 500 to 502"),
-        ({"no_stream": True}, Unreachable, "no whole frame"),
+        ({"no_stream": True}, Unreachable, "no complete frame"),
         ({"endless": True}, WrongDevice, "cannot be stopped"),
     ],
 )

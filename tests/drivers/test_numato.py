@@ -103,7 +103,7 @@ def test_a_relay_that_does_not_follow_is_a_fault(make: Make, fake: NumatoFake) -
     valve = make()
     valve.open()
     fake.faults.extra["stuck"] = True
-    with pytest.raises(DeviceFault, match="told on and reads back off"):
+    with pytest.raises(DeviceFault, match="switched on but reads back off"):
         valve.set(True)
 
 

@@ -111,7 +111,7 @@ def open_arm(host: str) -> None:
 @pytest.mark.parametrize("opener", [open_state, open_arm])
 def test_nobody_at_the_address_is_unreachable(opener: Callable[[str], None]) -> None:
     host = free_host()
-    with pytest.raises(Unreachable, match=f"nobody listens at {host}:30004"):
+    with pytest.raises(Unreachable, match=f"nothing listens at {host}:30004"):
         opener(host)
 
 

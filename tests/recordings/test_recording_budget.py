@@ -131,7 +131,7 @@ def test_a_stream_without_its_schema_is_damage(tmp_path: Path) -> None:
     channel = both[9 + struct.unpack_from("<Q", both, 1)[0] :]
     message = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 1, 1, 1) + b"x")
     (tmp_path / "a.mcap").write_bytes(whole(channel, packed(message)))
-    with pytest.raises(Damaged, match="schema 1, which is not there"):
+    with pytest.raises(Damaged, match="schema 1, which is missing"):
         Recording.open(tmp_path / "a.mcap").stream("/pressure")
 
 

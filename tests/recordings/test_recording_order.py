@@ -173,6 +173,6 @@ def test_counts_below_zero_in_a_file_are_no_counts_and_verify_says_so(run: Path,
     found = info(path).streams["/vacuum"]
     assert found.lost is None and found.dropped is None
     texts = [p.text for p in verify(path).problems]
-    assert any("lost is told as -5" in text for text in texts) and any(
-        "written is told as -2" in text for text in texts
+    assert any("lost is given as -5" in text for text in texts) and any(
+        "written is given as -2" in text for text in texts
     )
