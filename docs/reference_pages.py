@@ -15,18 +15,19 @@ from pydantic import BaseModel
 
 import lab
 from drivers import interfaces
-from drivers.registry import ROLES, drivers
+from drivers.registry import ROLES
 from lab.cli import parser
+from lab.files.all_drivers import drivers
+from lab.files.all_protocols import found_protocols
 from lab.files.rig_file import RigFile
 from model.effects import CATALOGUE
 from model.effects.spec import STAGES, Parameter
 from model.robot import Robot
-from protocols.registry import protocols
 from recordings import trials
 from recordings.messages import STREAMS
 
 OFFERS: Mapping[str, type] = {
-    "arm": interfaces.Arm,
+    "arm": interfaces.ArmDriver,
     "force": interfaces.ForceSensor,
     "pressure": interfaces.PressureRegulators,
     "spine": interfaces.LengthUnit,
@@ -116,7 +117,7 @@ def trials_file() -> Iterator[str]:
 def protocol_files() -> Iterator[str]:
     """The parameters of each protocol."""
     yield from ("# Protocols", "", MADE, "These are the keys of a protocol file, and of `--set`.", "")
-    for name, found in protocols().items():
+    for name, found in found_protocols().usable.items():
         yield from (
             f"## {name}",
             "",

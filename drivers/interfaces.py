@@ -204,6 +204,17 @@ class Arm(Instrument, Protocol):
         """Decelerate now."""
 
 
+class ArmDriver(Arm, Protocol):
+    """An arm as its driver offers it: beside what protocols ask, what a landing must know."""
+
+    def standing(self) -> bool:
+        """True when the newest state shows the arm standing, whatever else is wrong with it; `NotReady` before `open`."""
+
+    def glance(self) -> bool:
+        """The same by one look at the controller that needs no `open` and takes no control: after a stop by the arm's own
+        safety system it cannot be opened before a person has cleared that."""
+
+
 class Stream(Instrument, Protocol):
     """An instrument that sends by itself; each sample also goes to the sink given to its constructor."""
 

@@ -211,6 +211,10 @@ def parser() -> argparse.ArgumentParser:
         "--swap", metavar="I,K", help="two channels whose hoses are exchanged, for `lab check --move` to find"
     )
     p.add_argument("--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or an installed one")
+    for role, usual, what in (("arm", "ur5", "the arm"), ("force", "ft300s", "the force sensor"),
+                              ("valve", "numato", "the jamming valve"), ("gauge", "pfeiffer", "the vacuum gauge"),
+                              ("mocap", "natnet", "the motion capture")):  # fmt: skip
+        p.add_argument(f"--{role}", metavar="DRIVER", default=usual, help=f"{what}: {usual}, or an installed one")
     p.add_argument(
         "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="a sensor of the lab's own (repeatable)"
     )

@@ -3,27 +3,34 @@ of installed packages alike. `-k NAME` tries one."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from drivers.configs import HOSTS, PORTS
 from drivers.errors import InstrumentError, LimitExceeded, Unreachable
-from drivers.interfaces import Identity, PressureSample
-from drivers.registry import drivers
+from drivers.interfaces import ArmSample, BodySample, Identity, PressureSample
 from sim_fakes.clock import SimClock
-from sim_fakes.instrument import Site
+from sim_fakes.instrument import Part, Site
 from sim_fakes.plant import Plant
-from sim_fakes.pty_fake import Faults, PtyFake
-from sim_fakes.registry import fakes, of_role
+from sim_fakes.pty_fake import Faults
+from sim_fakes.registry import of_role
+from sim_fakes.ur.process import free_host
 
+from .files.all_drivers import drivers
 from .files.clock import RigClock
+from .verbs.fakes import found_fakes
 
 SPEED = 20.0
 HOSES = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
+MARKERS = 2
 WITHIN = 30.0
 """Host seconds for what takes a fraction of one: a busy computer is no fault."""
 ASKED = 20e3
@@ -34,8 +41,16 @@ CALLS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "valve": (lambda d: d.read(), lambda d: d.set(False)),
     "gauge": (lambda d: d.read(),),
     "force": (lambda d: d.latest(), lambda d: d.zero(1)),
+    "arm": (lambda d: d.moving(), lambda d: d.standing(), lambda d: d.stop()),
+    "mocap": (lambda d: d.latest(),),
+    "sensor": (lambda d: d.latest(),),
 }
 """What may be asked of each kind."""
+STREAMS = ("force", "mocap", "sensor")
+POLLED = ("pressure", "spine", "valve", "gauge", "force")
+"""Answers within milliseconds, so time-outs may be short."""
+PATIENT = {"max_age": 2.0, "timeout": 3.0, "watchdog_frequency": 2.0}
+"""Of the others (host s), where they have them: they share the processors with everything else."""
 
 
 @dataclass
@@ -44,44 +59,73 @@ class Unit:
 
     role: str
     driver: Any
-    lines: list[PtyFake]
+    parts: list[Part]
     plant: Plant
     config: Any
+    samples: list[Any] = field(default_factory=list)
+    """What a stream has sent."""
 
     def another(self, **changes: Any) -> Any:
         """A driver of the same kind with another table in rig.yaml."""
         kind = drivers()[self.config.driver]
         config = kind.config.model_validate(self.config.model_dump() | changes)
-        more = (lambda sample: None, lambda text: None) if self.role == "force" else ()
+        more = (self.samples.append, lambda text: None) if self.role in STREAMS else ()
         return kind.make("it", config, RigClock(SPEED), *more)
+
+    def hasty(self) -> Any:
+        """One that gives up soon, where it can."""
+        if self.role in POLLED and hasattr(self.config, "timeout"):
+            with contextlib.suppress(ValidationError):
+                return self.another(timeout=0.05)
+        return self.driver
+
+    def state(self) -> Any:
+        """An arm's stream of its state."""
+        make = drivers()[self.config.driver].make_state
+        assert make is not None
+        return make("it", self.config, RigClock(SPEED), self.samples.append)
+
+    @property
+    def disturbed(self) -> list[Any]:
+        """The parts whose line can be disturbed."""
+        return [part for part in self.parts if isinstance(getattr(part, "faults", None), Faults)]
 
 
 def units(*roles: str) -> Any:
     """Every registered driver of these kinds that has a fake."""
-    names = [name for name, fake in fakes().items() if fake.role in (roles or CALLS) and name in drivers()]
+    fakes = found_fakes().usable
+    names = [name for name, fake in fakes.items() if fake.role in (roles or CALLS) and name in drivers()]
     return pytest.mark.parametrize("unit", names, indirect=True)
 
 
 @pytest.fixture
 def unit(request: pytest.FixtureRequest) -> Iterator[Unit]:
     """The driver of one name on its fake, not yet opened."""
-    fake = fakes()[request.param]
-    site = Site(Plant(), SimClock(SPEED), 1, HOSES, fake.full_scale)
-    lines = list(fake.plug(site))
-    for line in lines:
-        line.start()
-    table: dict[str, Any] = {"driver": request.param, **fake.table(site, lines)}
+    fake = found_fakes().usable[request.param]
+    site = Site(Plant(), SimClock(SPEED), 1, HOSES, fake.full_scale, host=free_host(), markers=MARKERS)
+    parts = list(fake.plug(site))
+    for part in parts:
+        part.start()
+    table: dict[str, Any] = {"driver": request.param, **fake.table(site, parts)}
     if fake.role == "pressure":
         table |= {"chambers": HOSES, "full_scale": site.full_scale, "max_pressure": 2 * ASKED}
     kind = drivers()[request.param]
-    if "timeout" in kind.config.model_fields:
-        table["timeout"] = 0.5
-    made = Unit(fake.role, None, lines, site.plant, kind.config.model_validate(table))
+    known = {"timeout": 0.5} if fake.role in POLLED else PATIENT
+    made = Unit(fake.role, None, parts, site.plant, _config(kind.config, table, known))
     made.driver = made.another()
     yield made
     made.driver.close()
-    for line in lines:
-        line.stop()
+    for part in parts:
+        part.stop()
+
+
+def _config(kind: type[Any], table: dict[str, Any], changes: dict[str, float]) -> Any:
+    """The table of rig.yaml with those of these changes that this driver knows and bears."""
+    config = kind.model_validate(table)
+    for key in changes.keys() & kind.model_fields:
+        with contextlib.suppress(ValidationError):
+            config = kind.model_validate(config.model_dump() | {key: changes[key]})
+    return config
 
 
 def until(condition: Callable[[], bool]) -> bool:
@@ -99,6 +143,8 @@ def test_it_says_who_it_is_and_takes_a_second_open(unit: Unit) -> None:
     for _ in range(2):
         identity = unit.driver.open()
         assert isinstance(identity, Identity) and identity.maker and identity.model
+        if unit.role == "arm":
+            unit.driver.close()  # nobody else may take control of it meanwhile
 
 
 @units()
@@ -115,25 +161,28 @@ def test_closed_it_refuses_every_call_with_its_name(unit: Unit) -> None:
 
 @units()
 def test_a_port_that_is_not_there_is_unreachable(unit: Unit) -> None:
-    nowhere = [f"/dev/none{i}" for i in range(len(HOSES))]
-    key, value = ("port", nowhere[0]) if hasattr(unit.config, "port") else ("ports", nowhere)
-    with pytest.raises(Unreachable, match="/dev/none"):
-        unit.another(**{key: value}).open()
+    key = next(key for key in (*PORTS, *HOSTS) if hasattr(unit.config, key))
+    nowhere = f"/dev/none-{key}" if key in PORTS else free_host()
+    each = [f"{nowhere}{i}" for i in range(len(HOSES))]
+    with pytest.raises(Unreachable, match=nowhere):
+        unit.another(**{key: each if key == "ports" else nowhere}).open()
 
 
 @units()
 @pytest.mark.parametrize("fault", ["silent", "corrupt", "truncate", "garbage"])
 def test_a_disturbed_line_is_told_as_an_instrument_error_or_overcome(unit: Unit, fault: str) -> None:
-    quick = unit.another(timeout=0.05) if hasattr(unit.config, "timeout") else unit.driver
+    if not unit.disturbed:
+        pytest.skip("its fake has no line that can be disturbed")
+    quick = unit.hasty()
     assert until(lambda: answers(quick.open))
-    for line in unit.lines:
+    for line in unit.disturbed:
         setattr(line.faults, fault, b"\x00#\x7f!" if fault == "garbage" else True)
     for call in CALLS[unit.role]:
         try:
             call(quick)
         except InstrumentError as error:
             assert error.instrument == "it" and error.message
-    for line in unit.lines:
+    for line in unit.disturbed:
         line.faults = Faults()
     quick.close()
 
@@ -202,14 +251,116 @@ def test_connect_is_enough_to_vent(unit: Unit) -> None:
     unit.driver.open()
     asked = (ASKED,) * unit.driver.channels
     assert until(lambda: near(unit.driver.set(asked), asked))
-    unit.lines[0].faults.silent = True  # so that closing cannot vent it
+    (line, *_) = unit.disturbed
+    line.faults.silent = True  # so that closing cannot vent it
     unit.driver.close()
-    unit.lines[0].faults = Faults()
+    line.faults = Faults()
     late = unit.another()
     late.connect()
     late.vent()
     assert until(lambda: not unit.plant.regulator.any())
     late.close()
+
+
+@units("mocap")
+def test_the_cameras_see_tip_and_markers_in_the_base_frame(unit: Unit) -> None:
+    tip, markers = np.array([0.02, -0.03, 0.25]), np.array([[0.0, -0.01, 0.1], [0.01, -0.02, 0.2]])
+    turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])  # about x by 36.9 deg
+    with unit.plant.lock:
+        unit.plant.tip_position, unit.plant.markers, unit.plant.tip_rotation = tip, markers, turned
+    unit.driver.open()
+    assert until(lambda: close(unit.driver.latest().position, tip))
+    sample = unit.driver.latest()
+    assert isinstance(sample, BodySample) and sample.valid and len(sample.markers) == MARKERS
+    assert all(close(seen, truth) for seen, truth in zip(sample.markers, markers, strict=True))
+    assert abs(np.dot(sample.orientation, [math.sqrt(0.9), math.sqrt(0.1), 0.0, 0.0])) > math.cos(0.02)
+    with unit.plant.lock:
+        unit.plant.tip_visible = False
+    assert until(lambda: not unit.samples[-1].valid)
+    assert until(lambda: not answers(unit.driver.latest))  # the last good pose is told for `max_age` at most
+
+
+@units(*STREAMS)
+def test_a_stream_hands_over_its_samples_in_the_order_of_time_until_it_is_closed(unit: Unit) -> None:
+    unit.driver.open()
+    assert until(lambda: len(unit.samples) >= 3)
+    newest = unit.driver.latest()
+    times = [sample.t for sample in unit.samples]
+    assert times == sorted(times) and newest.t <= unit.samples[-1].t and unit.driver.lost >= 0
+    for name in drivers()[unit.config.driver].quantities:
+        assert math.isfinite(getattr(newest, name)), name
+    unit.driver.close()
+    sent = len(unit.samples)
+    time.sleep(0.2)
+    assert len(unit.samples) == sent
+
+
+@units("arm")
+def test_the_arm_goes_where_it_is_told_and_its_state_shows_it(unit: Unit) -> None:
+    unit.driver.open()
+    state = unit.state()
+    state.open()
+    try:
+        goal = ahead(unit, state, 0.02)
+        unit.driver.move_to(goal, unit.config.max_speed / 2, unit.config.max_acceleration / 2)
+        assert until(lambda: not unit.driver.moving())
+        assert unit.driver.standing() and unit.driver.glance()
+        sample = state.latest()
+        assert isinstance(sample, ArmSample) and close(sample.tcp_pose[:3], goal[:3])
+        assert until(lambda: close(unit.plant.probe_position, goal[:3]))
+        assert len(unit.samples) > 1 and state.lost >= 0
+    finally:
+        state.close()
+
+
+@units("arm")
+def test_the_arm_stops_on_its_way(unit: Unit) -> None:
+    unit.driver.open()
+    state = unit.state()
+    state.open()
+    try:
+        goal = ahead(unit, state, 0.1)
+        unit.driver.move_to(goal, unit.config.max_speed / 20, unit.config.max_acceleration / 2)
+        assert unit.driver.moving()
+        unit.driver.stop()
+        assert until(unit.driver.standing) and not unit.driver.moving()
+        assert not close(state.latest().tcp_pose[:3], goal[:3])
+    finally:
+        state.close()
+
+
+@units("arm")
+def test_the_arm_refuses_what_is_beyond_its_limits(unit: Unit) -> None:
+    unit.driver.open()
+    state = unit.state()
+    state.open()
+    try:
+        goal, config = ahead(unit, state, 0.01), unit.config
+        far = (config.workspace_max[0] + 0.1, *goal[1:])
+        for pose, speed, acceleration in (
+            (far, config.max_speed, config.max_acceleration),
+            ((math.nan, *goal[1:]), config.max_speed, config.max_acceleration),
+            (goal, 2 * config.max_speed, config.max_acceleration),
+            (goal, config.max_speed, 2 * config.max_acceleration),
+        ):
+            with pytest.raises(LimitExceeded):
+                unit.driver.move_to(pose, speed, acceleration)
+        assert not unit.driver.moving()
+    finally:
+        state.close()
+
+
+def ahead(unit: Unit, state: Any, distance: float) -> tuple[float, ...]:
+    """A pose at a distance (m) from where the arm is, towards the middle of its workspace."""
+    assert until(lambda: answers(state.latest))
+    here = np.array(state.latest().tcp_pose)
+    way = (np.array(unit.config.workspace_min) + np.array(unit.config.workspace_max)) / 2 - here[:3]
+    return (*(here[:3] + distance * way / np.linalg.norm(way)), *here[3:])
+
+
+def close(place: Any, wanted: Any) -> bool:
+    """The same place, within what noise and tolerances are."""
+    return bool(np.linalg.norm(np.subtract(place, wanted)) < 3e-3)
 
 
 def near(values: Any, wanted: Any) -> bool:
@@ -218,4 +369,4 @@ def near(values: Any, wanted: Any) -> bool:
 
 
 def test_every_registered_pressure_driver_is_tried() -> None:
-    assert set(of_role("pressure")) >= {"alicat", "smc_itv"}
+    assert set(of_role("pressure", found_fakes().usable)) >= {"alicat", "smc_itv"}

@@ -15,6 +15,8 @@ from typing import Any
 from .motive import MotiveFake
 from .parts import Parts
 from .pty_fake import Faults, PtyFake
+from .ur.fake import UrFake
+from .ur.process import UrProcess
 
 FAULTS = (
     "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
@@ -45,16 +47,15 @@ class FaultSwitch:
         """Switch a fault on. Raises ValueError for a name that is not known."""
         if fault not in FAULTS or instrument not in INSTRUMENTS:
             raise ValueError(f"{instrument} {fault}: one of {', '.join(INSTRUMENTS)} and one of {', '.join(FAULTS)}")
-        if instrument == "arm":
-            self._arm(fault)
-        elif instrument == "mocap":
-            self._mocap(fault)
+        part = self._rig.parts.get(instrument) or self._rig.parts.get(f"{instrument}1")
+        if isinstance(part, PtyFake):
+            self._serial(part, fault)
+        elif isinstance(part, MotiveFake):
+            self._mocap(part, fault)
+        elif isinstance(part, UrFake) and part.process is not None:
+            self._arm(part.process, fault)
         else:
-            self._serial(self.line(instrument), fault)
-
-    def line(self, instrument: str) -> PtyFake:
-        """The serial fake of an instrument; the first of several regulators."""
-        return self._rig.lines.get(instrument) or self._rig.lines[f"{instrument}1"]
+            raise ValueError(f"{instrument}: this rig has none, or a fake of an installed package that takes no faults")
 
     def end(self) -> None:
         """All faults off, all cables in, all power on; ports may have new names."""
@@ -63,7 +64,8 @@ class FaultSwitch:
         for line in self._rig.lines.values():
             line.faults = Faults()
             line.plug()
-        self._rig.mocap.faults = Faults()
+        if self._rig.mocap is not None:
+            self._rig.mocap.faults = Faults()
         self._rig.accidents.end()
         with self._rig.plant.lock:
             self._rig.plant.tip_visible = True
@@ -86,9 +88,8 @@ class FaultSwitch:
             name, value = COMMON[NEAREST.get(fault, fault)]
             setattr(line.faults, name, value)
 
-    def _mocap(self, fault: str) -> None:
-        faults = self._rig.mocap.faults
-        own = MotiveFake.own_faults
+    def _mocap(self, fake: MotiveFake, fault: str) -> None:
+        faults, own = fake.faults, MotiveFake.own_faults
         if fault == "reset":
             faults.extra["restart"] = True
         elif fault in ("disconnect", "freeze"):
@@ -104,10 +105,7 @@ class FaultSwitch:
             name, value = COMMON[fault]
             setattr(faults, name, value)
 
-    def _arm(self, fault: str) -> None:
-        ur = self._rig.ur
-        if ur is None:
-            raise ValueError("this rig has no arm")
+    def _arm(self, ur: UrProcess, fault: str) -> None:
         actions: dict[str, Callable[[], Any]] = {
             "silence": lambda: ur.backdoor("freeze", seconds=1e6),
             "delay": lambda: ur.backdoor("lag", seconds=LATE),

@@ -1,18 +1,24 @@
-"""What a fake serial instrument is to a rig of fakes: where it is plugged in, and what rig.yaml then says of it."""
+"""What a fake instrument is to a rig of fakes: where it is plugged in, and what rig.yaml then says of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from .clock import SimClock
 from .plant import Plant
-from .pty_fake import PtyFake
 
 
-class BadFake(ValueError):
-    """An installed package announces a fake that is none."""
+@runtime_checkable
+class Part(Protocol):
+    """One running piece of a fake instrument: a serial line (`pty_fake.PtyFake`), a server, a process."""
+
+    def start(self) -> None:
+        """Begin to answer; returns when it does, or raises."""
+
+    def stop(self) -> None:
+        """End; may be called twice and before `start`."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +57,31 @@ class Site:
     full_scale: float = 0.0
     """Of regulators: their range, Pa."""
     regulators: Regulators = Regulators()
+    host: str = ""
+    """A loopback address that this rig has to itself, for what is reached over the network."""
+    markers: int = 0
+    """Of motion capture: tracked bodies along the robot, beside its tip."""
 
 
 @dataclass(frozen=True)
 class Fake:
-    """One kind of fake serial instrument, for the driver of the same name."""
+    """One kind of fake instrument, for the driver of the same name."""
 
     role: str
     """Key in rig.yaml."""
-    plug: Callable[[Site], Sequence[PtyFake]]
-    """Makes its lines, one or one a channel; not yet started."""
-    table: Callable[[Site, Sequence[PtyFake]], Mapping[str, Any]]
+    plug: Callable[[Site], Sequence[Part]]
+    """Makes its parts, mostly one, or one serial line a channel; not yet started."""
+    table: Callable[[Site, Sequence[Any]], Mapping[str, Any]]
     """What its table in rig.yaml says beside `driver`, and of regulators beside chambers and full_scale."""
     full_scale: float = 500e3
     """Of regulators: Pa, unless asked for otherwise."""
+
+
+def faults(fake: object) -> str:
+    """All that is wrong with what an entry point gives; empty when it is a fake."""
+    if not isinstance(fake, Fake):
+        return f"is of type {type(fake).__name__}, not sim_fakes.instrument.Fake"
+    found = [] if isinstance(fake.role, str) and fake.role else [f"role {fake.role!r} must be a key of rig.yaml"]
+    return "; ".join(
+        found + [f"{name} must be callable" for name in ("plug", "table") if not callable(getattr(fake, name))]
+    )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from .accidents import Accidents
+from .instrument import Part
 from .motive import MotiveFake
 from .plant import Plant
 from .pty_fake import PtyFake
@@ -15,11 +16,18 @@ from .ur.process import UrProcess
 class Parts(Protocol):
     """The fakes of one rig; `rig.FakeRig` has them."""
 
-    lines: dict[str, PtyFake]
-    mocap: MotiveFake
+    parts: dict[str, Part]
     plant: Plant
     accidents: Accidents
-    ur: UrProcess | None
+
+    @property
+    def lines(self) -> dict[str, PtyFake]: ...
+
+    @property
+    def mocap(self) -> MotiveFake | None: ...
+
+    @property
+    def ur(self) -> UrProcess | None: ...
 
 
 class Switch(Protocol):

@@ -1,4 +1,4 @@
-"""All fake serial instruments by the name of their driver: the project's own and those of installed packages.
+"""The project's own fake instruments, by the name of their driver.
 
 A package announces one, an `instrument.Fake`, as an entry point of the group `softlab.fakes`, under the name of the driver
 that it announces in `softlab.drivers`.
@@ -6,8 +6,6 @@ that it announces in `softlab.drivers`.
 
 from __future__ import annotations
 
-import functools
-import importlib.metadata
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -15,12 +13,14 @@ from typing import Any
 from .alicat import AlicatFake
 from .dynamixel import DynamixelFake
 from .ft300s import Ft300sFake
-from .instrument import BadFake, Fake, Site
+from .instrument import Fake, Site
+from .motive import MOCAP_TO_BASE, MotiveFake
 from .numato import NumatoFake
 from .pfeiffer import PfeifferFake
 from .pty_fake import PtyFake
 from .smc_itv import SmcItvFake
 from .tmcl import TmclFake
+from .ur.fake import UrFake
 
 GROUP = "softlab.fakes"
 METRES_PER_TURN = 0.1
@@ -60,8 +60,21 @@ def _length_unit(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:
     return {"port": lines[0].port, "metres_per_turn": METRES_PER_TURN}
 
 
+def _natnet(site: Site, parts: Sequence[MotiveFake]) -> dict[str, Any]:
+    return {
+        "server": site.host,
+        "body": "Tip",
+        "markers": [f"M{i + 1}" for i in range(site.markers)],
+        "mocap_to_base": {"position": list(MOCAP_TO_BASE[0]), "quaternion": list(MOCAP_TO_BASE[1])},
+    }
+
+
 OWN: Mapping[str, Fake] = MappingProxyType(
     {
+        "ur5": Fake("arm", lambda s: [UrFake(s.plant, s.clock, s.host, s.seed)], lambda s, parts: {"host": s.host}),
+        "natnet": Fake(
+            "mocap", lambda s: [MotiveFake(s.plant, s.clock, s.host, markers=s.markers, seed=s.seed)], _natnet
+        ),
         "ft300s": Fake("force", lambda s: [Ft300sFake(s.plant, s.clock, seed=s.seed)], _port),
         "alicat": Fake("pressure", _alicat, _alicat_table, full_scale=400e3),
         "smc_itv": Fake("pressure", _smc_itv, _ports),
@@ -75,24 +88,6 @@ OWN: Mapping[str, Fake] = MappingProxyType(
 )
 
 
-@functools.cache
-def fakes() -> Mapping[str, Fake]:
-    """The project's own and those of installed packages; raises `BadFake` when one of these is none."""
-    found = dict(OWN)
-    for entry in importlib.metadata.entry_points(group=GROUP):
-        where = f"entry point {entry.name} = {entry.value} of {GROUP}"
-        if entry.name in found:
-            raise BadFake(f"{where}: the name is taken, choose another")
-        try:
-            fake = entry.load()
-        except Exception as error:
-            raise BadFake(f"{where}: cannot be loaded: {type(error).__name__}: {error}") from error
-        if not isinstance(fake, Fake):
-            raise BadFake(f"{where}: is of type {type(fake).__name__}, not sim_fakes.instrument.Fake")
-        found[entry.name] = fake
-    return MappingProxyType(found)
-
-
-def of_role(role: str) -> tuple[str, ...]:
+def of_role(role: str, known: Mapping[str, Fake] = OWN) -> tuple[str, ...]:
     """The names of the fakes of one key in rig.yaml."""
-    return tuple(name for name, fake in fakes().items() if fake.role == role)
+    return tuple(name for name, fake in known.items() if fake.role == role)

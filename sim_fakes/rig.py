@@ -1,15 +1,14 @@
 """All fake instruments of one rig, the virtual robot behind them, and the door for the person and the tests.
 
-The plant moves in a thread of this process; the arm's controller is a process of its own that sends its TCP pose here.
+The plant moves in a thread of this process.
 """
 
 from __future__ import annotations
 
-import socket
-import struct
 import threading
 import time
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,13 @@ from .accidents import Accidents
 from .backdoor import BackDoor
 from .clock import SimClock
 from .faults import FaultSwitch
-from .instrument import Regulators, Site
-from .motive import MOCAP_TO_BASE, MotiveFake
+from .instrument import Fake, Part, Regulators, Site
+from .motive import MotiveFake
 from .plant import Plant
 from .pty_fake import PtyFake
 from .punctual import punctual
-from .registry import fakes, of_role
-from .ur.kinematics import rotation_matrix
+from .registry import OWN, of_role
+from .ur.fake import UrFake
 from .ur.process import UrProcess, free_host
 from .virtual_robot import RobotTruth, VirtualRobot
 
@@ -33,6 +32,13 @@ PLANT_PERIOD = 0.01
 """Host seconds between two steps of the plant."""
 SENSORS = "sensors."
 """A sensor of the lab's own is this and its name, as in rig.yaml."""
+USUAL = MappingProxyType(
+    {"arm": "ur5", "force": "ft300s", "spine": "dynamixel", "valve": "numato", "gauge": "pfeiffer", "mocap": "natnet"}
+)
+"""Driver of each instrument unless another is asked for; of the regulators see `Regulators`."""
+SEEDS = MappingProxyType({"force": 1, "spine": 2, "valve": 3, "gauge": 4, "pressure": 5, "mocap": 6, "arm": 7})
+"""What each adds to the rig's seed; the arm comes first, since it takes longest to start."""
+OF_SPINE = ("spine", "valve", "gauge")
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 MOST_PRESSURE = 300e3
 """Pa that rig.yaml allows its regulators unless it says otherwise."""
@@ -48,14 +54,17 @@ class FakeRig:
         effects: Mapping[str, float] | None = None,
         seed: int = 0,
         regulators: str | Regulators = "alicat",
-        spine: str = "dynamixel",
+        spine: str = USUAL["spine"],
         channels: int = 3,
         truth: RobotTruth | None = None,
+        others: Mapping[str, str] | None = None,
         sensors: Mapping[str, str] | None = None,
+        known: Mapping[str, Fake] = OWN,
     ) -> None:
         """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions. `spine`: the length unit's
-        driver; empty for a robot without a spine, which has no valve and gauge either. `sensors`: name -> driver of
-        sensors of the lab's own.
+        driver; empty for a robot without a spine, which has no valve and gauge either. `others`: key of rig.yaml -> driver
+        of arm, force, valve, gauge and mocap where it is not the usual one. `sensors`: name -> driver of sensors of the
+        lab's own. `known`: the fakes that there are, by the name of their driver.
         """
         self.truth = truth or RobotTruth()
         chambers = len(self.truth.chamber_azimuths_deg)
@@ -66,30 +75,20 @@ class FakeRig:
         self.wiring = THREE_SETS if channels == 3 and chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
         self.host = free_host()
         self.regulators = Regulators(regulators) if isinstance(regulators, str) else regulators
-        self.lines: dict[str, PtyFake] = {}
-        """Serial lines by key of rig.yaml; numbered from 1 where an instrument has several."""
+        self.parts: dict[str, Part] = {}
+        """What the fakes are made of, by key of rig.yaml; numbered from 1 where an instrument has several."""
+        self._known = known
         self.tables: dict[str, Callable[[], dict[str, Any]]] = {}
         """What rig.yaml says of each."""
-        for role, driver, own_seed in (
-            ("force", "ft300s", 1),
-            ("spine", spine, 2),
-            ("valve", "numato" if spine else "", 3),
-            ("gauge", "pfeiffer" if spine else "", 4),
-            ("pressure", self.regulators.driver, 5),
-        ):
-            if not driver:
-                continue
-            self._plug(role, role, driver, seed + own_seed)
+        of = {**USUAL, **(others or {}), "spine": spine, "pressure": self.regulators.driver}
+        for role in ("arm", *(r for r in SEEDS if r != "arm")):
+            if spine or role not in OF_SPINE:
+                self._plug(role, role, of[role], seed + SEEDS[role])
         for number, (name, driver) in enumerate((sensors or {}).items()):
             self._plug("sensor", f"{SENSORS}{name}", driver, seed + 100 + number)
-        self.mocap = MotiveFake(self.plant, self.clock, self.host, markers=len(self.truth.markers), seed=seed + 6)
         self.door = BackDoor(self)
-        self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._poses.bind((self.host, 0))
-        self._seed = seed
         self._running = False
-        self._threads: list[threading.Thread] = []
-        self.ur: UrProcess | None = None
+        self._moving = threading.Thread(target=self._move_plant, name="fake-plant", daemon=True)
         self.switch = FaultSwitch(self)
         self.accidents = Accidents(self.wiring)
         self.troubles: list[str] = []
@@ -98,14 +97,23 @@ class FakeRig:
         """What that person does about it."""
 
     def _plug(self, role: str, instrument: str, driver: str, seed: int) -> None:
-        """Plug in the serial fake of one driver; raises ValueError when there is none for this key of rig.yaml."""
-        fake = fakes().get(driver)
+        """Plug in the fake of one driver; raises ValueError when there is none for this key of rig.yaml."""
+        fake = self._known.get(driver)
         if fake is None or fake.role != role:
-            raise ValueError(f"no fake {driver} for {role}; one of {', '.join(of_role(role))}")
+            raise ValueError(f"no fake {driver} for {role}; one of {', '.join(of_role(role, self._known))}")
         how = self.regulators
-        site = Site(self.plant, self.clock, seed, how.hoses(self.wiring), how.full_scale or fake.full_scale, how)
-        lines = fake.plug(site)
-        self.lines |= {f"{instrument}{i}" if len(lines) > 1 else instrument: line for i, line in enumerate(lines, 1)}
+        site = Site(
+            plant=self.plant,
+            clock=self.clock,
+            seed=seed,
+            host=self.host,
+            markers=len(self.truth.markers),
+            hoses=how.hoses(self.wiring),
+            full_scale=how.full_scale or fake.full_scale,
+            regulators=how,
+        )
+        parts = fake.plug(site)
+        self.parts |= {f"{instrument}{i}" if len(parts) > 1 else instrument: part for i, part in enumerate(parts, 1)}
 
         def table() -> dict[str, Any]:
             table: dict[str, Any] = {"driver": driver}
@@ -113,9 +121,26 @@ class FakeRig:
                 table |= {"chambers": [list(group) for group in self.wiring], "full_scale": site.full_scale}
                 if site.full_scale < MOST_PRESSURE:
                     table["max_pressure"] = site.full_scale
-            return {**table, **fake.table(site, lines)}
+            return {**table, **fake.table(site, parts)}
 
         self.tables[instrument] = table
+
+    @property
+    def lines(self) -> dict[str, PtyFake]:
+        """The parts that are serial lines."""
+        return {name: part for name, part in self.parts.items() if isinstance(part, PtyFake)}
+
+    @property
+    def mocap(self) -> MotiveFake | None:
+        """The cameras, where they are Motive's."""
+        part = self.parts.get("mocap")
+        return part if isinstance(part, MotiveFake) else None
+
+    @property
+    def ur(self) -> UrProcess | None:
+        """The arm's controller once it is started, where it is a UR's."""
+        part = self.parts.get("arm")
+        return part.process if isinstance(part, UrFake) else None
 
     def _warm_up(self, effects: dict[str, float]) -> None:
         """Have the physics compiled before any instrument answers: a compiler holds the interpreter for seconds."""
@@ -134,14 +159,9 @@ class FakeRig:
     def start(self) -> FakeRig:
         """Start everything; returns when every instrument answers."""
         self._running = True
-        self.ur = UrProcess(self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self._seed + 7)
-        for target in (self._move_plant, self._receive_poses):
-            thread = threading.Thread(target=target, name=f"fake-{target.__name__}", daemon=True)
-            thread.start()
-            self._threads.append(thread)
-        for line in self.lines.values():
-            line.start()
-        self.mocap.start()
+        for part in self.parts.values():
+            part.start()
+        self._moving.start()
         self.door.start()
         return self
 
@@ -149,15 +169,10 @@ class FakeRig:
         """End everything; may be called twice."""
         self._running = False
         self.door.stop()
-        self.mocap.stop()
-        for line in self.lines.values():
-            line.stop()
-        if self.ur is not None:
-            self.ur.stop()
-        self._poses.close()
-        for thread in self._threads:
-            thread.join(1.0)
-        self._threads.clear()
+        for part in self.parts.values():
+            part.stop()
+        if self._moving.is_alive():
+            self._moving.join(1.0)
 
     def __enter__(self) -> FakeRig:
         return self.start()
@@ -182,7 +197,7 @@ class FakeRig:
             self.on_confirm(trouble)
         return {}
 
-    # -- threads
+    # -- the plant
     def _move_plant(self) -> None:
         punctual()
         last = self.clock.now()
@@ -193,23 +208,6 @@ class FakeRig:
                 self.accidents.advance(self.robot, self.plant, now - last)
             last = now
             time.sleep(max(0.0, due - time.monotonic()))
-
-    def _receive_poses(self) -> None:
-        punctual()
-        self._poses.settimeout(0.2)
-        while self._running:
-            try:
-                data, sender = self._poses.recvfrom(256)
-                pose = struct.unpack("<7d", data)[1:]
-            except (TimeoutError, struct.error):
-                continue
-            except OSError:
-                return
-            if sender[0] != self.host:
-                continue
-            with self.plant.lock:
-                self.plant.probe_position = np.array(pose[:3])
-                self.plant.probe_rotation = rotation_matrix(pose[3:])
 
     # -- rig.yaml
     def rig_file(self, robot: str = "robot.yaml") -> dict[str, Any]:
@@ -222,14 +220,8 @@ class FakeRig:
             "clock": {"speed": self.clock.speed},
             "operator": f"unix:{self.door.path}",
             "instruments": {
-                "arm": {"driver": "ur5", "host": self.host},
                 **{key: table() for key, table in self.tables.items() if not key.startswith(SENSORS)},
                 **({"sensors": sensors} if sensors else {}),
-                "mocap": {
-                    "driver": "natnet", "server": self.host, "body": "Tip",
-                    "markers": [f"M{i + 1}" for i in range(len(self.truth.markers))],
-                    "mocap_to_base": {"position": list(MOCAP_TO_BASE[0]), "quaternion": list(MOCAP_TO_BASE[1])},
-                },
             },
             "stand": {
                 "origin": stand[:3, 3].tolist(),
@@ -237,7 +229,7 @@ class FakeRig:
                 "push": stand[:3, 0].tolist(),
                 "tool_rotation": [0.0, float(np.pi / 2), 0.0],
             },
-        }  # fmt: skip
+        }
 
     def rig_yaml(self, robot: str = "robot.yaml") -> str:
         """rig.yaml as text."""

@@ -5,14 +5,42 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from model.effects import EffectSpec, effects_from_file, installed_effects, with_effects
+from model.effects import CATALOGUE, EffectSpec, with_effects
+from model.effects.catalogue import GROUP, announced
 from model.effects.proof import prove
+from model.errors import BadEffect
 from model.robot import Robot
 
+from .config import ConfigError
+from .packages import Unusable, installed, python_file
 
-def catalogue(robot: Robot, file: Path | None) -> Mapping[str, EffectSpec]:
-    """All effects by id; those that are not the project's are tried on the robot first. Raises `BadEffect`."""
-    own = installed_effects() + (effects_from_file(file) if file is not None else ())
-    merged = with_effects(own)
+
+def effects_from_file(path: Path) -> tuple[EffectSpec, ...]:
+    """The EFFECTS of a Python file; raises ConfigError when it cannot be run or holds none."""
+    module = python_file(path)
+    try:
+        return announced(getattr(module, "EFFECTS", None))
+    except BadEffect as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def catalogue(robot: Robot, file: Path | None = None) -> tuple[Mapping[str, EffectSpec], tuple[str, ...]]:
+    """All effects by id, and what is not among them though an installed package announces it: an answer that weighs less than
+    it seems to must say so.
+
+    What is not the project's is tried on the robot first. Raises ConfigError, and `BadEffect` for an effect of the file.
+    """
+
+    def tried(name: str, thing: object) -> dict[str, EffectSpec]:
+        try:
+            specs = announced(thing)
+            prove(robot, specs)
+        except BadEffect as error:
+            raise Unusable(str(error)) from error
+        return {spec.id: spec for spec in specs}
+
+    found = installed(GROUP, CATALOGUE, tried)
+    own = effects_from_file(file) if file is not None else ()
+    merged = with_effects(own, found.usable)
     prove(robot, own)
-    return merged
+    return merged, (*found.broken.values(), *found.doubts.values())

@@ -29,9 +29,10 @@ from drivers.configs import (
     ValveConfig,
 )
 from drivers.interfaces import Vector3
-from drivers.registry import ROLES, broken, drivers, of_role
+from drivers.registry import ROLES
 from recordings.messages import NAME
 
+from .all_drivers import drivers, found_drivers
 from .config import ConfigError, check, read_yaml
 
 
@@ -63,7 +64,7 @@ def _tables() -> dict[str, Any]:
     """For each key of `instruments` the tables of its registered drivers, told apart by `driver`."""
     fields: dict[str, Any] = {}
     for role in ROLES:
-        tables = tuple(_table(name, driver.config) for name, driver in of_role(role).items())
+        tables = tuple(_table(name, driver.config) for name, driver in drivers().items() if driver.role == role)
         if role == SENSOR:
             one: Any = _one_of(tables)
             fields["sensors"] = (dict[SensorName, one], {})
@@ -288,9 +289,9 @@ def _unusable(data: Any) -> dict[str, str]:
     tables = tables if isinstance(tables, dict) else {}
     sensors = tables.get("sensors")
     named = {**tables, **{SENSORS + k: v for k, v in (sensors if isinstance(sensors, dict) else {}).items()}}
-    found = {}
+    found, broken = {}, found_drivers().broken
     for key, table in named.items():
         name = table.get("driver") if isinstance(table, dict) else None
-        if isinstance(name, str) and name not in drivers() and name in broken():
-            found[key] = f"instruments.{key}.driver = {name}: {broken()[name]}"
+        if isinstance(name, str) and name in broken:
+            found[key] = f"instruments.{key}.driver = {name}: {broken[name]}"
     return found

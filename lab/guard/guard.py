@@ -18,8 +18,8 @@ from typing import Any
 
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
-from drivers.registry import drivers
 
+from ..files.all_drivers import drivers
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .hosted import Hosted

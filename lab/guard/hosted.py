@@ -18,8 +18,8 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
-from drivers.registry import drivers
 
+from ..files.all_drivers import drivers
 from ..files.clock import RigClock
 from .instruments import make
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from drivers.interfaces import Clock
-from drivers.registry import drivers
+
+from ..files.all_drivers import drivers
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     "pressure": ("set", "read", "vent"),

@@ -13,15 +13,15 @@ from typing import Any, Self
 from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
-from drivers.registry import drivers
 from model.robot import Robot
 from protocols.bench import Bench, Narrator, StandFrame
 from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
 from recordings.messages import MessageType, sensor
 
+from ..files.all_drivers import drivers, found_drivers
 from ..files.config import load
-from ..files.rig_file import SENSORS, RigFile
+from ..files.rig_file import SENSORS, RigFile, present, table_of
 from ..guard.force_limit import ForceLimit
 from ..guard.instruments import ACTUATORS
 from ..guard.landing import SafeReport
@@ -59,6 +59,9 @@ class Rig:
         self.vital = Vital()
         self.stop_now: Callable[[], bool] = lambda: False
         """True once a person wants everything to stop at once."""
+        doubts = found_drivers().doubts
+        used = {name: table_of(file.instruments, name).driver for name in present(file.instruments)}
+        self.notices += [f"{name}: {doubts[driver]}" for name, driver in used.items() if driver in doubts]
         self._recorder: Recorder | None = None
         self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()

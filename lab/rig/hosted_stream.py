@@ -20,8 +20,8 @@ from typing import Any
 from drivers.configs import ArmConfig
 from drivers.errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, Identity, Sink
-from drivers.registry import drivers
 
+from ..files.all_drivers import drivers
 from ..files.clock import RigClock
 
 OPEN_WITHIN, CLOSE_WITHIN = 10.0, 5.0

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import shtab
 
-from protocols.registry import protocols
+from ..files.all_protocols import found_protocols
 
 SHELLS = ("bash", "zsh")
 FOLDERS = ("folder",)
@@ -32,7 +32,7 @@ def completion(shell: str, top: argparse.ArgumentParser) -> int:
             action.complete = dict.fromkeys(SHELLS, "_lab_protocols")  # type: ignore[attr-defined]
         elif action.type is not None and getattr(action.type, "__name__", "") == "Path":
             action.complete = shtab.DIRECTORY if action.dest in FOLDERS else shtab.FILE  # type: ignore[attr-defined]
-    words = CHOOSE[shell] % " ".join(protocols())
+    words = CHOOSE[shell] % " ".join(found_protocols().usable)
     sys.stdout.write(shtab.complete(top, shell, preamble=words) + "\n")
     return 0
 

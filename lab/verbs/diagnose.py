@@ -87,11 +87,12 @@ def diagnose(
 def _answer(
     case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor
 ) -> tuple[Diagnosis, Change | None]:
-    weighed = catalogue(case.robot, comparisons.effects)
+    weighed, left_out = catalogue(case.robot, comparisons.effects)
     held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
     try:
         with Screen("weighing hypotheses") as screen:
-            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, executor=_shown(screen, executor)))
+            found = diagnosed(case, Options(catalogue=weighed, holdout=held, executor=_shown(screen, executor)))
+        answer = replace(found, concerns=(*found.concerns, *(f"not weighed: {why}" for why in left_out)))
         if comparisons.reference is None:
             return answer, None
         earlier = read_case([comparisons.reference], robot)

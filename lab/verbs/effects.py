@@ -12,8 +12,8 @@ from model.effects import Parameter
 from model.effects.spec import STAGES
 from model.robot import Robot, load_robot
 
+from ..console import note, styled
 from ..console import out as screen
-from ..console import styled
 from ..files.example import paper_robot
 from ..files.own_effects import catalogue
 from ..signatures import Signature, signatures
@@ -22,10 +22,12 @@ from ..signatures import Signature, signatures
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json: bool = False) -> int:
     """Print the catalogue and draw signatures.png into `out`; `more` is a file with effects of one's own.
 
-    Raises `BadEffect` when that file declares effects wrongly.
+    Raises ConfigError, `BadEffect` when that file declares effects wrongly.
     """
     shown = robot if robot is not None else load_robot(paper_robot())
-    found = signatures(shown, catalogue(shown, more))
+    effects, left_out = catalogue(shown, more)
+    note(left_out)
+    found = signatures(shown, effects)
     out.mkdir(parents=True, exist_ok=True)
     from ..pages.effects_figure import draw
 

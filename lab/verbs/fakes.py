@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import shutil
 import signal
 import threading
@@ -15,14 +16,17 @@ from pydantic import ValidationError
 
 from drivers.alicat.wire import UNITS
 from model.robot import Robot
-from sim_fakes.instrument import BadFake, Regulators
-from sim_fakes.registry import of_role
+from recordings.messages import NAME
+from sim_fakes.instrument import Fake, Regulators, faults
+from sim_fakes.registry import GROUP, OWN, of_role
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
-from ..console import out
+from ..console import note, out
+from ..files.all_drivers import drivers, found_drivers
 from ..files.config import ConfigError, load
 from ..files.example import paper_robot
+from ..files.packages import Found, Unusable, installed
 from ..files.units import to_si
 
 PATIENT: dict[str, Any] = {
@@ -52,10 +56,7 @@ def serve(a: argparse.Namespace) -> int:
         for e in list_effects():
             out.print(f"{e.id:24s} {e.scale:10.4g} {e.unit:12s} {e.physics}")
         return 0
-    try:
-        rig = _rig(a)
-    except BadFake as e:
-        raise ConfigError(str(e)) from e
+    rig = _rig(a)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
@@ -69,16 +70,54 @@ def serve(a: argparse.Namespace) -> int:
     return 0
 
 
+@functools.cache
+def found_fakes() -> Found[Fake]:
+    """All fakes by the name of their driver: the project's own and those of installed packages."""
+    return installed(GROUP, OWN, _fake)
+
+
+def _fake(name: str, thing: object) -> dict[str, Fake]:
+    if wrong := faults(thing):
+        raise Unusable(wrong)
+    assert isinstance(thing, Fake)
+    return {name: thing}
+
+
+def _asked(option: str, role: str, driver: str) -> str:
+    """The driver that an option names, when it can be played under this key of rig.yaml; raises ConfigError."""
+    for what, found in (("fake", found_fakes()), ("driver", found_drivers())):
+        if driver in found.broken and driver not in OWN:  # ours are played where their libraries are not installed too
+            raise ConfigError(f"{option}: its {what} cannot be used: {found.broken[driver]}")
+        if driver in found.doubts:
+            note([found.doubts[driver]])
+    known = of_role(role, found_fakes().usable)
+    if driver not in known:
+        raise ConfigError(
+            f"{option}: must be one of {', '.join(known) or 'those of installed packages; there is none'}"
+        )
+    if driver in OWN:
+        return driver
+    if driver not in drivers():
+        raise ConfigError(
+            f"{option}: there is a fake {driver}, but no driver of this name; announce it in softlab.drivers"
+        )
+    if drivers()[driver].role != role:
+        raise ConfigError(f"{option}: its fake is for {role}, its driver for {drivers()[driver].role}; make them agree")
+    return driver
+
+
 def _rig(a: argparse.Namespace) -> FakeRig:
-    """The fakes that the options ask for; raises ConfigError, BadFake."""
-    for option, role, driver in (("--regulators", "pressure", a.regulators), ("--spine", "spine", a.spine)):
-        if driver not in of_role(role):
-            raise ConfigError(f"{option} {driver}: must be one of {', '.join(of_role(role))}")
-    sensors = dict(option.partition("=")[::2] for option in a.sensor)
-    for name, driver in sensors.items():
-        if driver not in of_role("sensor"):
-            known = ", ".join(of_role("sensor")) or "those of installed packages; there is none"
-            raise ConfigError(f"--sensor {name}={driver}: must be NAME=DRIVER with one of {known}")
+    """The fakes that the options ask for; raises ConfigError."""
+    others = {role: getattr(a, role) for role in ("arm", "force", "valve", "gauge", "mocap")}
+    for option, role, driver in (("regulators", "pressure", a.regulators), ("spine", "spine", a.spine),
+                                 *((role, role, driver) for role, driver in others.items())):  # fmt: skip
+        _asked(f"--{option} {driver}", role, driver)
+    sensors = {}
+    for setting in a.sensor:
+        name, found, driver = setting.partition("=")
+        if not found or not NAME.fullmatch(name):
+            raise ConfigError(f"--sensor {setting}: must be NAME=DRIVER; small letters, digits and _ in the name")
+        sensors[name] = _asked(f"--sensor {setting}", "sensor", driver)
     robot = None if a.robot is None else load(a.robot, Robot)
     return FakeRig(
         truth=None if robot is None else played(robot),
@@ -88,7 +127,9 @@ def _rig(a: argparse.Namespace) -> FakeRig:
         regulators=regulators(a),
         spine=a.spine if robot is None or robot.spine is not None else "",
         channels=int(a.channels),
+        others=others,
         sensors=sensors,
+        known=found_fakes().usable,
     )
 
 

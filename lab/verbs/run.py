@@ -19,14 +19,15 @@ from model.robot import Robot
 from protocols.errors import BadProtocol, Stopped
 from protocols.experiment import Plan, Trials
 from protocols.parameters import Parameters, RobotFacts
-from protocols.registry import Experiment, broken, protocol_from_file, protocols
+from protocols.registry import Experiment
 from recordings.campaign.journal import Journal
 from recordings.campaign.resumed import metadata as campaign
 from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
 from recordings.trials import Table
 
-from ..console import Screen, clock, err, out
+from ..console import Screen, clock, err, note, out
+from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.config import ConfigError, Source, check, load, parse_yaml, read_yaml
 from ..files.inputs import same_body
 from ..files.resume import Broken, find
@@ -110,14 +111,16 @@ def _experiment(name: object, own: Path | None, where: str) -> Experiment:
         if own is not None and found.name != name:
             raise ConfigError(f"{own}: is the protocol {found.name}, {where} is for {name}")
         return found
-    known = protocols()
-    if isinstance(name, str) and name not in known and name in broken():
-        raise ConfigError(f"{where}: protocol = {name}: {broken()[name]}")
-    if not isinstance(name, str) or name not in known:
+    known = found_protocols()
+    if isinstance(name, str) and name in known.broken:
+        raise ConfigError(f"{where}: protocol = {name}: {known.broken[name]}")
+    if not isinstance(name, str) or name not in known.usable:
         raise ConfigError(
-            f"{where}: protocol = {name!r}: must be one of {', '.join(known)}, or a protocol file (.yaml, .py)"
+            f"{where}: protocol = {name!r}: must be one of {', '.join(known.usable)}, or a protocol file (.yaml, .py)"
         )
-    return known[name]
+    if name in known.doubts:
+        note([known.doubts[name]])
+    return known.usable[name]
 
 
 def _planned(experiment: Experiment, parameters: Parameters) -> Plan:

@@ -9,8 +9,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from model.robot import Robot
-from protocols.registry import protocols
 
+from ..files.all_protocols import found_protocols
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 
@@ -19,15 +19,18 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 def schema(name: str) -> int:
     """Print the schema of rig.yaml, robot.yaml or the file of a protocol; raises ConfigError for another name."""
+    protocols = found_protocols()
     known: dict[str, type[BaseModel]] = {
         "rig": RigFile,
         "robot": Robot,
-        **{n: p.parameters for n, p in protocols().items()},
+        **{n: p.parameters for n, p in protocols.usable.items()},
     }
+    if name in protocols.broken:
+        raise ConfigError(f"schema {name}: {protocols.broken[name]}")
     if name not in known:
         raise ConfigError(f"schema {name}: must be one of {', '.join(known)}")
     found = _with_units(known[name].model_json_schema())
-    if name in protocols():
+    if name in protocols.usable:
         found["properties"] = {"protocol": {"const": name}, **found.get("properties", {})}
     print(json.dumps({"$schema": DRAFT, **found}, indent=1))
     return 0

@@ -17,7 +17,7 @@ fit that begins at zero should be given a step in the size first, or begin at `s
 
 Where things are
     spec          EffectSpec, Parameter, Law: what an effect is declared as
-    catalogue     CATALOGUE, effects of one's own from a file or an installed package
+    catalogue     CATALOGUE, and effects of one's own beside it
     actuation, structure, surroundings, measurement     the effects, each law beside its declaration
     tolerance     calibration of the area and the tolerances that are free under tight priors
     design        Design: the states of a campaign, from the columns of a table
@@ -29,7 +29,7 @@ Where things are
     forward       ForwardModel
 """
 
-from model.effects.catalogue import CATALOGUE, effects_from_file, installed_effects, with_effects
+from model.effects.catalogue import CATALOGUE, with_effects
 from model.effects.design import Design, design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.observation import Noise
@@ -46,7 +46,5 @@ __all__ = [
     "Parameter",
     "ParameterInfo",
     "design_from_columns",
-    "effects_from_file",
-    "installed_effects",
     "with_effects",
 ]

@@ -1,4 +1,4 @@
-"""All effects by id: the project's own, those of installed packages, and those of a file of one's own.
+"""The project's own effects by id, and what a package or a file announces effects by.
 
 A package announces effects as entry points of the group `softlab.effects`, each an `EffectSpec` or a tuple of them. A
 file announces them by a module-level name EFFECTS.
@@ -6,10 +6,7 @@ file announces them by a module-level name EFFECTS.
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from types import MappingProxyType
 
 from model.effects.laws import actuation, measurement, structure, surroundings
@@ -34,35 +31,9 @@ def with_effects(more: Iterable[EffectSpec], base: Mapping[str, EffectSpec] = CA
     return MappingProxyType(merged)
 
 
-def effects_from_file(path: Path) -> tuple[EffectSpec, ...]:
-    """The EFFECTS of a Python file; raises `BadEffect` when it cannot be run or holds none."""
-    found = importlib.util.spec_from_file_location(path.stem, path)
-    if found is None or found.loader is None:
-        raise BadEffect(f"{path}: not a Python file")
-    module = importlib.util.module_from_spec(found)
-    try:
-        found.loader.exec_module(module)
-    except Exception as error:
-        raise BadEffect(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
-    return _checked(getattr(module, "EFFECTS", None), str(path))
-
-
-def installed_effects() -> tuple[EffectSpec, ...]:
-    """The effects that installed packages announce; raises `BadEffect` when one is not an effect: a diagnosis that silently
-    weighs fewer than it should would not be honest."""
-    found: list[EffectSpec] = []
-    for entry in importlib.metadata.entry_points(group=GROUP):
-        where = f"entry point {entry.name} = {entry.value} of {GROUP}"
-        try:
-            announced = entry.load()
-        except Exception as error:
-            raise BadEffect(f"{where}: cannot be loaded: {type(error).__name__}: {error}") from error
-        found += _checked(announced, where)
-    return tuple(found)
-
-
-def _checked(value: object, where: str) -> tuple[EffectSpec, ...]:
+def announced(value: object) -> tuple[EffectSpec, ...]:
+    """The effects that a package or a file announces; raises `BadEffect` when it is none."""
     specs = (value,) if isinstance(value, EffectSpec) else value
     if not isinstance(specs, (tuple, list)) or not specs or not all(isinstance(s, EffectSpec) for s in specs):
-        raise BadEffect(f"{where}: EFFECTS must be a tuple of EffectSpec (stages: {', '.join(STAGES)})")
+        raise BadEffect(f"EFFECTS must be a tuple of EffectSpec (stages: {', '.join(STAGES)})")
     return tuple(specs)

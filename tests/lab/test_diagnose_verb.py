@@ -15,7 +15,8 @@ from diagnosed_case import ROBOT, Answered, answered_once, campaign, edited, fol
 from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from lab.cli import main
 from lab.files.example import paper_robot
-from model.effects import effects_from_file, with_effects
+from lab.files.own_effects import effects_from_file
+from model.effects import with_effects
 from recordings.trials import TrialRow
 
 AREA = {"area_moment.blend": 0.7}

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
 from lab.cli import main
-from protocols.errors import BadProtocol
-from protocols.registry import protocol_from_file, protocols
+from lab.files.all_protocols import found_protocols, protocol_from_file
+from lab.files.config import ConfigError
 
 ROOT = Path(__file__).parents[2]
 CREEP = ROOT / "examples/protocol/creep.py"
@@ -17,7 +16,7 @@ RIG = str(ROOT / "examples/rig/rig.yaml")
 
 
 def test_the_project_s_own_are_known() -> None:
-    assert set(protocols()) == {"stiffness", "bending", "elongation"}
+    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation"}
 
 
 def test_a_file_is_a_protocol_of_its_name() -> None:
@@ -36,7 +35,7 @@ def test_a_file_is_a_protocol_of_its_name() -> None:
 def test_a_file_that_holds_none_is_told(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "mine.py"
     path.write_text(text)
-    with pytest.raises(BadProtocol, match=words):
+    with pytest.raises(ConfigError, match=words):
         protocol_from_file(path)
 
 
@@ -59,25 +58,3 @@ def test_a_plan_of_one_s_own_is_held_against_the_limits(capsys: pytest.CaptureFi
     assert "read after 30 s" in capsys.readouterr().out
     assert main(["plan", str(CREEP), "--rig", RIG, "--set", "pressure=290 kPa"]) == 2
     assert "creep, step 1" in capsys.readouterr().err
-
-
-def test_a_package_announces_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "packaged_creep.py").write_text(CREEP.read_text())
-    info = tmp_path / "packaged-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: packaged\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[softlab.protocols]\ncreep = packaged_creep\nodd = packaged_odd\nbending = packaged_creep\n"
-    )
-    (tmp_path / "packaged_odd.py").write_text("import nothing_of_this_name")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert set(protocols()) == {"stiffness", "bending", "elongation", "creep"}
-    # what cannot be used hinders no other, and says why where it is named
-    assert main(["plan", "bending", "--rig", RIG]) == 0
-    capsys.readouterr()
-    assert main(["plan", "odd", "--rig", RIG]) == 2
-    assert "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'" in capsys.readouterr().err
-    assert main(["plan", "elongation", "--rig", RIG]) == 0
-    sys.modules.pop("packaged_creep", None)

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from model.effects import CATALOGUE, EffectSpec, Law, Parameter, effects_from_file, installed_effects
+from model.effects import CATALOGUE, EffectSpec, Law, Parameter
+from model.effects.catalogue import announced
 from model.effects.spine import shear_spine
 from model.errors import BadEffect
 from model.robot import Robot
-
-OWN = """
-from model.effects import EffectSpec, Law, Parameter
-EFFECTS = (EffectSpec("{id}", "material", "", (Parameter("size", "1", 0.1, -1.0, 1.0),), Law(), "", ""),)
-"""
 
 
 def test_every_effect_says_what_it_is_and_where_it_is_seen() -> None:
@@ -32,24 +26,10 @@ def test_effects_of_one_family_are_forms_of_one_cause() -> None:
     assert CATALOGUE["contact"].family_id == "contact"
 
 
-def test_effects_come_from_a_file_and_from_installed_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "own_effects.py").write_text(OWN.format(id="from_file"))
-    assert [s.id for s in effects_from_file(tmp_path / "own_effects.py")] == ["from_file"]
-    (tmp_path / "packaged_effects.py").write_text(OWN.format(id="from_package"))
-    info = tmp_path / "packaged-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: packaged\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[softlab.effects]\nmine = packaged_effects:EFFECTS\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert [s.id for s in installed_effects()] == ["from_package"]
-
-
-@pytest.mark.parametrize("text", ["EFFECTS = ()", "nothing = 1", "1 / 0"])
-def test_a_file_without_good_effects_is_refused_by_name(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "own.py"
-    path.write_text(text)
-    with pytest.raises(BadEffect, match=r"own\.py"):
-        effects_from_file(path)
+@pytest.mark.parametrize("value", [(), None, ("colder",)])
+def test_what_is_no_effect_is_refused(value: object) -> None:
+    with pytest.raises(BadEffect, match="must be a tuple of EffectSpec"):
+        announced(value)
 
 
 def test_declarations_that_could_never_be_absent_are_refused() -> None:

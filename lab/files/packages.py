@@ -1,0 +1,132 @@
+"""What installed packages announce, and Python files of one's own: read here, for drivers, fakes, protocols and effects alike.
+
+A package announces things by name as entry points of a group. One that cannot be used hinders nobody: only what it would
+have brought is missing, and why is said where somebody asks for it. A name of the project's own stays the project's; of
+two packages that announce one name neither is used.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Generic, TypeVar
+
+from .config import ConfigError
+
+T = TypeVar("T")
+Unpack = Callable[[str, object], Mapping[str, T]]
+"""What an entry point of this name gives, by name; raises `Unusable`."""
+
+
+class Unusable(ValueError):
+    """What a package announces is not what its group is for; the message says all that is wrong with it."""
+
+
+@dataclass(frozen=True)
+class Found(Generic[T]):
+    """What can be used, by name, and what is to be said of the rest."""
+
+    usable: Mapping[str, T]
+    broken: Mapping[str, str]
+    """Names that packages announce and that cannot be used: which package, what is wrong, what to do."""
+    doubts: Mapping[str, str]
+    """Names that can be used and that some package announces in vain: the same."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry point, and the package that it comes from."""
+
+    point: importlib.metadata.EntryPoint
+    package: str
+    version: str
+
+    def __str__(self) -> str:
+        return f"package {self.package} {self.version}: entry point {self.point.name} = {self.point.value} of {self.point.group}"
+
+    @property
+    def remedy(self) -> str:
+        """What a person can do about it."""
+        return f"mend it or remove it: pip uninstall {self.package}"
+
+
+def installed(
+    group: str, own: Mapping[str, T], unpack: Unpack[T], missing: Mapping[str, str] = MappingProxyType({})
+) -> Found[T]:
+    """The project's own things and those of installed packages; `missing`: the own ones that cannot be used here, and why."""
+    offers: dict[str, list[tuple[Entry, T]]] = {}
+    faults: dict[str, list[str]] = {}
+    for entry in _entries(group):
+        try:
+            things = unpack(entry.point.name, entry.point.load())
+        except Unusable as error:
+            faults.setdefault(entry.point.name, []).append(f"{entry}: {error}; {entry.remedy}")
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a package of others raises must not keep a rig from landing
+            why = f"{entry}: cannot be loaded: {type(error).__name__}: {error}; {entry.remedy}"
+            faults.setdefault(entry.point.name, []).append(why)
+        else:
+            for name, thing in things.items():
+                offers.setdefault(name, []).append((entry, thing))
+    return _settled(own, missing, offers, faults)
+
+
+def _entries(group: str) -> Iterator[Entry]:
+    for point in importlib.metadata.entry_points(group=group):
+        about = point.dist
+        yield Entry(point, about.name if about else "of unknown name", about.version if about else "")
+
+
+def _settled(
+    own: Mapping[str, T],
+    missing: Mapping[str, str],
+    offers: Mapping[str, list[tuple[Entry, T]]],
+    faults: Mapping[str, list[str]],
+) -> Found[T]:
+    """Who has which name."""
+    usable, broken, doubts = dict(own), dict(missing), {}
+    for name in {**offers, **faults}:
+        offered, wrong = offers.get(name, []), faults.get(name, [])
+        if name in own or name in missing:
+            taken = [f"{e}: the name {name} is this software's own and stays so; {e.remedy}" for e, _ in offered]
+            doubts[name] = "\n".join([*taken, *wrong])
+        elif len(offered) == 1:
+            usable[name] = offered[0][1]
+            if wrong:
+                doubts[name] = "\n".join(wrong)
+        elif offered:
+            broken[name] = _contested(name, [entry for entry, _ in offered])
+        else:
+            broken[name] = "\n".join(wrong)
+    return Found(MappingProxyType(usable), MappingProxyType(broken), MappingProxyType(doubts))
+
+
+def _contested(name: str, entries: Collection[Entry]) -> str:
+    """Whichever came first would be used by chance."""
+    entries = sorted(entries, key=str)
+    packages = " and ".join(f"{e.package} {e.version}" for e in entries)
+    each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(e.package for e in entries))
+    return f"packages {packages} both announce {name}, so neither is used; keep one: {each}"
+
+
+def python_file(path: Path) -> ModuleType:
+    """A Python file, run; raises ConfigError when it cannot be.
+
+    It is no module that others can import: what is sent elsewhere from it goes as a whole, not by its name.
+    """
+    spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise ConfigError(f"{path}: is no Python file that can be read")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where the annotations of its classes are looked up
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
+    finally:
+        del sys.modules[spec.name]
+    return module

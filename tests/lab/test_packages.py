@@ -1,0 +1,178 @@
+"""What installed packages announce: one that is broken hinders nobody, and is named with what to do where it is used."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from lab.cli import main
+from lab.files.all_drivers import found_drivers
+from lab.files.all_protocols import found_protocols
+from lab.files.config import ConfigError
+from lab.files.own_effects import catalogue, effects_from_file
+from lab.files.packages import Unusable, installed, python_file
+from lab.verbs.fakes import found_fakes
+from model.robot import load_robot
+
+ROOT = Path(__file__).parents[2]
+RIG = str(ROOT / "examples/rig/rig.yaml")
+CREEP = (ROOT / "examples/protocol/creep.py").read_text()
+EFFECT = """
+from model.effects import EffectSpec, Law, Parameter
+EFFECTS = (EffectSpec("{id}", "material", "", (Parameter("size", "1", 0.1, -1.0, 1.0),), Law(), "", ""),)
+"""
+DRIVER = """
+from drivers.configs import GaugeConfig
+from drivers.registry import Driver
+class Config(GaugeConfig):
+    port: str
+DRIVER = Driver("gauge", Config, print)
+"""
+FAKE = """
+from sim_fakes.instrument import Fake
+FAKE = Fake("{role}", lambda site: [], lambda site, parts: dict())
+"""
+Install = Callable[..., None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Installs a package with a module of its name and these entry points, group -> {name: attribute}."""
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def install(package: str, text: str, **groups: dict[str, str]) -> None:
+        (tmp_path / f"{package}.py").write_text(text)
+        info = tmp_path / f"{package}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        lines = [
+            f"[softlab.{group}]\n" + "".join(f"{n} = {package}{at}\n" for n, at in entries.items())
+            for group, entries in groups.items()
+        ]
+        (info / "entry_points.txt").write_text("\n".join(lines))
+        found_drivers.cache_clear()
+        found_fakes.cache_clear()
+
+    yield install
+    for name in set(sys.modules) - before:
+        if str(getattr(sys.modules[name], "__file__", "")).startswith(str(tmp_path)):
+            del sys.modules[name]
+    monkeypatch.undo()
+    found_drivers.cache_clear()
+    found_fakes.cache_clear()
+
+
+def number(name: str, thing: object) -> dict[str, int]:
+    """Entry points of these tests give numbers."""
+    if not isinstance(thing, int):
+        raise Unusable(f"is no number but {thing!r}")
+    return {name: thing}
+
+
+def test_a_broken_package_is_named_with_its_error_and_its_cure_and_hinders_nobody(install: Install) -> None:
+    install("good", "ONE = 1", numbers={"one": ":ONE"})
+    install("odd", "ONE = 'a'", numbers={"odd": ":ONE", "gone": ":TWO"})
+    install("worse", "raise SystemExit('no licence')", numbers={"worse": ":ONE"})
+    found = installed("softlab.numbers", {"zero": 0}, number)
+    assert found.usable == {"zero": 0, "one": 1} and not found.doubts
+    assert found.broken["odd"] == (
+        "package odd 1.0: entry point odd = odd:ONE of softlab.numbers: is no number but 'a'; "
+        "mend it or remove it: pip uninstall odd"
+    )
+    assert "AttributeError" in found.broken["gone"] and "SystemExit: no licence" in found.broken["worse"]
+
+
+def test_a_name_of_our_own_stays_ours_and_of_two_packages_neither_has_it(install: Install) -> None:
+    install("first", "ONE = 1", numbers={"zero": ":ONE", "mine": ":ONE"})
+    install("second", "ONE = 2", numbers={"mine": ":ONE", "lost": ":TWO"})
+    found = installed("softlab.numbers", {"zero": 0}, number, {"lost": "install it"})
+    assert found.usable == {"zero": 0}
+    assert "package first 1.0" in found.doubts["zero"] and "this software's own and stays so" in found.doubts["zero"]
+    assert found.broken["lost"] == "install it" and "package second 1.0" in found.doubts["lost"]
+    both = found.broken["mine"]
+    assert "first 1.0" in both and "second 1.0" in both and "pip uninstall first or pip uninstall second" in both
+
+
+def test_a_broken_one_takes_no_name_from_a_good_one(install: Install) -> None:
+    install("first", "ONE = 1", numbers={"mine": ":ONE"})
+    install("second", "", numbers={"mine": ":ONE"})
+    found = installed("softlab.numbers", {}, number)
+    assert found.usable == {"mine": 1} and "package second 1.0" in found.doubts["mine"]
+
+
+def test_protocols(install: Install, capsys: pytest.CaptureFixture[str]) -> None:
+    install("packaged", CREEP, protocols={"creep": "", "bending": ""})
+    install("odd", "import nothing_of_this_name", protocols={"odd": ""})
+    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "creep"}
+    assert main(["plan", "elongation", "--rig", RIG]) == 0
+    assert "note" not in capsys.readouterr().err
+    assert main(["plan", "bending", "--rig", RIG]) == 0
+    assert "package packaged 1.0: entry point bending" in " ".join(capsys.readouterr().err.split())
+    assert main(["plan", "odd", "--rig", RIG]) == 2
+    assert "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'" in capsys.readouterr().err
+    assert main(["schema", "odd"]) == 2
+
+
+def test_fakes(install: Install, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    install("odd", "FAKE = 3", fakes={"odd": ":FAKE"})
+    install("alone", FAKE.format(role="gauge"), fakes={"alone": ":FAKE"})
+    install("mixed", DRIVER + FAKE.format(role="valve"), fakes={"mixed": ":FAKE"}, drivers={"mixed": ":DRIVER"})
+    install("greedy", DRIVER + FAKE.format(role="gauge"), fakes={"pfeiffer": ":FAKE"}, drivers={"pfeiffer": ":DRIVER"})
+    for words, told in (
+        (["--gauge", "odd"], "package odd 1.0: entry point odd = odd:FAKE of softlab.fakes: is of type int"),
+        (["--gauge", "alone"], "there is a fake alone, but no driver of this name"),
+        (["--valve", "mixed"], "its fake is for valve, its driver for gauge"),
+        (["--arm", "alicat"], "--arm alicat: must be one of ur5"),
+        (["--sensor", "skin"], "--sensor skin: must be NAME=DRIVER"),
+        (["--sensor", "skin=alone"], "those of installed packages; there is none"),
+    ):
+        assert main(["fakes", *words]) == 2
+        text = " ".join(capsys.readouterr().err.split())
+        assert told in text, text
+    assert "package greedy 1.0: entry point pfeiffer" in text  # played all the same, by ours
+
+
+def test_a_driver_that_takes_a_name_of_ours_is_told_by_the_check(
+    install: Install, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    install("greedy", DRIVER, drivers={"pfeiffer": ":DRIVER"})
+    rig = tmp_path / "rig.yaml"
+    text = Path(RIG).read_text().replace("../paper", str(ROOT / "examples/paper"))
+    head, gauge = text[: text.index("instruments:")], "instruments: {gauge: {driver: pfeiffer, port: /dev/nobody}}\n"
+    rig.write_text(head + gauge)
+    assert main(["check", "--rig", str(rig), "--seconds", "0", "--json"]) == 1
+    (warning,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert warning.startswith("gauge: package greedy 1.0: entry point pfeiffer = greedy:DRIVER of softlab.drivers")
+
+
+def test_effects(install: Install) -> None:
+    robot = load_robot(ROOT / "examples/paper/robot.yaml")
+    install("packaged", EFFECT.format(id="from_package"), effects={"any": ":EFFECTS"})
+    install("greedy", EFFECT.format(id="base_tilt"), effects={"any": ":EFFECTS"})
+    law = "Law(before=lambda q, v: 1 / 0)"
+    install("failing", EFFECT.format(id="failing").replace("Law()", law), effects={"failing": ":EFFECTS"})
+    effects, told = catalogue(robot)
+    assert "from_package" in effects and "failing" not in effects and effects["base_tilt"].equation
+    text = "\n".join(told)
+    assert "package failing 1.0" in text and "its law fails: ZeroDivisionError" in text
+    assert "package greedy 1.0: entry point any = greedy:EFFECTS of softlab.effects: the name base_tilt" in text
+
+
+@pytest.mark.parametrize("text", ["EFFECTS = ()", "nothing = 1", "1 / 0", "raise SystemExit"])
+def test_a_file_without_good_effects_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"own\.py"):
+        effects_from_file(path)
+
+
+def test_a_file_is_run_as_no_module_that_others_could_import(tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(EFFECT.format(id="from_file"))
+    assert [spec.id for spec in effects_from_file(path)] == ["from_file"]
+    assert python_file(path).__name__ not in sys.modules
