@@ -17,6 +17,10 @@ __all__ = ["Case", "case", "compare", "diagnose", "fit", "load_robot", "open_rig
 def __getattr__(name: str) -> Any:
     """A name of the front door, when it is first used: the command's own start does not wait for all of it."""
     if name in __all__:
+        from .neighbours import strangers
+
+        if wrong := strangers():
+            raise ImportError(wrong)
         return getattr(import_module(".api", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

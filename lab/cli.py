@@ -300,8 +300,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; errors become one clear message and an exit code."""
     # The matrices of fits and diagnoses are small: threads of the linear algebra would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    a = parser().parse_args(arguments)
     from .console import complain, plain_failures
+    from .neighbours import strangers
+
+    if wrong := strangers():
+        complain(wrong)
+        return USAGE
+    a = parser().parse_args(arguments)
     from .failures import explained
 
     plain_failures()

@@ -43,7 +43,7 @@ class Suspended(ProtocolError):
 
 
 class BadProtocol(ValueError):
-    """A file or package that should hold a protocol holds none; the message names all that is wrong with it."""
+    """A protocol of one's own gives no plan that can be used; the message names what is wrong with it."""
 
 
 class Stopped(ProtocolError):
