@@ -31,6 +31,8 @@ from .plant import Plant
 from .pty_fake import Device, PtyFake
 
 UNIT_NAMES = {2: "Pa", 3: "hPa", 4: "kPa", 5: "MPa", 6: "mbar", 7: "bar", 10: "PSI"}
+UNITS = ("Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi")
+"""The same as rig.yaml spells them."""
 PA_PER_UNIT = {2: 1.0, 3: 100.0, 4: 1e3, 5: 1e6, 6: 100.0, 7: 1e5, 10: 6894.757}
 NOISE = 100.0
 """Standard deviation of a reading, Pa."""

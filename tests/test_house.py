@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -128,3 +129,19 @@ def test_pages_escape_everything() -> None:
         text = page.read_text()
         assert not re.search(r"\|\s*safe|autoescape|<script", text), page
         assert not any("{{" in style or "{%" in style for style in re.findall(r"<style.*?</style>", text, re.S)), page
+
+
+def test_the_wheel_holds_whatever_the_rooms_hold_and_nothing_else() -> None:
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert build["packages"]["find"]["include"] == [f"{room}*" for room in ROOMS]
+    patterns = ("*.py", *build["package-data"]["*"])
+    files = [
+        path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    ]
+    left_out = [str(p) for p in files if not any(p.match(pattern) for pattern in patterns)]
+    assert left_out == []
+    away = [str(p) for p in files if p.suffix == ".py" and re.search(r"/ \"(examples|tests|docs)\b", p.read_text())]
+    assert away == []

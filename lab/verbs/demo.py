@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from drivers.registry import OWN
 from model.warm_up import PARTS
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import draw_effect, list_effects
@@ -22,6 +23,8 @@ from sim_fakes.virtual_robot import draw_effect, list_effects
 from ..calibration import calibrate
 from ..comparison import comparison
 from ..console import Screen, out, styled
+from ..files.all_drivers import found_drivers
+from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.rig_file import load_rig
 from ..pages.demo_report import Seal, write
@@ -66,7 +69,14 @@ class Story:
 
 
 def demo(folder: Path, seed: int | None, speed: float) -> int:
-    """Run the story; 0 when every step succeeded and every replayed number equals the live one."""
+    """Run the story; 0 when every step succeeded and every replayed number equals the live one.
+
+    Raises ConfigError where the instruments' libraries are not installed: the fakes are reached by them.
+    """
+    if missing := {
+        why for name, why in found_drivers().broken.items() if name in OWN
+    }:  # said before the fakes are started
+        raise ConfigError("\n".join(sorted(missing)))
     seed = secrets.randbelow(10**6) if seed is None else seed
     if folder.exists():
         shutil.rmtree(folder)

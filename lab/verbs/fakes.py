@@ -14,9 +14,9 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from drivers.alicat.wire import UNITS
 from model.robot import Robot
 from recordings.messages import NAME
+from sim_fakes.alicat import UNITS
 from sim_fakes.instrument import Fake, Regulators, faults
 from sim_fakes.registry import GROUP, OWN, of_role
 from sim_fakes.rig import FakeRig

@@ -75,7 +75,9 @@ def _parquet_writer() -> Callable[[Columns, Path], None]:
     try:
         pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:
-        raise MissingPackage("Parquet needs pyarrow, which is not installed; install it, or export CSV") from error
+        raise MissingPackage(
+            "Parquet needs pyarrow, which is not installed; pip install pyarrow, or export CSV"
+        ) from error
     return lambda columns, path: parquet.write_table(pyarrow.table(columns), path)
 
 

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from drivers.alicat.wire import UNITS as WIRE
 from lab.files.example import paper_robot
+from sim_fakes.alicat import UNITS
 
 ROOT = Path(__file__).parents[2]
 LIBRARIES = (
@@ -58,8 +60,15 @@ def test_a_landing_tells_each_actuator_that_it_cannot_reach(tmp_path: Path) -> N
     assert "make it safe by hand" in " ".join(done.stdout.split()) and path.with_suffix(".latch").exists()
 
 
-@pytest.mark.parametrize("words", [("plan", "bending"), ("check",)])
-def test_a_rig_says_what_to_install(words: tuple[str, ...]) -> None:
-    done = lab(*words, "--rig", ROOT / "examples/rig/rig.yaml")
+@pytest.mark.parametrize("words", [("plan", "bending"), ("check",), ("demo",)])
+def test_a_rig_says_what_to_install(words: tuple[str, ...], tmp_path: Path) -> None:
+    place = ("--out", tmp_path / "demo") if words == ("demo",) else ("--rig", ROOT / "examples/rig/rig.yaml")
+    done = lab(*words, *place)
     assert done.returncode == 2 and "Traceback" not in done.stderr, done.stdout + done.stderr
     assert "the instruments' libraries are not installed" in done.stderr and "pip install 'softlab[rig]'" in done.stderr
+
+
+def test_the_fakes_need_none_of_them() -> None:
+    done = lab("fakes", "--unit", "torr")
+    assert done.returncode == 2 and "must be one of Pa, hPa, kPa, MPa, mbar, bar, psi" in done.stderr, done.stderr
+    assert tuple(WIRE) == UNITS
