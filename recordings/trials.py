@@ -191,6 +191,8 @@ class Table:
     """Columns of the file that are no columns of this table."""
     warnings: tuple[str, ...] = ()
     """What looked odd when the file was read, but may be right."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Unit of each sensor's column, where the input tells: a recording does, trials.csv does not."""
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -79,7 +79,8 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         first = max((r.trial for r in rows), default=0)
         rows += [replace(r, trial=r.trial + first) for r in table]
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
-    return Case(robot, Table(tuple(rows), warnings=doubts))
+    units = {column: unit for _, table in parts for column, unit in table.units.items()}
+    return Case(robot, Table(tuple(rows), warnings=doubts, units=units))
 
 
 def _body(robot: Robot) -> Robot:

@@ -12,6 +12,7 @@ import numpy as np
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.compare_campaigns import Change
+from recordings.trials import Table
 
 from . import diagnosis_figures as draw
 from .diagnosis_attribution import distinguishability as draw_distinguishability
@@ -19,6 +20,9 @@ from .diagnosis_attribution import sizes as draw_sizes
 from .diagnosis_shapes import shapes as draw_shapes
 from .pushes_figure import pushes as draw_pushes
 from .report import Report, Section
+from .sensors_figure import numbers as sensor_numbers
+from .sensors_figure import quantities
+from .sensors_figure import sensors as draw_sensors
 
 LITTLE = 0.05
 """Bits: an experiment with a smaller expected information only serves to test the answer."""
@@ -39,8 +43,11 @@ MISFIT_LABELS = {
 """Keys of `signs` in diagnosis.json -> labels on the page."""
 
 
-def write(d: Diagnosis, length: float, path: Path, source: str, change: Change | None = None) -> Path:
-    """Write one offline page; `length` m of the robot, `source` what was diagnosed."""
+def write(
+    d: Diagnosis, length: float, path: Path, source: str, change: Change | None = None, table: Table | None = None
+) -> Path:
+    """Write one offline page; `length` m of the robot, `source` what was diagnosed, `table` its states, for sensors of the lab's
+    own."""
     report = Report("The gap between model and robot", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.statement)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -65,6 +72,8 @@ def write(d: Diagnosis, length: float, path: Path, source: str, change: Change |
         if d.detail["masking"]:
             _confounding(report.section("Confounding: what a calibration takes over"), d, folder)
         _next(report.section("What to do next"), d)
+        if table is not None and quantities(table):
+            _sensors(report.section("What the lab's own sensors measured"), table, folder)
     return report.write(path)
 
 
@@ -92,6 +101,14 @@ def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
 
 def _percent(share: float) -> str:
     return f"{round(100 * share) + 0}"
+
+
+def _sensors(s: Section, table: Table, folder: Path) -> None:
+    s.figure(
+        draw_sensors(table, folder / "sensors.png"),
+        "Each state's mean; bars: one standard deviation of the samples averaged. The model knows nothing of these.",
+    )
+    s.table(*sensor_numbers(table))
 
 
 def _held_out(s: Section, found: Mapping[str, Any]) -> None:

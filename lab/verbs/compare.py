@@ -15,6 +15,7 @@ from ..comparison import comparison
 from ..console import note, out
 from ..files.inputs import clipped_note, read_case
 from ..pages.figures import tip_curves
+from ..pages.sensors_figure import quantities, sensors
 
 
 def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
@@ -22,21 +23,24 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
     case = read_case(inputs, robot)
     note(case.table.warnings)
     c = comparison(case)
-    figure = None
+    figure = measured = None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         figure = tip_curves(c, folder / "compare.png")
+        measured = sensors(case.table, folder / "sensors.png") if quantities(case.table) else None
     if as_json:
         data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": len(case.table.clipped)}
         data["figure"] = str(figure) if figure else None
+        data["sensors"] = str(measured) if measured else None
         print(json.dumps(data, indent=1))
         return 0
     out.print(sheet(c.table))
     note(clipped_note(case.table))
     if c.unsolved:
         out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
-    if figure:
-        out.print(f"figure: {figure}")
+    for path in (figure, measured):
+        if path:
+            out.print(f"figure: {path}")
     return 0
 
 

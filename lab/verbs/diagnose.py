@@ -79,7 +79,7 @@ def diagnose(
         write_protocols(answer.next_experiment, outputs.protocols)
     _show(answer, change)
     if outputs.report is not None:
-        write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change)
+        write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change, case.table)
         out.print(f"report: {outputs.report}")
     return 0
 

@@ -25,6 +25,7 @@ from recordings.trials import Table, TrialRow
 from ..console import note, out
 from ..files.config import ConfigError
 from ..files.inputs import clipped_note, same_body
+from ..files.units import unit_text
 
 
 def info(file: Path, as_json: bool) -> int:
@@ -47,6 +48,9 @@ def info(file: Path, as_json: bool) -> int:
         f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
     )
     out.print(f"attached: {', '.join(s.attachments)}")
+    for topic, quantities in s.sensors.items():
+        for name, q in quantities.items():
+            out.print(f"{topic} {name}: {q.least:.6g} .. {q.greatest:.6g}, mean {q.mean:.6g}{unit_text(q.unit)}")
     for topic, stream in s.streams.items():
         if stream.restarts:
             out.print(

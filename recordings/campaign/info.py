@@ -7,10 +7,13 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+
 from ..file.clocks import ClockModel, clocks
 from ..file.counts import counted
 from ..file.reader import Recording
 from ..file.timing import Timing, timing
+from ..states.concluding import of_sensor
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,16 @@ class StreamInfo:
     lost: int | None
     restarts: int = 0
     """How often its numbers or its instrument's stamps went back: the stream began anew; what was lost then is not known."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a sensor of the lab's own measured: unit, and the range and mean of its samples."""
+
+    unit: str
+    least: float
+    mean: float
+    greatest: float
 
 
 @dataclass(frozen=True)
@@ -47,6 +60,8 @@ class Info:
     """Of the instruments that stamp their samples, by topic."""
     metadata: dict[str, dict[str, str]]
     """Records given by whoever recorded: versions, git state, and so on."""
+    sensors: dict[str, dict[str, Quantity]]
+    """Of sensors of the lab's own: topic -> name -> what was measured."""
 
     @property
     def complete(self) -> bool:
@@ -100,4 +115,14 @@ def info(path: str | os.PathLike[str]) -> Info:
         attachments={name: len(data) for name, data in recording.attachments.items()},
         clocks=clocks(recording),
         metadata=metadata,
+        sensors={topic: _quantities(recording, topic) for topic in recording.streams if of_sensor(topic)},
     )
+
+
+def _quantities(recording: Recording, topic: str) -> dict[str, Quantity]:
+    samples, found = recording.stream(topic), {}
+    for name, unit in recording.units(topic).items():
+        values = samples[name][np.isfinite(samples[name])]
+        if name != "t" and len(values):
+            found[name] = Quantity(unit, float(values.min()), float(values.mean()), float(values.max()))
+    return found

@@ -12,7 +12,7 @@ from .. import events
 from ..errors import NotSettled, RecordingError
 from ..file.budget import Budget, Cost
 from ..file.reader import Recording
-from ..states.concluding import conclude
+from ..states.concluding import conclude, of_sensor, sensor_column
 from ..trials import Table, TrialRow
 
 
@@ -49,7 +49,18 @@ def table_of(recording: Recording) -> Table:
     1
     """
     recording.need(events.STATE.topic, events.TRIAL.topic)
-    return Table(tuple(event.row for event in recording.trials))
+    return Table(tuple(event.row for event in recording.trials), units=units_of(recording))
+
+
+def units_of(recording: Recording) -> dict[str, str]:
+    """Unit of each column that a sensor of the lab's own fills."""
+    topics = [topic for topic in recording.streams if of_sensor(topic)]
+    return {
+        sensor_column(topic, name): unit
+        for topic in topics
+        for name, unit in recording.units(topic).items()
+        if name != "t"
+    }
 
 
 AVERAGING = 20

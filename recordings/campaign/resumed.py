@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..errors import Damaged
 from ..file.reader import Recording
 from ..trials import Table, TrialRow
-from .replay import table_of
+from .replay import table_of, units_of
 
 
 def metadata(campaign: str, journal: str, first_trial: int) -> dict[str, dict[str, str]]:
@@ -59,7 +59,8 @@ def merged(recordings: Sequence[Recording]) -> Table:
             shift = max((recording.start_wall_ns - parts[0].start_wall_ns) / 1e9, shift + _end(before))
             rows = [row for row in rows if row.trial < first_trial(recording)]
         rows += [replace(row, t=row.t + shift) if shift else row for row in table_of(recording)]
-    return Table(tuple(rows))
+    units = {column: unit for recording in parts for column, unit in units_of(recording).items()}
+    return Table(tuple(rows), units=units)
 
 
 def _begin(recording: Recording) -> int:

@@ -200,6 +200,10 @@ class Recording:
             self._streams[topic] = self._decode(topic)
         return self._streams[topic]
 
+    def units(self, topic: str) -> dict[str, str]:
+        """Unit of each field of a stream, as the file's schema tells. Raises `Damaged`."""
+        return {field.name: field.unit for field in self._message(self._channel(topic)).fields}
+
     def newest(self, topic: str) -> float:
         """Stamp (s) of the topic's newest sample; -inf when there is none."""
         stamps = self.stream(topic)["t"]

@@ -99,12 +99,17 @@ def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
     lab("run", "bending", "--rig", str(fakes), *how, "--out", str(tmp_path))
     (file,) = tmp_path.glob("*.mcap")
     assert "equal to the live run's" in lab("replay", str(file))
+    assert "/sensor/skin temperature: 29" in lab("info", str(file)) and lab("info", str(file)).count(" K") == 1
+    assert json.loads(lab("info", str(file), "--json"))["sensors"]["/sensor/skin"]["humidity"]["unit"] == "1"
+    drawn = json.loads(lab("compare", str(file), "--out", str(tmp_path / "compared"), "--json"))
+    assert Path(drawn["sensors"]).stat().st_size > 10_000
     # from here on without the packages: the recording tells what the sensor measured
     recording = Recording.open(file)
     assert not recording.metadata.get("identity.arm") and not len(recording.stream("/arm"))  # a sweep needs no arm
     samples = recording.stream("/sensor/skin")
     assert samples.dtype.names == ("t", "temperature", "humidity") and len(samples) > 20
     table = table_of(recording)
+    assert table.units == {"sensor_skin_temperature": "K", "sensor_skin_humidity": "1"}
     seen = [(row.t, row.sensors) for row in table]
     for t, sensors in seen:
         before = samples[(samples["t"] > t - 20) & (samples["t"] < t + 20)]["temperature"]
