@@ -121,7 +121,10 @@ def unit(request: pytest.FixtureRequest) -> Iterator[Unit]:
 
 def _config(kind: type[Any], table: dict[str, Any], changes: dict[str, float]) -> Any:
     """The table of rig.yaml with those of these changes that this driver knows and bears."""
-    config = kind.model_validate(table)
+    try:
+        config = kind.model_validate(table)
+    except ValidationError as error:
+        pytest.fail(f"the fake gives a table that its driver refuses: {error}")
     for key in changes.keys() & kind.model_fields:
         with contextlib.suppress(ValidationError):
             config = kind.model_validate(config.model_dump() | {key: changes[key]})

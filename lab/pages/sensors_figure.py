@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from recordings.trials import Table, TrialRow
 
@@ -44,6 +45,7 @@ def sensors(table: Table, path: Path) -> Path:
             for length, colour in zip(lengths, colours(len(lengths)), strict=True):
                 _drawn(left, right, table, column, length, colour)
             left.set_ylabel(label(table, column))
+            left.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes[-1][0].set_xlabel("state")
         axes[-1][1].set_xlabel("highest pressure, kPa")
         if len(lengths) > 1:

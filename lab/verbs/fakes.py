@@ -57,6 +57,7 @@ def serve(a: argparse.Namespace) -> int:
             out.print(f"{e.id:24s} {e.scale:10.4g} {e.unit:12s} {e.physics}")
         return 0
     rig = _rig(a)
+    _demand_agreement(rig.rig_file()["instruments"])
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
@@ -104,6 +105,20 @@ def _asked(option: str, role: str, driver: str) -> str:
     if drivers()[driver].role != role:
         raise ConfigError(f"{option}: its fake is for {role}, its driver for {drivers()[driver].role}; make them agree")
     return driver
+
+
+def _demand_agreement(instruments: Mapping[str, Any]) -> None:
+    """Raises ConfigError when a package's fake says of itself what its own driver does not take."""
+    named = {**instruments, **{f"sensors.{k}": v for k, v in instruments.get("sensors", {}).items()}}
+    for key, table in named.items():
+        driver = table.get("driver")
+        if not isinstance(driver, str) or driver in OWN:
+            continue
+        try:
+            drivers()[driver].config.model_validate(table)
+        except ValidationError as e:
+            faults = "; ".join(f"{'.'.join(map(str, f['loc']))} = {f['input']!r}: {f['msg']}" for f in e.errors())
+            raise ConfigError(f"{key}: the fake of {driver} gives what its driver refuses: {faults}") from e
 
 
 def _rig(a: argparse.Namespace) -> FakeRig:

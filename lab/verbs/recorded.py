@@ -35,7 +35,8 @@ def info(file: Path, as_json: bool) -> int:
         print(json.dumps(s.to_dict(), indent=1))
         return 0 if s.complete else 3
     t = Sheet(title=str(file), title_justify="left")
-    for column in ("topic", "messages", "rate", "jitter p50/p99/max", "gaps", "longest", "dropped", "lost"):
+    t.add_column("topic", justify="right", no_wrap=True)
+    for column in ("messages", "rate", "jitter p50/p99/max", "gaps", "longest", "dropped", "lost"):
         t.add_column(column, justify="right")
     for topic, stream in s.streams.items():
         at = stream.timing

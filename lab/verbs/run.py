@@ -167,7 +167,9 @@ def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> i
         return 0
     for i, step in enumerate(p.steps, 1):
         out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
-    out.print(f"{len(p.steps)} steps, about {clock(p.seconds / j.rig.clock.speed)}; at most:")
+    speed = j.rig.clock.speed
+    fast = f" on a rig that runs {speed:g} times as fast as real" if speed != 1 else ""
+    out.print(f"{len(p.steps)} steps, about {clock(p.seconds / speed)}{fast}{'; at most:' if p.limits else ''}")
     for key, value in p.limits.items():
         out.print(f"  {key} {value:g}")
     return 0

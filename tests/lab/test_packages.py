@@ -32,6 +32,11 @@ class Config(GaugeConfig):
     port: str
 DRIVER = Driver("gauge", Config, print)
 """
+LOST = """
+class Lost:
+    def start(self): ...
+    def stop(self): ...
+"""
 FAKE = """
 from sim_fakes.instrument import Fake
 FAKE = Fake("{role}", lambda site: [], lambda site, parts: dict())
@@ -135,6 +140,15 @@ def test_fakes(install: Install, capsys: pytest.CaptureFixture[str], tmp_path: P
         text = " ".join(capsys.readouterr().err.split())
         assert told in text, text
     assert "package greedy 1.0: entry point pfeiffer" in text  # played all the same, by ours
+
+
+def test_a_fake_that_its_own_driver_would_refuse_is_told_before_it_is_started(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = DRIVER + LOST + FAKE.format(role="gauge").replace("[]", "[Lost()]")
+    install("apart", text, fakes={"apart": ":FAKE"}, drivers={"apart": ":DRIVER"})
+    assert main(["fakes", "--gauge", "apart"]) == 2
+    assert "gauge: the fake of apart gives what its driver refuses: port =" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_driver_that_takes_a_name_of_ours_is_told_by_the_check(
