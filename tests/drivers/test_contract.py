@@ -98,7 +98,7 @@ def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
     how = [word for setting in settings for word in ("--set", setting)]
     lab("run", "bending", "--rig", str(fakes), *how, "--out", str(tmp_path))
     (file,) = tmp_path.glob("*.mcap")
-    assert "equal to the live run's" in lab("replay", str(file))
+    assert "bit-identical to the live run's" in lab("replay", str(file))
     assert "/sensor/skin temperature: 29" in lab("info", str(file)) and lab("info", str(file)).count(" K") == 1
     assert json.loads(lab("info", str(file), "--json"))["sensors"]["/sensor/skin"]["humidity"]["unit"] == "1"
     drawn = json.loads(lab("compare", str(file), "--out", str(tmp_path / "compared"), "--json"))
