@@ -164,7 +164,7 @@ class Actuators:
         """Give up a guard that was silent for too long while this process was awake to hear it."""
         silent = self.pulse.awake.now - self._heard
         if not self.lost and silent > self._silent:
-            self._give_up(f"no sign of life for {silent:.1f} s")
+            self._give_up(f"no heartbeat for {silent:.1f} s")
 
     def _give_up(self, why: str) -> None:
         """The guard is lost for good: a frozen one must not wake up and command behind a successor's back."""
@@ -173,9 +173,7 @@ class Actuators:
             self._process.kill()
 
     def _lost(self, during: str) -> ActuatorsLost:
-        return ActuatorsLost(
-            f"the process that guards the actuators was lost during {during}: {self.lost}; vent and stop by hand"
-        )
+        return ActuatorsLost(f"the guard of the actuators was lost during {during}: {self.lost}; vent and stop by hand")
 
     def open(self, name: str) -> Identity:
         """Connect one instrument."""
