@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.optimize import fsolve
 
-from model.statics import Rods
+from model.rods import Rods
 
 Array = NDArray[np.float64]
 Peer = tuple[float, Array] | str

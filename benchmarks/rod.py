@@ -22,8 +22,10 @@ from rich.table import Table
 
 from benchmarks.peers_rod import exudyn_peer, paper_peer, solve_bvp_peer
 from benchmarks.rod_cases import directions, friction_history, paper_rods, split, tips_of
-from model.statics import DEFAULT, FINE, Form, Rods, group, sensitivities, solve, solver
-from model.statics.friction import history
+from model.rods import FAST, FINE, Fast, Form, Rods, sensitivities, solve
+from model.rods.fast import direct
+from model.rods.fast.friction import history
+from model.rods.solution import RESULT
 
 Array = NDArray[np.float64]
 
@@ -51,19 +53,16 @@ def row(
 
 def error_of(rods: Rods) -> float:
     """Worst distance between the default and the fine tips, mm."""
-    return float(1e3 * np.linalg.norm(tips_of(solve(rods, DEFAULT)) - tips_of(solve(rods, FINE)), axis=1).max())
+    return float(1e3 * np.linalg.norm(tips_of(solve(rods, FAST)) - tips_of(solve(rods, FINE)), axis=1).max())
 
 
 def kernel_seconds(rods: Rods, rounds: int) -> tuple[float, float]:
     """The kernel alone, called for one rod."""
-    out, memory = np.empty((len(rods), group.RESULT)), np.zeros((0, group.MEMORY))
-    form, at = rods.form, solver.DEFAULT
+    out, memory = np.empty((len(rods), RESULT)), np.zeros((0, direct.MEMORY))
+    layout, settings, steps = rods.form.columns, (FAST.divisions, FAST.close, False), np.zeros((0, 1), np.int64)
 
     def call() -> None:
-        group.solve_direct(
-            rods.values, form.head, form.block, None, None, 0, at.divisions, at.close, np.zeros((0, 1), np.int64), memory, False,
-            out
-        )  # fmt: skip
+        direct.solve_direct(rods.values, layout, (None, None), settings, steps, memory, out)
 
     return measure(call, rounds, time.perf_counter)
 
@@ -84,9 +83,10 @@ def figures(quick: bool) -> list[dict[str, object]]:
     rods = paper_rods(n, seed=1)
     plain = measure(lambda: solve(rods), rounds)
     lines = [row("batch, cold, 35 conditions", plain, n, ">= 1.5 M/s, <= 0.01 mm", error_of(rods))]
-    warm = solve(rods, remember=True)
+    warm = solve(rods, Fast(remember=True))
     lines.append(row("batch, warm", measure(lambda: solve(rods, start=warm), rounds), n))
-    lines.append(row("batch, cold, two threads", measure(lambda: solve(rods, cores=2), rounds, time.perf_counter), n))
+    two = Fast(cores=2)
+    lines.append(row("batch, cold, two threads", measure(lambda: solve(rods, two), rounds, time.perf_counter), n))
     one = paper_rods(35, seed=2)[22:23]
     lines.append(row("single, kernel called", kernel_seconds(one, 3000), 1, "<= 6 us"))
     lines.append(

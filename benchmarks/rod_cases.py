@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from model.batch import RodBatch
-from model.statics import Form, Rods, Solution, rods
-from model.statics.friction.history import Memory
+from model.rods import Form, Rods, Solution, rods
+from model.rods.fast.friction.history import Memory
 
 Array = NDArray[np.float64]
 
@@ -111,19 +110,4 @@ def wild_rods(n: int, seed: int) -> Rods:
     dead = (size * np.cos(angle), size * np.sin(angle), 0.053 * GRAVITY * r.uniform(0, 3, n))
     return _robots(
         spine, (mixed, body), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n)
-    )
-
-
-def as_batch(found: Rods) -> RodBatch:
-    """The same rods for the slow converged solver, which knows two elements of one weight."""
-    return RodBatch(
-        length=found.whole_length,
-        joint=found.field("length")[:, 0].copy(),
-        stretch_stiffness=found.field("stretch_stiffness").copy(),
-        bend_stiffness=found.field("bend_stiffness").copy(),
-        tip_force=found.field("tip_force").copy(),
-        tip_moment=found.field("tip_moment").copy(),
-        dead_force=found.field("dead_force").copy(),
-        weight=found.field("load")[:, 0].copy(),
-        rest_curvature=np.zeros((len(found), 3)),
     )

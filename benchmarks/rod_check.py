@@ -1,7 +1,7 @@
 """The fast rod solver against the slow converged one on random robots: `python -m benchmarks.rod_check`.
 
 Robots are far beyond the paper's: E +-30 %, to 450 kPa, out of plane, the spine anywhere, tip loads to 5 N sideways. All
-are solved by the fast solver at its default setting; a random sample also by `model.reference`. A silent error is a tip
+are solved by the fast solver at its default setting; a random sample also by `model.rods.reference`. A silent error is a tip
 that the fast solver calls trusted and that is farther than 0.01 mm from the converged one, or whose rod the converged
 solver finds on another branch. Exits with 1 when there is any.
 """
@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.rod_cases import as_batch, wild_rods
-from model.batch import Status
-from model.reference import solve_rods
-from model.statics import FINE, Solution, solve
+from benchmarks.rod_cases import wild_rods
+from model.rods import FINE, REFERENCE, Solution, Status, solve
 
 Array = NDArray[np.float64]
 
@@ -30,7 +28,7 @@ AT_ONCE = 100
 
 def compare(fast: Solution, rows: Array, tips: Array, status: NDArray[np.int8]) -> tuple[Array, NDArray[np.bool_]]:
     """Distances (m) of the sampled tips that both solvers trust, and which samples are silent errors."""
-    ok = fast.ok[rows]
+    ok = fast.converged[rows]
     both = ok & (status <= Status.SOLVED_IN_STEPS)
     distance = np.full(len(rows), np.nan)
     distance[both] = np.linalg.norm(fast.tip[rows][both] - tips[both], axis=1)
@@ -53,23 +51,23 @@ def main() -> int:
     counts = {state.name: int((fast.status == state).sum()) for state in Status}
     console.print(f"{options.robots} robots in {seconds:.2f} s of processor time: {counts}")
     fine = solve(rods, FINE)
-    both = fast.ok & fine.ok
+    both = fast.converged & fine.converged
     apart = np.linalg.norm(fast.tip - fine.tip, axis=1)[both]
     console.print(f"default against fine setting: worst {1e3 * apart.max():.5f} mm of {int(both.sum())}")
     rows = np.sort(np.random.default_rng(options.seed).choice(options.robots, options.sample, replace=False))
     tips, status = np.empty((len(rows), 3)), np.empty(len(rows), np.int8)
     for at in track(range(0, len(rows), AT_ONCE), "slow solver", console=console, disable=not console.is_terminal):
         part = slice(at, at + AT_ONCE)
-        slow = solve_rods(as_batch(rods[rows[part]]))
+        slow = solve(rods[rows[part]], REFERENCE)
         tips[part], status[part] = slow.tip, slow.status
     distance, wrong = compare(fast, rows, tips, status)
     slow_ok = status <= Status.SOLVED_IN_STEPS
     console.print(
         f"sample of {len(rows)}: both trust {int(np.isfinite(distance).sum())}, worst {1e3 * np.nanmax(distance):.5f} mm, "
-        f"fast alone {int((fast.ok[rows] & ~slow_ok).sum())}, slow alone {int((~fast.ok[rows] & slow_ok).sum())}, "
-        f"neither {int((~fast.ok[rows] & ~slow_ok).sum())}"
+        f"fast alone {int((fast.converged[rows] & ~slow_ok).sum())}, slow alone {int((~fast.converged[rows] & slow_ok).sum())}, "
+        f"neither {int((~fast.converged[rows] & ~slow_ok).sum())}"
     )
-    for i in np.flatnonzero(wrong | (fast.ok[rows] & ~slow_ok)):
+    for i in np.flatnonzero(wrong | (fast.converged[rows] & ~slow_ok)):
         console.print(f"  robot {rows[i]}: {1e3 * distance[i]:.4f} mm, slow solver says {Status(status[i]).name}")
     console.print(f"silent errors: {int(wrong.sum())}")
     return 1 if wrong.any() else 0

@@ -32,7 +32,8 @@ from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as _diagnose
 from model.condition import conditions
 from model.robot import Robot
-from model.rod import solve
+from model.rods import FINE, solve
+from model.section import rods_of
 from recordings.file.reader import Recording
 
 from .calibration import Calibration, calibrate
@@ -97,8 +98,8 @@ def predict(
     n = len(p)
     mass = robot.tip_mass if tip_mass is None else tip_mass
     lengths = np.broadcast_to(np.asarray(spine_length, float), (n,))
-    found = solve(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll)))
-    return np.where(found.ok[:, None], found.tip, np.nan)
+    found = solve(rods_of(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll))), FINE)
+    return np.where(found.converged[:, None], found.tip, np.nan)
 
 
 def fit(measured: Case) -> Calibration:

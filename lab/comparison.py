@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from model.compare import ErrorTable, error_table
 from model.condition import Condition
-from model.rod import solve
+from model.rods import FINE, solve
+from model.section import rods_of
 
 from .files.inputs import Case
 
@@ -30,7 +31,7 @@ def comparison(case: Case) -> Comparison:
     """Predict every measured state with the case's robot."""
     condition, measured, _ = case.tips
     branch = np.array([r.branch for r in case.table if r.tip is not None and r.protocol != "stiffness"])
-    result = solve(case.robot, condition)
-    ok = result.ok
+    result = solve(rods_of(case.robot, condition), FINE)
+    ok = result.converged
     table = error_table(condition[ok], measured[ok], result.tip[ok], case.robot.length)
     return Comparison(condition[ok], measured[ok], result.tip[ok], branch[ok], table, int((~ok).sum()))

@@ -6,24 +6,22 @@ absorbs something else. Both are here, with the error each leaves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from model.batch import RodResult
 from model.cantilever import fit_stiffness, youngs_modulus
 from model.condition import Condition
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
-from model.rod import solve
-from model.section import annulus_second_moment, body_second_moment
+from model.rods import FINE, Method, solve
+from model.section import annulus_second_moment, body_second_moment, rods_of
 
 Array = NDArray[np.float64]
-Solver = Callable[[Robot, Condition], RodResult]
 LEAST_FACTOR, MOST_FACTOR = 0.05, 20.0
 """Bounds of A_effect / A_norm."""
 
@@ -44,7 +42,7 @@ class AreaFit:
 
 
 def fit_area_factor(
-    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, solver: Solver = solve
+    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
 ) -> AreaFit:
     """One factor for all states that brings the tips closest to the measured ones (n, 3) m, base frame.
 
@@ -68,9 +66,9 @@ def fit_area_factor(
         raise NotIdentified("pressure: all zero, the tips say nothing about the area factor")
 
     def distance(x: Array) -> Array:
-        result = solver(robot.with_area_factor(float(x[0])), condition)
+        result = solve(rods_of(robot.with_area_factor(float(x[0])), condition), method)
         # A state that snaps at a trial value counts as one robot length off, which turns the search around.
-        return np.where(result.ok[:, None], result.tip - measured, robot.length).ravel()
+        return np.where(result.converged[:, None], result.tip - measured, robot.length).ravel()
 
     start = float(np.mean(robot.area_factor_at(condition.spine_length)))
     found = least_squares(distance, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
@@ -81,21 +79,21 @@ def fit_area_factor(
             f"area factor: {value:g} is at its bound ({LEAST_FACTOR:g}..{MOST_FACTOR:g}): "
             "check the units of pressure and tip, and the chamber order"
         )
-    predicted = solver(robot.with_area_factor(value), condition).trusted().tip
+    predicted = solve(rods_of(robot.with_area_factor(value), condition), method).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
     factor = estimate(value, found.jac[:, 0], (measured - predicted).ravel(), 1, labels)
     return AreaFit(factor, _rmse_by_length(condition, measured - predicted))
 
 
 def fit_area_factor_by_length(
-    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, solver: Solver = solve
+    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
 ) -> dict[float, AreaFit]:
     """The paper's calibration: a factor of its own for each spine length (m). Raises as `fit_area_factor`."""
     n = len(condition)
     measured = readings(n, tip=tip)["tip"]
     trials = None if trial is None else np.asarray(trial)
     return {
-        length: fit_area_factor(robot, condition[own], measured[own], None if trials is None else trials[own], solver)
+        length: fit_area_factor(robot, condition[own], measured[own], None if trials is None else trials[own], method)
         for length, own in condition.by_spine_length()
     }
 

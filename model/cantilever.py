@@ -1,6 +1,6 @@
 """Stiffness trials: from force and deflection to Young's modulus by beam theory (equations 8 and 9 of the paper).
 
-A cantilever of length L pushed with F at x deflects there by y = F (3L - x) x^2 / (6 E I). The paper divides single
+The beam is `model.rods.beam`, the rod's limit of small deflections, solved for E. The paper divides single
 readings; here F is regressed on y with a free intercept, so a sensor zero or a late touch point does not bias the
 modulus.
 """
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
+from model.rods.beam import bar_deflection
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.generic]
@@ -70,7 +71,7 @@ def youngs_modulus(stiffness: Estimate, length: float, second_moment: float, loa
             f"cantilever of length {length:g} m loaded at {x:g} m with second moment {second_moment:g} m^4: "
             "all must be positive and the load within the length"
         )
-    return stiffness.scaled((3 * length - x) * x**2 / (6 * second_moment))
+    return stiffness.scaled(bar_deflection(length, x, second_moment))
 
 
 def _trial_means(values: Array, weight: Array, labels: Labels, names: Labels) -> Array:

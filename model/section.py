@@ -12,11 +12,14 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.batch import INNER, OUTER, RodBatch
 from model.condition import Condition
 from model.robot import Robot
+from model.rods import Form, Rods, blank
 
 Array = NDArray[np.float64]
+
+INNER, OUTER = 0, 1
+"""Elements of a robot's rod: from the base to the spine's end, and from there to the tip."""
 
 
 def body_area(robot: Robot) -> float:
@@ -74,24 +77,19 @@ def actuation_wrench(robot: Robot, condition: Condition) -> tuple[Array, Array]:
     return force, moment
 
 
-def rods(robot: Robot, condition: Condition) -> RodBatch:
+def rods_of(robot: Robot, condition: Condition) -> Rods:
     """The rods of all states, after checking that the conditions fit the robot; raises `BadCondition`."""
     condition.check(robot)
     n = len(condition)
     modulus = np.empty((n, 2))
     modulus[:, INNER] = combined_modulus(robot, condition.spine_length)
     modulus[:, OUTER] = robot.youngs_modulus
-    stretch, bend = stiffness(robot, modulus)
-    force, moment = actuation_wrench(robot, condition)
     gravity = np.array(robot.gravity)
-    return RodBatch(
-        length=np.full(n, robot.length),
-        joint=np.minimum(condition.spine_length, robot.length),
-        stretch_stiffness=stretch,
-        bend_stiffness=bend,
-        tip_force=force,
-        tip_moment=moment,
-        dead_force=condition.tip_mass[:, None] * gravity,
-        weight=np.tile(robot.density * body_area(robot) * gravity, (n, 1)),
-        rest_curvature=np.zeros((n, 3)),
-    )
+    made = blank(Form(elements=2), n)
+    inner = np.minimum(condition.spine_length, robot.length)
+    made.field("length")[:] = np.stack([inner, robot.length - inner], axis=1)
+    made.field("stretch_stiffness")[:], made.field("bend_stiffness")[:] = stiffness(robot, modulus)
+    made.field("tip_force")[:], made.field("tip_moment")[:] = actuation_wrench(robot, condition)
+    made.field("dead_force")[:] = condition.tip_mass[:, None] * gravity
+    made.field("load")[:] = robot.density * body_area(robot) * gravity
+    return made.check()

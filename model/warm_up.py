@@ -9,11 +9,12 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from model import statics
 from model.effects import history, layout, solver
+from model.rods import FINE, Form, Rods, rods, solve, stations
 
 PRIORITY = 5
 """Others come first, but it is waited for in the end."""
@@ -23,10 +24,9 @@ BUCKLING = 2.0
 
 def plain() -> None:
     """The rod of fits and comparisons, in every way they use it, and the laws with memory."""
-    rods = _one(statics.Form(elements=2))
-    found = statics.solve(rods, statics.FINE)
-    statics.stations(rods, found, np.array([[0.1]]), statics.FINE)
-    statics.solve(rods, solver.ACCURACY, least_margin=BUCKLING)
+    one = _one(Form(elements=2))
+    stations(one, solve(one, FINE), np.array([[0.1]]), FINE)
+    solve(one, replace(FINE, least_margin=BUCKLING))
     first, at_once = np.zeros(1, np.int64), np.zeros(1)
     path = history.Path(first, first, np.array([True]), at_once, at_once, at_once)
     path.lag(np.zeros((1, 1, history.DRIVES)), 1.0)
@@ -35,11 +35,11 @@ def plain() -> None:
 
 def full() -> None:
     """The rod of diagnoses, with all that an effect may change."""
-    rods = _one(layout.FORM)
-    rows, arcs = rods.values.copy(), np.array([0.1])
+    one = _one(layout.FORM)
+    rows, arcs = one.values.copy(), np.array([0.1])
     solved = solver.solve(rows, arcs, solver.integration_steps(rows))
     solver.differentiate(solved, np.zeros((1, *rows.shape)))
-    statics.solve(rods, solver.ACCURACY, least_margin=BUCKLING)
+    solve(one, replace(solver.METHOD, least_margin=BUCKLING))
 
 
 PARTS: Mapping[str, Callable[[], None]] = {"plain": plain, "full": full}
@@ -51,8 +51,8 @@ def warm_up(parts: Sequence[str] = tuple(PARTS)) -> None:
         PARTS[part]()
 
 
-def _one(form: statics.Form) -> statics.Rods:
-    return statics.rods(form, 1, length=0.1, bend_stiffness=0.1, stretch_stiffness=100.0, tip_force=[0.1, 0.0, 0.0])
+def _one(form: Form) -> Rods:
+    return rods(form, 1, length=0.1, bend_stiffness=0.1, stretch_stiffness=100.0, tip_force=[0.1, 0.0, 0.0])
 
 
 if __name__ == "__main__":

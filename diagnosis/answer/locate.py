@@ -17,9 +17,9 @@ from scipy.stats import chi2
 
 from model.condition import conditions
 from model.errors import ModelError
-from model.euler import solve_euler
 from model.robot import Robot
-from model.rod import solve
+from model.rods import FINE, PAPER, solve
+from model.section import rods_of
 
 from ..data.levels import SPINE_GAP, levels
 from ..data.states import States
@@ -150,10 +150,11 @@ def numerical_error(robot: Robot, states: States) -> float:
     roll = np.radians([r.roll_deg or 0.0 for r in rows])
     try:
         few = conditions(robot, states.spine_length[first], states.pressure[first], mass, roll)
-        converged, stepped = solve(robot, few), solve_euler(robot, few)
+        rods = rods_of(robot, few)
+        converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")
-    ok = converged.ok & stepped.ok
+    ok = converged.converged & stepped.converged
     if not ok.any():
         return float("nan")
     return float(np.sqrt(((stepped.tip - converged.tip)[ok] ** 2).sum(axis=1).mean()))

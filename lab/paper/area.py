@@ -13,17 +13,24 @@ Two readings of the pressure load are computed side by side, because the millime
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from model.batch import INNER, RodBatch
 from model.condition import Condition
 from model.robot import Robot
-from model.rod import solve_rods
-from model.section import annulus_second_moment, body_area, body_second_moment, combined_modulus, rods, stiffness
+from model.rods import FINE, Rods, solve
+from model.section import (
+    INNER,
+    annulus_second_moment,
+    body_area,
+    body_second_moment,
+    combined_modulus,
+    rods_of,
+    stiffness,
+)
 
 Array = NDArray[np.float64]
 READINGS = ("force and moment (eq. 4, 5 as printed)", "moment alone (walls balanced)")
@@ -132,16 +139,16 @@ def area_findings(robot: Robot, states: Condition) -> AreaFindings:
 
 
 def _reading(robot: Robot, states: Condition, name: str, with_force: bool) -> Reading:
-    curves = _tips(_actuated(rods(robot, states), with_force))
+    curves = _tips(_actuated(rods_of(robot, states), with_force))
     unit = robot.with_area_factor(1.0)
-    volume = _actuated(rods(unit, states), with_force)
+    volume = _actuated(rods_of(unit, states), with_force)
     added = _with_added_stiffness(unit, states, volume)
     one_volume, rms_volume = _one_factor(volume, curves)
     one_area, rms_area = _one_factor(added, curves)
-    needed = np.array([_one_factor(added.take(own), curves[own])[0] for _, own in states.by_spine_length()])
+    needed = np.array([_one_factor(added[own], curves[own])[0] for _, own in states.by_spine_length()])
 
-    def weaker(x: Array) -> RodBatch:
-        return _scaled(_actuated(rods(_weaker_spine(unit, float(x[1])), states), with_force), float(x[0]))
+    def weaker(x: Array) -> Rods:
+        return _scaled(_actuated(rods_of(_weaker_spine(unit, float(x[1])), states), with_force), float(x[0]))
 
     found = least_squares(
         lambda x: (_tips(weaker(x)) - curves).ravel(), [one_area, 0.5], bounds=([0.2, 0.05], [5, 2]), diff_step=1e-4
@@ -152,24 +159,25 @@ def _reading(robot: Robot, states: Condition, name: str, with_force: bool) -> Re
     )  # fmt: skip
 
 
-def _actuated(batch: RodBatch, with_force: bool) -> RodBatch:
-    return batch if with_force else replace(batch, tip_force=np.zeros_like(batch.tip_force))
+def _actuated(batch: Rods, with_force: bool) -> Rods:
+    return batch if with_force else batch.changed(tip_force=0.0)
 
 
-def _scaled(batch: RodBatch, factor: float) -> RodBatch:
+def _scaled(batch: Rods, factor: float) -> Rods:
     """The same rods with `factor` times the chambers' area."""
-    return replace(batch, tip_force=factor * batch.tip_force, tip_moment=factor * batch.tip_moment)
+    force, moment = batch.field("tip_force"), batch.field("tip_moment")
+    return batch.changed(tip_force=factor * force, tip_moment=factor * moment)
 
 
-def _tips(batch: RodBatch) -> Array:
-    return solve_rods(batch).trusted().tip
+def _tips(batch: Rods) -> Array:
+    return solve(batch, FINE).trusted().tip
 
 
 def _rms(distance: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(distance**2, axis=1))))
 
 
-def _one_factor(batch: RodBatch, curves: Array) -> tuple[float, float]:
+def _one_factor(batch: Rods, curves: Array) -> tuple[float, float]:
     """The factor that brings all tips closest to the curves (n, 3) m, and the rms distance left, m."""
     found = least_squares(
         lambda x: (_tips(_scaled(batch, float(x[0]))) - curves).ravel(), [1.6], bounds=(0.2, 5), diff_step=1e-4
@@ -195,15 +203,15 @@ def _added_bending(robot: Robot, lengths: Array) -> Array:
     return np.where(lengths > 0, wall + spine, wall)
 
 
-def _with_added_stiffness(robot: Robot, states: Condition, batch: RodBatch) -> RodBatch:
+def _with_added_stiffness(robot: Robot, states: Condition, batch: Rods) -> Rods:
     """The rods with stiffnesses of wall and spine added in the part that holds the spine; shear keeps the wall's G/E."""
     if robot.spine is None:
         return batch
-    stretch, bend = batch.stretch_stiffness.copy(), batch.bend_stiffness.copy()
+    stretch, bend = batch.field("stretch_stiffness").copy(), batch.field("bend_stiffness").copy()
     wall_stretch, wall_bend = stiffness(robot, np.full(len(states), robot.youngs_modulus))
     added = _added_bending(robot, states.spine_length) / (robot.youngs_modulus * body_second_moment(robot))
     area = np.pi * robot.spine.radius**2 * robot.spine.modulus_at(states.spine_length) * (states.spine_length > 0)
     stretched = 1 + area / (robot.youngs_modulus * body_area(robot))
     stretch[:, INNER] = wall_stretch * stretched[:, None]
     bend[:, INNER] = wall_bend * added[:, None]
-    return replace(batch, stretch_stiffness=stretch, bend_stiffness=bend)
+    return batch.changed(stretch_stiffness=stretch, bend_stiffness=bend)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from drivers.errors import InstrumentError
 from model.condition import conditions
 from model.robot import Robot
-from model.rod import solve
+from model.rods import FINE, solve
+from model.section import rods_of
 from protocols.actions import grow, home, ramp, release, vent
 from protocols.bench import Bench
 from protocols.errors import ProtocolError, Stopped
@@ -163,8 +164,9 @@ def _expected(bench: Bench, robot: Robot) -> Expected:
     for row, group in enumerate(bench.chambers.channels, 1):
         pressures[row, [c - 1 for c in group]] = STEP
     n = len(pressures)
-    tips = solve(robot, conditions(robot, np.zeros(n), pressures, np.full(n, robot.tip_mass), np.zeros(n)))
-    if not tips.ok.all():
+    states = conditions(robot, np.zeros(n), pressures, np.full(n, robot.tip_mass), np.zeros(n))
+    tips = solve(rods_of(robot, states), FINE)
+    if not tips.converged.all():
         return Expected(())
     return Expected(tuple((tip - tips.tip[0]) / STEP for tip in tips.tip[1:]))
 

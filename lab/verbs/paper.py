@@ -20,10 +20,9 @@ from rich.table import Table
 from model.calibration import fit_area_factor_by_length
 from model.compare import ErrorTable, error_table
 from model.condition import Condition, conditions
-from model.euler import PUBLISHED_STEPS, solve_euler
 from model.robot import Robot, load_robot
-from model.rod import solve
-from model.section import combined_modulus
+from model.rods import FINE, PAPER, Paper, solve
+from model.section import combined_modulus, rods_of
 
 from ..console import PlainConsole
 from ..console import out as screen
@@ -158,7 +157,7 @@ def bending_states(robot: Robot) -> Condition:
     return conditions(robot, length, chambers)
 
 
-def run(out: Path, robot_file: Path | None = None, steps: int = PUBLISHED_STEPS) -> PaperReport:
+def run(out: Path, robot_file: Path | None = None, steps: int = PAPER.steps) -> PaperReport:
     """Compute everything, write the figures (PNG) and paper.json into `out`, and return the report.
 
     `robot_file` is the paper's robot when None. Raises `model.errors.BadRobot` for a bad robot file, `SolveFailed`
@@ -171,13 +170,12 @@ def run(out: Path, robot_file: Path | None = None, steps: int = PUBLISHED_STEPS)
     return report
 
 
-def reproduce(robot: Robot, steps: int = PUBLISHED_STEPS) -> PaperReport:
+def reproduce(robot: Robot, steps: int = PAPER.steps) -> PaperReport:
     """The numbers alone."""
     states = bending_states(robot)
     highest = states[states.pressure.max(axis=1) == max(PRESSURES)]
-    converged = solve(robot, states).trusted().tip
-    euler = solve_euler(robot, states, steps).trusted().tip
-    fine = solve_euler(robot, states, FINE_STEPS).trusted().tip
+    batch = rods_of(robot, states)
+    converged, euler, fine = (solve(batch, m).trusted().tip for m in (FINE, Paper(steps), Paper(FINE_STEPS)))
     refitted = fit_area_factor_by_length(robot, states, euler)
     lengths = np.array(SPINE_LENGTHS)
     published = np.column_stack([PUBLISHED_ERROR_X, PUBLISHED_ERROR_Y])
@@ -191,7 +189,7 @@ def reproduce(robot: Robot, steps: int = PUBLISHED_STEPS) -> PaperReport:
         combined_modulus=combined_modulus(robot, lengths),
         converged=converged.reshape(grid),
         euler=euler.reshape(grid),
-        shapes=solve(robot, highest, SHAPE_ARCS * robot.length).trusted().shape,
+        shapes=solve(rods_of(robot, highest), FINE, arc_lengths=SHAPE_ARCS * robot.length).trusted().shape,
         integrator=integrator,
         integrator_fine=error_table(states, fine, converged, robot.length),
         published_error=published,

@@ -25,7 +25,7 @@ Where things are
     history       drive and loading path for laws with memory (friction, relaxation)
     readings      what instruments read; laws after the rod change it
     observation   order of the observations, measured values, noise
-    solver        the narrow seam to the rod solver `model.statics`; layout: its rows and results
+    solver        the narrow seam to the rod solver `model.rods`; layout: its rows and results
     forward       ForwardModel
 """
 

@@ -24,7 +24,7 @@ from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import sources
 from model.errors import BadCondition
 from model.robot import Robot
-from model.statics import Solution
+from model.rods import Solution
 
 Array = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ class ForwardModel:
         self._steps = integration_steps(nominal)
         first = self._solved(np.zeros(len(self.parameters)))
         self._start = first.bare.solution
-        side = first.final.result[first.final.ok, :2].sum(axis=0) if plane_direction is None else plane_direction
+        side = first.final.result[first.final.converged, :2].sum(axis=0) if plane_direction is None else plane_direction
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)
         reference = self._every_row(first.final.result[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]

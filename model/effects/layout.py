@@ -1,14 +1,14 @@
 """How one rod of the forward model is laid out as a row of numbers, and what comes back as columns of a result.
 
-A row is one of `model.statics` with two elements (base to the spine's end, and from there to the tip), three springs at
+A row is one of `model.rods` with two elements (base to the spine's end, and from there to the tip), three springs at
 the tip and every kind of term; only its rest strain is counted from an unstretched section. A change of parameters is a
 row of the same layout.
 """
 
 from __future__ import annotations
 
-from model.statics import Form
-from model.statics.layout import (
+from model.rods import Form
+from model.rods.columns import (
     BASE_COMPLIANCE,
     BASE_RELIEF,
     BASE_STIFFENING,

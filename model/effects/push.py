@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine, moduli
+from model.rods.beam import bending_compliance, shear_compliance
 from model.section import annulus_second_moment, body_area, body_second_moment
 
 Array = NDArray[np.float64]
@@ -59,10 +60,10 @@ def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
         mixed_side = (share * ratio * q.body_modulus + (1 - share) * across) * area
         stiff = mixed + q.area_moments * (plain + within * core_second - mixed)
         side = mixed_side + q.area_moments * (plain_side + across * core - mixed_side)
-    rest = (long - inner) ** 3
-    bending = (long**3 - rest) / (3 * stiff) + rest / (3 * plain)
+    edges = (0.0, inner, long)
+    bending = bending_compliance(edges, (stiff, plain))
     held = _pull(q, inner, stiff, plain) / bending**2
-    sheared = inner / side + (long - inner) / plain_side
+    sheared = shear_compliance(edges, (side, plain_side))
     out: Array = 1 / (1 / (bending + sheared + q.clamp_root * long**2) + held)
     return out
 

@@ -1,6 +1,6 @@
 """The one place where the forward model asks for equilibria: rows in, results and their derivatives out.
 
-Rows and columns of results are laid out as in `layout`; the work is done by `model.statics`.
+Rows and columns of results are laid out as in `layout`; the work is done by `model.rods`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model import statics
+from model import rods as rod
 from model.effects import layout as at
 from model.rotation import multiply
 
@@ -20,7 +20,7 @@ Steps = NDArray[np.int64]
 
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of two radians."""
-ACCURACY = statics.Accuracy(divisions=DIVISIONS, close=1e-10)
+METHOD = rod.Fast(divisions=DIVISIONS, close=1e-10, remember=True)
 STRAIN_POINTS = 3
 """An element; strains change little along it."""
 NEAR_MARGIN = 0.02
@@ -38,7 +38,7 @@ class Solved:
     arcs: Array
     """(k,) m."""
     steps: Steps
-    solution: statics.Solution
+    solution: rod.Solution
     """Where a solve nearby starts."""
     result: Array
     """(n, columns); NaN where no equilibrium was found."""
@@ -46,14 +46,13 @@ class Solved:
     """Whether the result tells of base, spine's end and strains; else these are NaN, and cost nothing."""
 
     @property
-    def ok(self) -> NDArray[np.bool_]:
-        """(n,) which were solved."""
-        return self.solution.ok
+    def converged(self) -> NDArray[np.bool_]:
+        """(n,) see `Solution.converged`."""
+        return self.solution.converged
 
     def take(self, keep: slice) -> Solved:
         """Some of the rows, of which no more is asked than tip and markers."""
-        s = self.solution
-        part = statics.Solution(s.values[keep], s.status[keep], s.memory[keep])
+        part = self.solution.take(keep)
         return Solved(self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
 
 
@@ -67,12 +66,11 @@ def integration_steps(rows: Array) -> Steps:
     return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
 
-def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None = None, inside: bool = True) -> Solved:
+def solve(rows: Array, arcs: Array, steps: Steps, start: rod.Solution | None = None, inside: bool = True) -> Solved:
     """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is the solution of rows nearby."""
     rods = _rods(rows)
-    solution = (
-        statics.solve(rods, ACCURACY, remember=True, steps=steps) if start is None else _go_on(rods, steps, start)
-    )
+    method = replace(METHOD, steps=steps)
+    solution = rod.solve(rods, method) if start is None else _go_on(rods, steps, start)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
@@ -80,9 +78,9 @@ def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None
         places = _places(rods, arcs, base=True)
         marked = places.shape[1]
         if inside:  # in the same pass
-            within, weights = statics.gauss_points(rods, STRAIN_POINTS)
+            within, weights = rod.gauss_points(rods, STRAIN_POINTS)
             places = np.concatenate([places, within], axis=1)
-        found = statics.stations(rods, solution, places, ACCURACY, steps)
+        found = rod.stations(rods, solution, places, method)
         result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
         result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
         result[:, at.MARKERS :] = found.position[:, 2:marked].reshape(len(rows), 3 * len(arcs))
@@ -92,13 +90,13 @@ def solve(rows: Array, arcs: Array, steps: Steps, start: statics.Solution | None
     return Solved(rows, arcs, steps, solution, result, inside)
 
 
-def _go_on(rods: statics.Rods, steps: Steps, start: statics.Solution) -> statics.Solution:
+def _go_on(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
     """Solve from a solution close by; a tip that turned far may have snapped, and is solved from nothing."""
-    found = statics.solve(rods, ACCURACY, start=start, remember=True, steps=steps, least_margin=NEAR_MARGIN)
+    found = rod.solve(rods, replace(METHOD, steps=steps, least_margin=NEAR_MARGIN), start=start)
     turned = np.abs(np.sum(found.orientation * start.orientation, axis=1)) < FAR
     if not turned.any():
         return found
-    again = statics.solve(rods[turned], ACCURACY, remember=True, steps=steps[turned])
+    again = rod.solve(rods[turned], replace(METHOD, steps=steps[turned]))
     found.values[turned], found.memory[turned] = again.values, again.memory
     status = found.status.copy()
     status[turned] = again.status
@@ -110,9 +108,8 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     rods, result = _rods(solved.rows), solved.result
     along = np.ascontiguousarray(directions.transpose(1, 0, 2))
     places = _places(rods, solved.arcs, base=False)
-    d = statics.sensitivities(
-        rods, solved.solution, along, ACCURACY, arc_lengths=places, strain=solved.inside, attached=1, steps=solved.steps
-    )
+    method = replace(METHOD, steps=solved.steps)
+    d = rod.sensitivities(rods, solved.solution, along, method, arc_lengths=places, strain=solved.inside, attached=1)
     out = np.full((len(directions), *result.shape), np.nan)
     out[..., at.TIP : at.TIP + 3] = d.tip.swapaxes(0, 1)
     for column, turn in ((at.ORIENTATION, d.rotation), (at.JOINT, d.turn[:, :, 0]), (at.BASE, d.base_rotation)):
@@ -129,14 +126,14 @@ def _turned(q: Array, turn: Array) -> Array:
     return multiply(whole, np.broadcast_to(q, whole.shape))
 
 
-def _rods(rows: Array) -> statics.Rods:
+def _rods(rows: Array) -> rod.Rods:
     values = np.array(rows, order="C")
     for element in range(at.FORM.elements):
         values[:, at.ELEMENTS + element * at.ELEMENT_WIDTH + at.REST_STRAIN + 2] += 1.0
-    return statics.Rods(at.FORM, values)
+    return rod.Rods(at.FORM, values)
 
 
-def _places(rods: statics.Rods, arcs: Array, base: bool) -> Array:
+def _places(rods: rod.Rods, arcs: Array, base: bool) -> Array:
     """(n, 1 + k or 2 + k) m: the base, the spine's end and the arc lengths, these no farther than the tip."""
     inner = rods.field("length")[:, :1]
     given = np.minimum(arcs[None, :], rods.whole_length[:, None])

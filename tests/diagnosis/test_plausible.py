@@ -13,7 +13,8 @@ from diagnosis.data.plausible import implausible_values, require_plausible
 from diagnosis.errors import BadCase
 from model.condition import conditions
 from model.robot import Robot, load_robot
-from model.rod import solve
+from model.rods import FINE, solve
+from model.section import rods_of
 from recordings.trials import TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
@@ -36,8 +37,9 @@ def sweep(
     asked = [(s, roll, p) for s in spines for roll in rolls for p in levels]
     pressure = np.array([[bias + (p if c in chambers else 0.0) for c in EVERY] for _, _, p in asked])
     spine, roll = np.array([a[0] for a in asked]), np.array([a[1] for a in asked])
-    result = solve(robot, conditions(robot, spine, pressure, robot.tip_mass, np.radians(roll)))
-    assert result.ok.all()
+    states = conditions(robot, spine, pressure, robot.tip_mass, np.radians(roll))
+    result = solve(rods_of(robot, states), FINE)
+    assert result.converged.all()
     rng = np.random.default_rng(1)
     tip = result.tip + rng.normal(0, 0.3e-3, result.tip.shape)
     pressure = pressure + rng.normal(0, 100.0, pressure.shape)

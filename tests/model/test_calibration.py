@@ -11,8 +11,8 @@ from model.calibration import fit_area_factor, fit_area_factor_by_length, fit_bo
 from model.condition import Condition, conditions
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
-from model.rod import solve
 from model.section import body_second_moment
+from tests.model.rods.cases import solved
 
 Bending = Callable[..., Condition]
 PRESSURES = [50e3, 150e3, 250e3]
@@ -20,7 +20,7 @@ PRESSURES = [50e3, 150e3, 250e3]
 
 def test_a_known_factor_is_found_within_its_error(paper_robot: Robot, bending: Bending) -> None:
     states = bending(paper_robot, [0.0, 0.1, 0.3], PRESSURES)
-    truth = solve(paper_robot.with_area_factor(1.73), states).tip
+    truth = solved(paper_robot.with_area_factor(1.73), states).tip
     tip = truth + np.random.default_rng(1).normal(0, 0.3e-3, truth.shape)
     fit = fit_area_factor(paper_robot, states, tip)
     low, high = fit.factor.interval
@@ -31,7 +31,7 @@ def test_a_known_factor_is_found_within_its_error(paper_robot: Robot, bending: B
 
 def test_exact_tips_give_the_exact_factor(paper_robot: Robot, bending: Bending) -> None:
     states = bending(paper_robot, [0.0, 0.2], PRESSURES)
-    fit = fit_area_factor(paper_robot, states, solve(paper_robot.with_area_factor(2.2), states).tip)
+    fit = fit_area_factor(paper_robot, states, solved(paper_robot.with_area_factor(2.2), states).tip)
     assert fit.factor.value == pytest.approx(2.2, rel=1e-7)
 
 
@@ -40,14 +40,14 @@ def test_a_factor_of_its_own_for_each_length_gives_back_the_papers_sequence(
 ) -> None:
     lengths = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]
     states = bending(paper_robot, lengths, PRESSURES)
-    fits = fit_area_factor_by_length(paper_robot.with_area_factor(1.0), states, solve(paper_robot, states).tip)
+    fits = fit_area_factor_by_length(paper_robot.with_area_factor(1.0), states, solved(paper_robot, states).tip)
     assert list(fits) == pytest.approx(lengths)
     assert [f.factor.value for f in fits.values()] == pytest.approx([1.5, 1.5, 1.7, 1.9, 2.0, 2.15, 2.4], rel=1e-6)
 
 
 def test_one_factor_for_all_lengths_shows_where_it_does_not_fit(paper_robot: Robot, bending: Bending) -> None:
     states = bending(paper_robot, [0.0, 0.1, 0.3], PRESSURES)
-    fit = fit_area_factor(paper_robot, states, solve(paper_robot, states).tip)
+    fit = fit_area_factor(paper_robot, states, solved(paper_robot, states).tip)
     assert fit.rmse_by_length[0.1] < fit.rmse_by_length[0.0]
     assert fit.rmse_by_length[0.1] < fit.rmse_by_length[0.3]
 
@@ -57,7 +57,7 @@ def test_errors_shared_by_a_trial_are_not_averaged_away(paper_robot: Robot, bend
     states = once[np.tile(np.arange(len(once)), 4)]
     trial = np.repeat(np.arange(4), len(once))
     sideways = np.array([2e-3, -1e-3, 1e-3, -2e-3])
-    tip = solve(paper_robot.with_area_factor(1.6), states).tip
+    tip = solved(paper_robot.with_area_factor(1.6), states).tip
     tip[:, 0] += sideways[trial]
     alone = fit_area_factor(paper_robot, states, tip).factor
     shared = fit_area_factor(paper_robot, states, tip, trial=trial).factor
@@ -73,7 +73,7 @@ def test_tips_without_pressure_do_not_identify_the_factor(paper_robot: Robot) ->
 
 def test_a_factor_at_its_bound_is_refused(paper_robot: Robot, bending: Bending) -> None:
     states = bending(paper_robot, [0.0], PRESSURES)
-    opposite = solve(paper_robot, states).tip * [-1, 1, 1]
+    opposite = solved(paper_robot, states).tip * [-1, 1, 1]
     with pytest.raises(NotIdentified, match="bound"):
         fit_area_factor(paper_robot, states, opposite)
 

@@ -9,9 +9,9 @@ import pytest
 
 from model.condition import Condition, conditions
 from model.errors import BadCondition
-from model.euler import solve_euler
 from model.robot import Robot, robot_from_dict
-from model.rod import solve
+from model.rods import Paper
+from tests.model.rods.cases import solved
 
 Bending = Callable[..., Condition]
 SPINES = [0.0, 0.1, 0.2, 0.3]
@@ -24,7 +24,9 @@ def test_its_error_is_the_known_one(
 ) -> None:
     states = bending(reference_robot, SPINES, PRESSURES)
     off = (
-        np.linalg.norm(solve_euler(reference_robot, states, steps).tip - solve(reference_robot, states).tip, axis=1)
+        np.linalg.norm(
+            solved(reference_robot, states, method=Paper(steps)).tip - solved(reference_robot, states).tip, axis=1
+        )
         * 1e3
     )
     assert off.argmax() == 4  # no spine, 250 kPa
@@ -34,8 +36,8 @@ def test_its_error_is_the_known_one(
 
 def test_orientation_and_base_loads_approach_the_converged_ones(paper_robot: Robot) -> None:
     states = conditions(paper_robot, 0.1, np.array([120, 40, 0, 0, 60, 0, 0, 0, 20]) * 1e3)
-    exact = solve(paper_robot, states)
-    coarse, fine = (solve_euler(paper_robot, states, steps) for steps in (100, 1000))
+    exact = solved(paper_robot, states)
+    coarse, fine = (solved(paper_robot, states, method=Paper(steps)) for steps in (100, 1000))
     for name in ("orientation", "base_force", "base_moment"):
         far, near = (np.abs(getattr(r, name) - getattr(exact, name)).max() for r in (coarse, fine))
         assert near < 0.15 * far
@@ -45,10 +47,10 @@ def test_what_shooting_cannot_close_is_flagged(paper_robot: Robot) -> None:
     wild = robot_from_dict(
         {**paper_robot.model_dump(), "youngs_modulus": 1e4, "shear_modulus": 3e3, "area_factor": 10.0}
     )
-    result = solve_euler(wild, conditions(wild, 0.0, np.array([2e6] + 8 * [0.0])))
-    assert not result.ok[0] and np.isnan(result.tip[0]).all()
+    result = solved(wild, conditions(wild, 0.0, np.array([2e6] + 8 * [0.0])), method=Paper())
+    assert not result.converged[0] and np.isnan(result.tip[0]).all()
 
 
 def test_a_step_count_without_sense_is_refused(paper_robot: Robot) -> None:
     with pytest.raises(BadCondition, match="steps: 0"):
-        solve_euler(paper_robot, conditions(paper_robot, 0.0, np.zeros(9)), steps=0)
+        Paper(steps=0)

@@ -7,7 +7,7 @@ import pytest
 
 from model.condition import conditions
 from model.robot import Robot, robot_from_dict
-from model.section import actuation_wrench, body_area, combined_modulus, rods, stiffness
+from model.section import actuation_wrench, body_area, combined_modulus, rods_of, stiffness
 
 
 def test_mixing_by_volume_weighs_annulus_and_spine(paper_robot: Robot) -> None:
@@ -55,6 +55,6 @@ def test_a_roll_of_one_pitch_equals_moving_the_pattern_by_one_chamber(paper_robo
 
 def test_weight_and_tip_load_point_along_gravity(paper_robot: Robot) -> None:
     sideways = robot_from_dict({**paper_robot.model_dump(), "gravity": [9.81, 0.0, 0.0]})
-    batch = rods(sideways, conditions(sideways, 0.1, np.zeros(9), tip_mass=0.2))
-    np.testing.assert_allclose(batch.dead_force[0], [0.2 * 9.81, 0, 0])
-    np.testing.assert_allclose(batch.weight[0], [1300 * body_area(sideways) * 9.81, 0, 0])
+    batch = rods_of(sideways, conditions(sideways, 0.1, np.zeros(9), tip_mass=0.2))
+    np.testing.assert_allclose(batch.field("dead_force")[0], [0.2 * 9.81, 0, 0])
+    np.testing.assert_allclose(batch.field("load")[0, 1], [1300 * body_area(sideways) * 9.81, 0, 0])

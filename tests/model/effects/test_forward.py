@@ -13,9 +13,9 @@ from model.condition import conditions
 from model.effects import ForwardModel, design_from_columns
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
-from model.rod import solve
 from model.rotation import from_vector, multiply
 from model.section import body_second_moment
+from tests.model.rods.cases import solved
 
 
 def at_some_values(forward: ForwardModel, seed: int, share: float = 0.4) -> Any:
@@ -33,7 +33,7 @@ def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(
     design = design_from_columns(paper_robot, columns)
     forward = ForwardModel(paper_robot, design, area="per_length")
     predicted = forward.predict(np.zeros(len(forward.parameters)))
-    expected = solve(paper_robot, conditions(paper_robot, design.spine_length, design.pressure)).trusted().tip
+    expected = solved(paper_robot, conditions(paper_robot, design.spine_length, design.pressure)).trusted().tip
     for k, axis in enumerate("xyz"):
         own = forward.observations.channel == axis
         assert predicted[own] == pytest.approx(expected[:, k], abs=1e-5)
@@ -95,7 +95,7 @@ def test_markers_and_orientation_are_those_of_the_converged_rod(
     design = design_from_columns(robot, columns)
     forward = ForwardModel(robot, design, area="per_length")
     y = forward.predict(np.zeros(len(forward.parameters)))
-    true = solve(robot, conditions(robot, design.spine_length, design.pressure), robot.markers).trusted()
+    true = solved(robot, conditions(robot, design.spine_length, design.pressure), robot.markers).trusted()
     by_label = dict(zip(forward.labels, y, strict=True))
     for k in range(3):
         expected = true.shape[1, k]

@@ -1,0 +1,227 @@
+"""Rods and their loads as arrays: what every method takes, checked field by field before it is solved.
+
+A `Rods` is one array, a row a rod (columns in `columns`), with its fields as views into it: writing to
+`rods.field("tip_force")[:]` changes the rods. The rod stands in the mount frame with its base at the origin; its z axis
+points from base to tip when it is straight and the base not turned. Elements run from base to tip and meet exactly where
+the section or its loads change (the end of a spine, a marker).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.errors import BadCondition
+from model.rods import columns
+
+Array = NDArray[np.float64]
+
+_PER_ROD = {
+    "tip_force": (columns.TIP_FORCE, 3),
+    "tip_moment": (columns.TIP_MOMENT, 3),
+    "dead_force": (columns.DEAD_FORCE, 3),
+    "dead_moment": (columns.DEAD_MOMENT, 3),
+    "base_turn": (columns.BASE_TURN, 3),
+    "base_compliance": (columns.BASE_COMPLIANCE, 3),
+    "base_relief": (columns.BASE_RELIEF, 1),
+    "base_stiffening": (columns.BASE_STIFFENING, 1),
+}
+_PER_SPRING = {
+    "spring_direction": (columns.SPRING_DIRECTION, 3),
+    "spring_stiffness": (columns.SPRING_STIFFNESS, 1),
+    "spring_origin": (columns.SPRING_ORIGIN, 1),
+    "spring_softness": (columns.SPRING_SOFTNESS, 1),
+    "spring_arm": (columns.SPRING_ARM, 3),
+}
+_PER_ELEMENT = {
+    "length": (columns.LENGTH, 1),
+    "bend_stiffness": (columns.BEND, 3),
+    "stretch_stiffness": (columns.STRETCH, 3),
+    "rest_curvature": (columns.REST_CURVATURE, 3),
+    "rest_strain": (columns.REST_STRAIN, 3),
+    "load": (columns.LOAD, 3),
+}
+_FURTHER = {"series": (columns.SERIES, 3), "curvature_rise": (columns.RISE, 9)}
+MOST_SPRINGS = 3
+
+
+@dataclass(frozen=True)
+class Form:
+    """What rods of one batch have in common."""
+
+    elements: int
+    springs: int = 0
+    full: bool = False
+    """Sections have the hyperelastic terms a, b, c of `equations.strains`, and u* varies along elements:
+    u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0..1 from the element's base end."""
+
+    def __post_init__(self) -> None:
+        if self.elements < 1:
+            raise BadCondition(f"elements: {self.elements}, a rod has at least one")
+        if not 0 <= self.springs <= MOST_SPRINGS:
+            raise BadCondition(f"springs: {self.springs}, must be 0 to {MOST_SPRINGS}")
+
+    @property
+    def head(self) -> int:
+        """Columns before the first element."""
+        return columns.HEAD + columns.SPRING * self.springs
+
+    @property
+    def block(self) -> int:
+        """Columns of one element."""
+        return columns.BLOCK if self.full else columns.SERIES
+
+    @property
+    def width(self) -> int:
+        """Columns of a row."""
+        return self.head + self.block * self.elements
+
+    @cached_property
+    def columns(self) -> tuple[int, int, int]:
+        """Head, block and springs, as the kernels take them."""
+        return self.head, self.block, self.springs
+
+    def fields(self) -> dict[str, tuple[int, int]]:
+        """Name -> (offset in the rod, spring or element block it belongs to, columns) of every field."""
+        tables = (_PER_ROD, self._spring_fields(), self._element_fields())
+        return {name: at for table in tables for name, at in table.items()}
+
+    def _spring_fields(self) -> dict[str, tuple[int, int]]:
+        return _PER_SPRING if self.springs else {}
+
+    def _element_fields(self) -> dict[str, tuple[int, int]]:
+        return _PER_ELEMENT | _FURTHER if self.full else _PER_ELEMENT
+
+    def view(self, values: Array, name: str) -> Array:
+        """The field `name` of rows (..., width) as a view: (...[, k]), (..., springs[, k]) or (..., elements[, k])."""
+        if name in _PER_ROD:
+            at, size = _PER_ROD[name]
+            return values[..., at] if size == 1 else values[..., at : at + size]
+        if name in self._spring_fields():
+            first, count, each = columns.HEAD, self.springs, columns.SPRING
+            at, size = _PER_SPRING[name]
+        elif name in self._element_fields():
+            first, count, each = self.head, self.elements, self.block
+            at, size = self._element_fields()[name]
+        else:
+            raise BadCondition(f"{name}: no such field in rods of {self}; there are {', '.join(self.fields())}")
+        blocks = values[..., first : first + count * each].reshape(*values.shape[:-1], count, each)
+        return blocks[..., at] if size == 1 else blocks[..., at : at + size]
+
+
+@dataclass(frozen=True)
+class Rods:
+    """n rods and their loads; make one with `rods` or `blank` and write into its fields, then `check` it."""
+
+    form: Form
+    values: Array
+    """(n, form.width), C order."""
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 2 or self.values.shape[1] != self.form.width:
+            raise BadCondition(f"values: shape {self.values.shape}, must be (n, {self.form.width}) for {self.form}")
+        if self.values.dtype != np.float64 or not self.values.flags.c_contiguous:
+            raise BadCondition("values: must be C-contiguous float64")
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Rods:
+        """The rods picked by a slice, mask or index array."""
+        return Rods(self.form, np.ascontiguousarray(self.values[rows]))
+
+    def field(self, name: str) -> Array:
+        """View of one field, see `Form.view`."""
+        return self.form.view(self.values, name)
+
+    @property
+    def whole_length(self) -> Array:
+        """(n,) m."""
+        return self.field("length").sum(axis=1)
+
+    def changed(self, **fields: ArrayLike) -> Rods:
+        """A copy with other values in the named fields (broadcast to the shapes of `Form.view`), checked."""
+        return _filled(Rods(self.form, self.values.copy()), fields)
+
+    def arcs(self, arc_lengths: ArrayLike) -> Array:
+        """(n, k) m: arc lengths (k,) or (n, k) for every rod, none beyond its tip by rounding; raises `BadCondition` for
+        those that are not on it."""
+        n = len(self)
+        arcs = np.atleast_1d(np.asarray(arc_lengths, dtype=np.float64))
+        arcs = np.broadcast_to(arcs, (n, arcs.shape[-1]))
+        beyond = (arcs < 0) | (arcs > self.whole_length[:, None] * (1 + 1e-9)) | ~np.isfinite(arcs)
+        if beyond.any():
+            i, j = (int(x) for x in np.argwhere(beyond)[0])
+            raise BadCondition(
+                f"arc_lengths: {arcs[i, j]:g} m of rod {i} must lie between 0 and its length {self.whole_length[i]:g} m"
+            )
+        return np.ascontiguousarray(np.minimum(arcs, self.whole_length[:, None]))
+
+    def refuse_terms(self, method: str, *known: str, rest_strain: bool = False) -> None:
+        """Raise `BadCondition` where a field is used that `method` does not know; lengths and stiffnesses always are."""
+        for name in self.form.fields():
+            neutral = (0.0, 0.0, 1.0) if name == "rest_strain" else 0.0
+            if name in ("length", "bend_stiffness", "stretch_stiffness", "spring_direction", *known):
+                continue
+            if name == "rest_strain" and rest_strain:
+                continue
+            if np.any(self.field(name) != neutral):
+                raise BadCondition(f"{name}: must be {neutral} for the method {method}, which knows no other; use Fast")
+
+    def check(self) -> Rods:
+        """Itself; raises `BadCondition` naming the field, rod and value that no kernel may see."""
+        if not np.isfinite(self.values).all():
+            self._refuse_not_finite()
+        for name in ("bend_stiffness", "stretch_stiffness"):
+            self._refuse(name, self.field(name) <= 0, "must be positive")
+        self._refuse("length", self.field("length") < 0, "must not be negative: does the spine end beyond the tip?")
+        self._refuse("length", (self.whole_length <= 0)[:, None], "the elements of a rod must add up to more than 0 m")
+        for name in ("base_compliance", "base_stiffening"):
+            self._refuse(name, self.field(name) < 0, "must not be negative")
+        if self.form.springs:
+            for name in ("spring_stiffness", "spring_softness"):
+                self._refuse(name, self.field(name) < 0, "must not be negative")
+            norm = np.linalg.norm(self.field("spring_direction"), axis=-1)
+            self._refuse("spring_direction", np.abs(norm - 1) > 1e-6, "must be unit vectors")
+        return self
+
+    def _refuse_not_finite(self) -> None:
+        for name in self.form.fields():
+            self._refuse(name, ~np.isfinite(self.field(name)), "must be finite")
+
+    def _refuse(self, name: str, wrong: NDArray[np.bool_], reason: str) -> None:
+        if wrong.any():
+            where = tuple(int(i) for i in np.argwhere(wrong)[0])
+            value = self.field(name)[where]
+            raise BadCondition(
+                f"{name}{list(where[1:])} of rod {where[0]}: {value}, {reason} ({int(wrong.sum())} such)"
+            )
+
+
+def blank(form: Form, n: int) -> Rods:
+    """n rods with every field zero but v* = (0, 0, 1) and springs along z; stiffness and length are still to come."""
+    made = Rods(form, np.zeros((n, form.width)))
+    made.field("rest_strain")[..., 2] = 1.0
+    if form.springs:
+        made.field("spring_direction")[..., 2] = 1.0
+    return made
+
+
+def rods(form: Form, n: int, **fields: ArrayLike) -> Rods:
+    """n rods from named fields that broadcast to the shapes of `Form.view`, checked; what is not named is zero."""
+    return _filled(blank(form, n), fields)
+
+
+def _filled(made: Rods, fields: Mapping[str, ArrayLike]) -> Rods:
+    for name, value in fields.items():
+        view = made.field(name)
+        given = np.asarray(value, dtype=np.float64)
+        try:
+            view[...] = given
+        except ValueError as error:
+            raise BadCondition(f"{name}: shape {given.shape} does not broadcast to {view.shape}") from error
+    return made.check()

@@ -1,0 +1,44 @@
+"""How a batch of rods is handed to the kernels: fixed steps, room for terms, threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.errors import BadCondition
+from model.rods.description import Form, Rods
+from model.rods.fast.lanes import LANES, Room
+
+Steps = NDArray[np.int64]
+_NO_STEPS = np.zeros((0, 1), np.int64)
+
+
+def steps_of(rods: Rods, steps: Steps | None) -> Steps:
+    """Fixed steps as the kernels take them, none as no rows; raises `BadCondition` when they do not fit the rods."""
+    if steps is None:
+        return _NO_STEPS
+    if steps.shape != (len(rods), rods.form.elements) or steps.dtype != np.int64 or (steps < 1).any():
+        raise BadCondition(f"steps: shape {steps.shape} of {steps.dtype}, must be positive int64 for each element")
+    return np.ascontiguousarray(steps)
+
+
+def room_for_terms(form: Form) -> Room:
+    """Arrays for the graded and the hyperelastic terms of one group, None for what rods of this form do not have; no two
+    threads may share them."""
+    if not form.full:
+        return None, None
+    return np.zeros(9 * form.elements * LANES), np.zeros(3 * form.elements * LANES)
+
+
+def share_out(part: Callable[[slice], None], n: int, cores: int) -> None:
+    """Call `part` on slices that cover n rows, on `cores` threads (kernels release the interpreter lock)."""
+    if cores == 1 or n < 2 * LANES:
+        part(slice(0, n))
+        return
+    edges = np.linspace(0, -(-n // LANES), cores + 1).astype(int) * LANES
+    slices = [slice(int(a), min(int(b), n)) for a, b in zip(edges[:-1], edges[1:], strict=True) if a < n]
+    with ThreadPoolExecutor(len(slices)) as pool:
+        list(pool.map(part, slices))

@@ -1,0 +1,100 @@
+"""Stations of the implicit differentiation: where the walk from tip to base passes an arc length, the columns there are kept."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.rods.fast.algebra import turned, turned_back
+from model.rods.fast.columns_walk import Columns, section_change, step_all
+from model.rods.fast.equations import section_of, strains
+from model.rods.fast.jit import inline, routine
+from model.rods.fast.lanes import ELEMENT, LANES, Group, M, N, put, vector_of
+from model.rods.fast.passes import unit_quaternion
+from model.rods.fast.stage_buffer import STEP_SHARE, buffered_group
+from model.rods.fast.tangent import COLUMN, TIP_COLUMNS
+
+Array = NDArray[np.float64]
+
+STATE = 14
+
+
+@inline
+def copy_numbers(source: Array, into: Array, count: int) -> None:
+    """The first `count` numbers. (Numba compiles half a dozen text functions into an assignment of slices, for its error.)"""
+    for i in range(count):
+        into[i] = source[i]
+
+
+@routine
+def pass_stations(group: Group, columns: Columns, arcs: Array, first: int, e: int, j: int, pieces: int) -> None:
+    """Look at every station from the lanes where step j of `pieces` of element e passes it."""
+    for s in range(arcs.shape[1]):
+        visit_station(group, columns, arcs, first, (e, j, pieces), s)
+
+
+@routine
+def visit_station(group: Group, columns: Columns, arcs: Array, first: int, step: tuple[int, int, int], s: int) -> None:
+    """Look at station s from the lanes where the step (e, j, pieces) passes it, then bring them back."""
+    work, x, saved = group.work, columns.x, columns.saved
+    passed, walked, section, slopes = columns.passed[s], columns.walked[s], columns.sections[s], columns.slopes[s]
+    e, j, pieces = step
+    z = 1.0 - j / pieces
+    inside = np.zeros(LANES, np.bool_)
+    for l in range(group.active):
+        share = share_at(group.elements, step, len(x), arcs[first + l, s], l)
+        inside[l] = share >= 0.0
+        work[STEP_SHARE * LANES + l] = max(share, 0.0)
+    if not inside.any():
+        return
+    own = x[e]
+    copy_numbers(work, saved[0], STATE * LANES)
+    for c in range(len(own)):
+        copy_numbers(own[c], saved[1 + c], COLUMN * LANES)
+    step_all(group, own, e, z, -1.0 / pieces)
+    for l in range(group.active):
+        if not inside[l]:
+            continue
+        share = work[STEP_SHARE * LANES + l] / pieces
+        write_slopes(group, z - share, slopes, l)
+        for c in range(TIP_COLUMNS):
+            section_change(work, own[c], section[c], l)
+        for i in range(len(x)):
+            walked[i, l] = 1.0 if i < e else 1.0 - z + share if i == e else 0.0
+            for c in range(len(own)):
+                for k in range(COLUMN):
+                    passed[i, c, k * LANES + l] = x[i, c, k * LANES + l] if i <= e else 0.0
+    copy_numbers(saved[0], work, STATE * LANES)
+    for c in range(len(own)):
+        copy_numbers(saved[1 + c], own[c], COLUMN * LANES)
+
+
+@inline
+def write_slopes(group: Group, z: float, slopes: Array, l: int) -> None:
+    """R v and R u (mount frame) where lane l stands, at the place z of the buffered element."""
+    work = group.work
+    buffered, at = buffered_group(group)
+    q, n, m = unit_quaternion(work, l), vector_of(work, N, l), vector_of(work, M, l)
+    section = section_of(work, buffered.series, buffered.graded, at, l)
+    u, v = strains(m, turned_back(q, n), section, z, l, None, 0)
+    put(slopes, 0, l, turned(q, v))
+    put(slopes, 3, l, turned(q, u))
+
+
+@routine
+def share_at(elements: Array, step: tuple[int, int, int], size: int, arc: float, l: int) -> float:
+    """Share of the step at which lane l passes the arc length (m from the base); negative if it does not."""
+    e, j, pieces = step
+    below = 0.0
+    for i in range(e + 1, size):
+        below += elements[i * ELEMENT * LANES + l]
+    length = elements[e * ELEMENT * LANES + l]
+    above = arc - below
+    # Exactly nothing at the end: compilers may divide by multiplying.
+    start, end = (1.0 - j / pieces) * length, (1.0 - (j + 1) / pieces) * length if j + 1 < pieces else 0.0
+    outermost, innermost = e == 0 and j == 0, j + 1 == pieces and below == 0.0
+    inside = (end < above or (innermost and end <= above)) and (above <= start or outermost)
+    # Of the elements that touch the station, one without a length sees only half of what is to come.
+    if not inside or (length == 0.0 and not innermost):
+        return -1.0
+    return min(1.0, max(0.0, (start - above) / (start - end))) if start > end else 0.0

@@ -1,0 +1,164 @@
+"""The fast rod solver against reference values, against the slow converged solver, and against itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model.errors import BadCondition, SolveFailed
+from model.rods import FINE, REFERENCE, Fast, Form, Status, rods, solve
+from model.rotation import to_base
+from tests.model.rods.cases import LENGTH, reference_robots, robots, wild_robots
+
+SECOND_MODE = 2.4674
+"""pi^2 / 4: P L^2 / EI at which a cantilever buckles under a dead load."""
+
+
+def test_reference_tips_hold_to_a_hundredth_of_a_millimetre_by_default() -> None:
+    found, tips = reference_robots()
+    assert np.linalg.norm(solve(found).trusted().tip - tips, axis=1).max() < 1e-5
+
+
+def test_reference_tips_hold_to_the_printed_digits_when_fine() -> None:
+    found, tips = reference_robots()
+    assert np.abs(solve(found, FINE).trusted().tip - tips).max() < 1e-9
+
+
+def test_random_robots_agree_with_the_slow_converged_solver() -> None:
+    found = wild_robots(96, seed=7)
+    fast, slow = solve(found), solve(found, REFERENCE)
+    both = fast.converged & slow.converged
+    assert both.sum() > 90
+    assert np.linalg.norm(fast.tip - slow.tip, axis=1)[both].max() < 1e-5
+    assert not (fast.converged & (slow.status == Status.OTHER_BRANCH)).any()
+    assert np.abs(np.abs(np.sum(fast.orientation * slow.orientation, axis=1))[both] - 1).max() < 1e-8
+    assert np.abs(fast.base_moment - slow.base_moment)[both].max() < 5e-4
+
+
+def test_default_stays_within_a_hundredth_of_a_millimetre_of_fine_over_many_random_robots() -> None:
+    found = wild_robots(4000, seed=11)
+    coarse, fine = solve(found), solve(found, FINE)
+    both = coarse.converged & fine.converged
+    assert np.linalg.norm(coarse.tip - fine.tip, axis=1)[both].max() < 1e-5
+    assert (coarse.converged == fine.converged).mean() > 0.999
+
+
+def test_a_single_rod_and_a_batch_give_the_same() -> None:
+    found, _ = reference_robots()
+    batch = solve(found, FINE).tip
+    singles = np.concatenate([solve(found[i : i + 1], FINE).tip for i in range(len(found))])
+    assert np.abs(batch - singles).max() < 1e-10
+
+
+def test_two_threads_give_what_one_gives() -> None:
+    found = wild_robots(200, seed=3)
+    assert np.array_equal(solve(found).tip, solve(found, Fast(cores=2)).tip, equal_nan=True)
+
+
+def test_a_warm_start_lands_on_the_same_tip() -> None:
+    found = robots(40, np.linspace(50e3, 250e3, 40), 0.1)
+    cold = solve(found, Fast(remember=True))
+    found.field("tip_force")[:] *= 1.02
+    found.field("tip_moment")[:] *= 1.02
+    assert np.abs(solve(found, start=cold).tip - solve(found, FINE).tip).max() < 1e-5
+
+
+def test_a_pushed_column_is_flagged_beyond_its_buckling_load_and_only_there() -> None:
+    found = robots(3, 0.0, 0.0)
+    stiffness = found.field("bend_stiffness")[0, 1, 0]
+    critical = SECOND_MODE * stiffness / LENGTH**2
+    found.field("load")[:] = 0.0
+    found.field("tip_moment")[:] = (0.0, 1e-7, 0.0)
+    found.field("dead_force")[:] = np.outer([-0.5, -0.85, -1.3], (0.0, 0.0, critical))
+    solution = solve(found)
+    assert solution.status[0] <= Status.SOLVED_IN_STEPS
+    assert solution.status[1] == Status.SOLVED_IN_STEPS
+    assert solution.status[2] in (Status.OTHER_BRANCH, Status.FAILED)
+    assert np.isnan(solution.tip[2]).all()
+    # A stretchable column buckles a little off Euler's load.
+    assert solution.load_reached[2] * 1.3 == pytest.approx(1.0, abs=0.08)
+    with pytest.raises(SolveFailed, match=r"1 of 3 rods .* 2 \("):
+        solution.trusted()
+
+
+def test_springs_at_the_tip_pull_as_the_same_forces_would() -> None:
+    held = robots(2, 200e3, 0.1, form=Form(elements=2, springs=2))
+    held.field("spring_direction")[:] = [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]]
+    held.field("spring_stiffness")[:] = [[50.0, 20.0], [500.0, 300.0]]
+    held.field("spring_origin")[:] = [-0.05, 0.1]
+    held.field("spring_softness")[:] = [0.0, 1e-3]
+    held.field("spring_arm")[:] = [[0.0, 0.0, 0.0], [0.01, 0.02, 0.06]]
+    found = solve(held.check(), FINE).trusted()
+    tip = found.tip
+    free = robots(2, 200e3, 0.1)
+    for j, softness in enumerate((0.0, 1e-3)):
+        e = held.field("spring_direction")[:, j]
+        arm = to_base(found.orientation, held.field("spring_arm")[:, j])
+        stretch = np.sum(e * (tip - arm), axis=1) - held.field("spring_origin")[:, j]
+        if softness:
+            stretch = 0.5 * (stretch + np.sqrt(stretch**2 + softness**2))
+        force = -(held.field("spring_stiffness")[:, j] * stretch)[:, None] * e
+        free.field("dead_force")[:] += force
+        free.field("dead_moment")[:] -= np.cross(arm, force)
+    assert np.abs(solve(free, FINE).tip - tip).max() < 1e-9
+    assert np.abs(solve(held).tip - tip).max() < 1e-5
+
+
+def test_a_curvature_that_grows_along_an_element_equals_many_elements() -> None:
+    graded = robots(1, 150e3, 0.1, form=Form(elements=2, full=True))
+    rest = np.array([[0.3, 0.1, 0.2], [0.5, -0.2, 0.0]])
+    rise = np.array([[0.4, 0.0, 0.1, -0.3, 0.2, 0.0, 0.1, 0.0, 0.3], [0.1, 0.5, 0.0, 0.2, 0.2, 0.2, -0.6, 0.1, 0.1]])
+    graded.field("rest_curvature")[0], graded.field("curvature_rise")[0] = rest, rise
+    parts = 32
+    z = (np.arange(parts) + 0.5)[:, None] / parts
+    pieces = [rest[e] + z * rise[e, :3] + z**2 * rise[e, 3:6] + z**3 * rise[e, 6:] for e in (0, 1)]
+    plain = {
+        name: np.repeat(graded.field(name), parts, axis=1) for name in ("bend_stiffness", "stretch_stiffness", "load")
+    }
+    many = rods(
+        Form(elements=2 * parts),
+        1,
+        length=np.repeat(graded.field("length"), parts, axis=1) / parts,
+        rest_curvature=np.concatenate(pieces),
+        **plain,
+        **{name: graded.field(name) for name in ("tip_force", "tip_moment", "dead_force")},
+    )
+    assert np.abs(solve(graded).tip - solve(many, FINE).tip).max() < 6e-5
+
+
+def test_the_base_turns_with_its_tilt_and_gives_with_its_moment() -> None:
+    found = robots(2, 150e3, 0.1)
+    found.field("base_turn")[1] = (0.0, 0.03, 0.0)
+    found.field("base_compliance")[1] = 0.02
+    solution = solve(found, FINE)
+    # Turning the base is turning all dead loads the other way.
+    moment = solution.base_moment[1, 1]
+    angle = 0.03 + 4 * np.arctan(0.02 * moment / 4)
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    seen = robots(1, 150e3, 0.1)
+    seen.field("dead_force")[:] = seen.field("dead_force") @ turn
+    seen.field("load")[:] = seen.field("load") @ turn
+    assert np.abs(turn @ solve(seen, FINE).tip[0] - solution.tip[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("bend_stiffness", 0.0, "bend_stiffness.*must be positive"),
+        ("stretch_stiffness", -1.0, "stretch_stiffness.*must be positive"),
+        ("tip_force", np.nan, "tip_force.*must be finite"),
+        ("length", [[0.5, -0.1]], "length.*must not be negative"),
+        ("base_compliance", -1e-3, "base_compliance"),
+        ("load", np.zeros((3, 3, 3)), "load: shape"),
+        ("colour", 1.0, "colour: no such field"),
+    ],
+)
+def test_bad_input_is_refused_by_the_name_of_its_field(field: str, value: object, said: str) -> None:
+    given = {"length": [[0.1, 0.3]], "bend_stiffness": 2.0, "stretch_stiffness": 900.0} | {field: value}
+    with pytest.raises(BadCondition, match=said):
+        rods(Form(elements=2), 2, **given)
+
+
+def test_a_form_without_elements_is_refused() -> None:
+    with pytest.raises(BadCondition, match="elements: 0"):
+        Form(elements=0)
