@@ -17,9 +17,9 @@ drop_stale_kernels()
 
 from model.rods.beam import BEAM, Beam  # noqa: E402
 from model.rods.description import Form, Rods, blank, rods  # noqa: E402
-from model.rods.fast.energy_sensitivity import energy_sensitivities  # noqa: E402
+from model.rods.fast.derivatives.energy_sensitivity import energy_sensitivities  # noqa: E402
+from model.rods.fast.derivatives.sensitivity import Sensitivities, sensitivities  # noqa: E402
 from model.rods.fast.method import FAST, FINE, Fast  # noqa: E402
-from model.rods.fast.sensitivity import Sensitivities, sensitivities  # noqa: E402
 from model.rods.fast.stations import Stations, energy, gauss_points, stations, strains  # noqa: E402
 from model.rods.paper import PAPER, Paper  # noqa: E402
 from model.rods.reference import REFERENCE, Reference  # noqa: E402

@@ -33,9 +33,7 @@ class Beam:
 
     def solve(self, rods: Rods, arcs: Array | None = None, start: Solution | None = None) -> Solution:
         """See `model.rods.solver.solve`."""
-        rods.refuse_terms(
-            "Beam", "rest_curvature", "load", "tip_force", "tip_moment", "dead_force", "dead_moment", rest_strain=True
-        )
+        rods.refuse_terms("Beam", "rest_strain")
         if start is not None:
             raise BadCondition("start: the method Beam is closed and starts from nothing; leave it out")
         n, length = len(rods), rods.field("length")

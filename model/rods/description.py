@@ -47,6 +47,8 @@ _PER_ELEMENT = {
 }
 _FURTHER = {"series": (columns.SERIES, 3), "curvature_rise": (columns.RISE, 9)}
 MOST_SPRINGS = 3
+BASIC = ("rest_curvature", "load", "tip_force", "tip_moment", "dead_force", "dead_moment")
+"""Fields that every method knows, besides lengths and stiffnesses."""
 
 
 @dataclass(frozen=True)
@@ -161,13 +163,11 @@ class Rods:
             )
         return np.ascontiguousarray(np.minimum(arcs, self.whole_length[:, None]))
 
-    def refuse_terms(self, method: str, *known: str, rest_strain: bool = False) -> None:
-        """Raise `BadCondition` where a field is used that `method` does not know; lengths and stiffnesses always are."""
+    def refuse_terms(self, method: str, *further: str) -> None:
+        """Raise `BadCondition` where a field is used that `method` does not know: one that is neither BASIC nor `further`."""
         for name in self.form.fields():
             neutral = (0.0, 0.0, 1.0) if name == "rest_strain" else 0.0
-            if name in ("length", "bend_stiffness", "stretch_stiffness", "spring_direction", *known):
-                continue
-            if name == "rest_strain" and rest_strain:
+            if name in ("length", "bend_stiffness", "stretch_stiffness", "spring_direction", *BASIC, *further):
                 continue
             if np.any(self.field(name) != neutral):
                 raise BadCondition(f"{name}: must be {neutral} for the method {method}, which knows no other; use Fast")

@@ -43,7 +43,7 @@ class Paper:
 
     def solve(self, rods: Rods, arcs: Array | None = None, start: Solution | None = None) -> Solution:
         """See `model.rods.solver.solve`; positions between two steps are interpolated."""
-        rods.refuse_terms("Paper", "rest_curvature", "load", "tip_force", "tip_moment", "dead_force", "dead_moment")
+        rods.refuse_terms("Paper")
         if start is not None:
             raise BadCondition("start: the method Paper starts from zeros; leave it out")
         n = len(rods)
@@ -99,7 +99,9 @@ def _march(
     """Eq. 6 applied to eq. 1 and 2, point after point from the base; `ends` (elements,) m."""
     ds = length / steps
     p, rotation = np.zeros(3), np.eye(3)
-    n, m = start[:3].copy(), start[3:].copy()
+    n, m = np.empty(3), np.empty(3)
+    for k in range(3):
+        n[k], m[k] = start[k], start[3 + k]
     v, u, slope = np.empty(3), np.empty(3), np.empty(3)
     turn = np.zeros((3, 3))
     e = 0
@@ -125,8 +127,8 @@ def _march(
             n[k] -= ds * sections[e, LOAD + k]
             for j in range(3):
                 rotation[k, j] += ds * turn[k, j]
-        if path.shape[0] > 0:
-            path[i + 1] = p
+        for k in range(3 if path.shape[0] > 0 else 0):
+            path[i + 1, k] = p[k]
     return p, rotation, n, m
 
 

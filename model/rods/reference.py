@@ -52,7 +52,7 @@ class Reference:
 
     def solve(self, rods: Rods, arcs: Array | None = None, start: Solution | None = None) -> Solution:
         """See `model.rods.solver.solve`."""
-        rods.refuse_terms("Reference", "rest_curvature", "load", "tip_force", "tip_moment", "dead_force", "dead_moment")
+        rods.refuse_terms("Reference")
         if start is not None:
             raise BadCondition("start: the method Reference starts from the chambers' moment alone; leave it out")
         n = len(rods)

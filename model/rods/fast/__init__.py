@@ -1,11 +1,14 @@
-"""The fast method: the static Cosserat rod compiled to machine code, batches of rods side by side, with sensitivities.
+"""The fast method: the static Cosserat rod compiled to machine code, batches of rods side by side, with derivatives.
 
 Kernels, from the section to the batch
     algebra, equations, runge_kutta    vectors; equilibrium and section laws; a step along the rod
     lanes, passes                      a group of rods in arrays; one pass from tip to base
     newton, direct, follow             the tip that brings the base to its place; cold or warm; load steps
     walk                               positions and wrenches between base and tip
-    stage_buffer, tangent, ends, implicit, stations_tangent    implicit differentiation
+    stage_buffer                       what a step saves for `derivatives/` to follow it
+    derivatives/, friction/            implicit differentiation; histories with friction and relaxation
 Python in front of them
-    method, stations, sensitivity, energy_sensitivity
+    method, stations; batches: how arrays are handed over
+
+Only `model.rods` comes in here, and benchmarks that call a kernel.
 """

@@ -163,11 +163,11 @@ def read_base(work: Array, active: int) -> None:
     for l in range(active):
         q = unit_quaternion(work, l)
         b = quaternion_of(work, BASE, l)
-        give = times(turned(q, vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
+        v = times(turned(q, vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
         e = product(q, (b[0], -b[1], -b[2], -b[3]))
         # Four times the tangent of a quarter of the angle: the rotation vector to third order, regular up to 2 pi.
         scale = math.copysign(4.0 / (1.0 + abs(e[0])), e[0])
-        put(work, RESIDUAL, l, (scale * e[1] - give[0], scale * e[2] - give[1], scale * e[3] - give[2]))
+        put(work, RESIDUAL, l, (scale * e[1] - v[0], scale * e[2] - v[1], scale * e[3] - v[2]))
         put(work, PLACE, l, turned(q, vector_of(work, R, l)))
     for l in range(active):
         if work[RELIEF * LANES + l] != 0.0 or work[STIFFENING * LANES + l] != 0.0:
@@ -181,9 +181,9 @@ def relieve(work: Array, l: int) -> None:
     share = work[RELIEF * LANES + l] * work[LOAD_SHARE * LANES + l]
     q = quaternion_of(work, TIP, l)
     force, moment = turned(q, vector_of(work, WRENCH, l)), turned(q, vector_of(work, WRENCH + 3, l))
-    carried = add(moment, cross(vector_of(work, PLACE, l), force))
+    follower = add(moment, cross(vector_of(work, PLACE, l), force))
     whole = times(turned(unit_quaternion(work, l), vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
-    left = along(whole, -share, times(carried, vector_of(work, COMPLIANCE, l)))
+    left = along(whole, -share, times(follower, vector_of(work, COMPLIANCE, l)))
     yielded = (1.0 + work[STIFFENING * LANES + l] * dot(left, left)) ** (-1.0 / 3.0)
     put(work, RESIDUAL, l, along(add(vector_of(work, RESIDUAL, l), whole), -yielded, left))
 

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Rods
-from model.rods.fast import implicit
 from model.rods.fast.batches import room_for_terms, share_out, steps_of
+from model.rods.fast.derivatives import implicit
 from model.rods.fast.method import FAST, Fast
 from model.rods.solution import Solution
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Rods
+from model.rods.fast.derivatives.sensitivity import sensitivities
 from model.rods.fast.method import FAST, Fast
-from model.rods.fast.sensitivity import sensitivities
 from model.rods.fast.stations import GAUSS, stations
 from model.rods.solution import Solution
 from model.rotation import to_local

@@ -1,4 +1,4 @@
-"""Stations of the implicit differentiation: where the walk from tip to base passes an arc length, the columns there are kept."""
+"""Stations of the implicit differentiation: the columns are saved where the walk from tip to base passes an arc length."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.fast.algebra import turned, turned_back
-from model.rods.fast.columns_walk import Columns, section_change, step_all
+from model.rods.fast.derivatives.columns_walk import Columns, section_change, step_all
+from model.rods.fast.derivatives.tangent import COLUMN, TIP_COLUMNS
 from model.rods.fast.equations import section_of, strains
 from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import ELEMENT, LANES, Group, M, N, put, vector_of
 from model.rods.fast.passes import unit_quaternion
 from model.rods.fast.stage_buffer import STEP_SHARE, buffered_group
-from model.rods.fast.tangent import COLUMN, TIP_COLUMNS
 
 Array = NDArray[np.float64]
 

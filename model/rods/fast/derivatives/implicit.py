@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from model.rods.columns import LENGTH, TIP_FORCE, TIP_MOMENT
 from model.rods.fast.algebra import add, along, cross, turned, unit
-from model.rods.fast.columns_walk import (
+from model.rods.fast.derivatives.columns_walk import (
     SECTION,
     Columns,
     Direction,
@@ -29,8 +29,8 @@ from model.rods.fast.columns_walk import (
     step_all,
     tip_factors,
 )
-from model.rods.fast.crossings import copy_numbers, pass_stations
-from model.rods.fast.ends import (
+from model.rods.fast.derivatives.crossings import copy_numbers, pass_stations
+from model.rods.fast.derivatives.ends import (
     ENDS,
     FOLLOWER_FORCE,
     FOLLOWER_MOMENT,
@@ -41,6 +41,7 @@ from model.rods.fast.ends import (
     tip_wrench_change,
     vector_in,
 )
+from model.rods.fast.derivatives.tangent import BUFFER, BY_FORCE, BY_MOMENT, BY_TURN, COLUMN, MEAN_STRAIN, TIP_COLUMNS
 from model.rods.fast.jit import inline, kernel, routine
 from model.rods.fast.lanes import (
     JACOBIAN,
@@ -64,7 +65,6 @@ from model.rods.fast.lanes import (
 from model.rods.fast.newton import jacobian_of, newton_step_3, newton_step_6
 from model.rods.fast.passes import add_springs, read_base, set_tip
 from model.rods.fast.stage_buffer import STEP_SHARE, load_element
-from model.rods.fast.tangent import BUFFER, BY_FORCE, BY_MOMENT, BY_TURN, COLUMN, MEAN_STRAIN, TIP_COLUMNS
 from model.rods.fast.walk import set_solved
 
 Array = NDArray[np.float64]

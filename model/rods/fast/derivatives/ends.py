@@ -186,23 +186,23 @@ def compliant_turn(work: Array, ends: Array, change: Vector, stiffer: float, l: 
     v = times(vector_of(work, COMPLIANCE, l), vector_of(ends, FELT_MOMENT, l))
     size = dot(v, v)
     whole = 1.0 + h * size
-    kept = whole ** (-1.0 / 3.0)
-    return along(scaled(kept, change), -kept / (3.0 * whole) * (2.0 * h * dot(v, change) + stiffer * size), v)
+    factor = whole ** (-1.0 / 3.0)
+    return along(scaled(factor, change), -factor / (3.0 * whole) * (2.0 * h * dot(v, change) + stiffer * size), v)
 
 
 @inline
 def base_residual_change(work: Array, ends: Array, change: Array, force: Vector, twist: Vector, l: int) -> Vector:
     """Change of the base's residual when the section there changes by `change` (turn, shift, moment), and f and g change."""
-    turn, felt = vector_of(change, 0, l), vector_of(change, 6, l)
+    turn, moment = vector_of(change, 0, l), vector_of(change, 6, l)
     shift = scaled(-1.0, vector_of(change, 3, l))
     relief = work[RELIEF * LANES + l]
-    carried = add(cross(shift, vector_of(ends, FOLLOWER_FORCE, l)), cross(vector_of(work, PLACE, l), force))
-    felt = along(felt, -relief, add(twist, carried))
-    give = compliant_turn(work, ends, times(vector_of(work, COMPLIANCE, l), felt), 0.0, l)
+    follower = add(cross(shift, vector_of(ends, FOLLOWER_FORCE, l)), cross(vector_of(work, PLACE, l), force))
+    moment = along(moment, -relief, add(twist, follower))
+    v = compliant_turn(work, ends, times(vector_of(work, COMPLIANCE, l), moment), 0.0, l)
     return (
-        dot(vector_of(ends, CHI_BY_TURN, l), turn) - give[0],
-        dot(vector_of(ends, CHI_BY_TURN + 3, l), turn) - give[1],
-        dot(vector_of(ends, CHI_BY_TURN + 6, l), turn) - give[2],
+        dot(vector_of(ends, CHI_BY_TURN, l), turn) - v[0],
+        dot(vector_of(ends, CHI_BY_TURN + 3, l), turn) - v[1],
+        dot(vector_of(ends, CHI_BY_TURN + 6, l), turn) - v[2],
     )
 
 
@@ -210,19 +210,19 @@ def base_residual_change(work: Array, ends: Array, change: Array, force: Vector,
 def base_parameter_change(work: Array, ends: Array, d: Array, l: int) -> Vector:
     """Change of the base's residual along the direction d with the base's own parameters."""
     x, y, z = vector_in(d, BASE_TURN, l)
-    back = scaled(-x, vector_of(ends, TURN_BY_BASE_TURN, l))
-    back = along(
-        along(back, -y, vector_of(ends, TURN_BY_BASE_TURN + 3, l)), -z, vector_of(ends, TURN_BY_BASE_TURN + 6, l)
+    by_tilt = scaled(-x, vector_of(ends, TURN_BY_BASE_TURN, l))
+    by_tilt = along(
+        along(by_tilt, -y, vector_of(ends, TURN_BY_BASE_TURN + 3, l)), -z, vector_of(ends, TURN_BY_BASE_TURN + 6, l)
     )
-    felt = vector_of(ends, FELT_MOMENT, l)
-    carried = add(
+    moment = vector_of(ends, FELT_MOMENT, l)
+    follower = add(
         vector_of(ends, FOLLOWER_MOMENT, l), cross(vector_of(work, PLACE, l), vector_of(ends, FOLLOWER_FORCE, l))
     )
-    give = times(vector_in(d, BASE_COMPLIANCE, l), felt)
-    give = along(give, -d[BASE_RELIEF, l], times(vector_of(work, COMPLIANCE, l), carried))
-    give = compliant_turn(work, ends, give, d[BASE_STIFFENING, l], l)
+    v = times(vector_in(d, BASE_COMPLIANCE, l), moment)
+    v = along(v, -d[BASE_RELIEF, l], times(vector_of(work, COMPLIANCE, l), follower))
+    v = compliant_turn(work, ends, v, d[BASE_STIFFENING, l], l)
     return (
-        dot(vector_of(ends, CHI_BY_TURN, l), back) - give[0],
-        dot(vector_of(ends, CHI_BY_TURN + 3, l), back) - give[1],
-        dot(vector_of(ends, CHI_BY_TURN + 6, l), back) - give[2],
+        dot(vector_of(ends, CHI_BY_TURN, l), by_tilt) - v[0],
+        dot(vector_of(ends, CHI_BY_TURN + 3, l), by_tilt) - v[1],
+        dot(vector_of(ends, CHI_BY_TURN + 6, l), by_tilt) - v[2],
     )
