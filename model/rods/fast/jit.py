@@ -19,22 +19,37 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 # NaN must stay visible to the convergence checks, so the flags that assume it away are left out.
 _RELAXED = {"contract", "nsz", "arcp", "reassoc"}
+# Pieces work on arrays that their kernel keeps. Counting references to them, for each group of arrays that is handed on,
+# would take a tenth of the time and more.
+_COUNTING = "_nrt"
 _STAMP = "kernels.sha"
 
 
+def _compiled(**options: Any) -> Callable[[Any], Any]:
+    """Numba's decorator with what all kernels and pieces have in common."""
+    made: Callable[[Any], Any] = numba.njit(fastmath=_RELAXED, error_model="numpy", **options)
+    return made
+
+
 def inline(function: Function) -> Function:
-    """A piece of a kernel: compiled into its callers."""
-    return _once_for_all_constants(numba.njit(fastmath=_RELAXED, error_model="numpy", forceinline=True)(function))
+    """A piece of a kernel: compiled into its callers. It makes no array, and hands one back to pieces and routines only."""
+    return _once_for_all_constants(_compiled(forceinline=True, **{_COUNTING: False})(function))
 
 
 def routine(function: Function) -> Function:
-    """A piece of a kernel that is compiled once and called: for what would be large when copied into its callers."""
-    return _once_for_all_constants(numba.njit(fastmath=_RELAXED, error_model="numpy", nogil=True)(function))
+    """A piece that is compiled once and called: for what would be large when copied into its callers. As `inline`."""
+    return _once_for_all_constants(_compiled(nogil=True, **{_COUNTING: False})(function))
+
+
+def allocating(function: Function) -> Function:
+    """A routine that makes arrays, for itself or for the kernel that it hands them back to."""
+    return _once_for_all_constants(_compiled(nogil=True, **{_COUNTING: True})(function))
 
 
 def kernel(function: Function) -> Function:
     """An entry point: compiled once a machine, runs without the interpreter lock."""
-    return numba.njit(fastmath=_RELAXED, error_model="numpy", nogil=True, cache=True)(function)  # type: ignore[return-value]
+    made: Function = _compiled(nogil=True, cache=True)(function)
+    return made
 
 
 def _once_for_all_constants(piece: Any) -> Any:

@@ -28,7 +28,7 @@ from model.rods.columns import (
     TIP_FORCE,
 )
 from model.rods.fast.algebra import Quaternion, Vector, dot
-from model.rods.fast.jit import inline, routine
+from model.rods.fast.jit import allocating, inline, routine
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -117,7 +117,7 @@ def element_at(e: int) -> ElementAt:
     return ElementAt(e * ELEMENT, 3 * e, 9 * e)
 
 
-@inline
+@allocating
 def new_work() -> Array:
     """Zeros for one group."""
     return np.zeros(WORK * LANES)
@@ -152,7 +152,7 @@ def put(into: Array, k: int, l: int, a: Vector) -> None:
     into[(k + 2) * LANES + l] = a[2]
 
 
-@inline
+@allocating
 def new_elements(count: int) -> Array:
     """Room for so many elements."""
     return np.zeros(count * ELEMENT * LANES)

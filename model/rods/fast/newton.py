@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.fast.algebra import Vector, along, dot, product, scaled
-from model.rods.fast.jit import inline, routine
+from model.rods.fast.jit import allocating, inline, routine
 from model.rods.fast.lanes import (
     ANCHOR,
     BASE,
@@ -146,7 +146,7 @@ def newton_step_3(jacobian: tuple[Vector, Vector, Vector], residual: Vector) -> 
     )
 
 
-@routine
+@allocating
 def newton_step_6(work: Array, l: int) -> None:
     """TURN = -J^-1 RESIDUAL for six unknowns of one lane, by elimination with pivots."""
     a = np.empty((6, 7))
@@ -280,7 +280,7 @@ def buckling_margin(work: Array, springs: int, l: int) -> float:
     return min(trace / 3.0, determinant, (trace * minors - determinant) / 8.0)
 
 
-@routine
+@allocating
 def determinant_of(work: Array, l: int) -> float:
     """Determinant of the 6 by 6 Jacobian of lane l, by elimination with pivots."""
     a = np.empty((6, 6))

@@ -9,7 +9,7 @@ from model.rods.fast.algebra import turned, turned_back
 from model.rods.fast.derivatives.columns_walk import Columns, section_change, step_all
 from model.rods.fast.derivatives.tangent import COLUMN, TIP_COLUMNS
 from model.rods.fast.equations import section_of, strains
-from model.rods.fast.jit import inline, routine
+from model.rods.fast.jit import allocating, inline, routine
 from model.rods.fast.lanes import ELEMENT, LANES, Group, M, N, put, vector_of
 from model.rods.fast.passes import unit_quaternion
 from model.rods.fast.stage_buffer import STEP_SHARE, buffered_group
@@ -33,7 +33,7 @@ def pass_stations(group: Group, columns: Columns, arcs: Array, first: int, e: in
         visit_station(group, columns, arcs, first, (e, j, pieces), s)
 
 
-@routine
+@allocating
 def visit_station(group: Group, columns: Columns, arcs: Array, first: int, step: tuple[int, int, int], s: int) -> None:
     """Look at station s from the lanes where the step (e, j, pieces) passes it, then bring them back."""
     work, x, saved = group.work, columns.x, columns.saved
