@@ -19,9 +19,6 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 # NaN must stay visible to the convergence checks, so the flags that assume it away are left out.
 _RELAXED = {"contract", "nsz", "arcp", "reassoc"}
-# Pieces work on arrays that their kernel keeps. Counting references to them, for each group of arrays that is handed on,
-# would take a tenth of the time and more.
-_COUNTING = "_nrt"
 _STAMP = "kernels.sha"
 
 
@@ -31,19 +28,32 @@ def _compiled(**options: Any) -> Callable[[Any], Any]:
     return made
 
 
+def _piece(counting: bool, **options: bool) -> Callable[[Any], Any]:
+    """Of a kernel; not to be called from Python, so that nothing is compiled for that.
+
+    Pieces work on arrays that their kernel keeps: counting references to these whenever a group of arrays is handed on would
+    take a tenth of the time and more.
+    """
+    decorate = _compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=counting, **options)
+    return lambda function: _once_for_all_constants(decorate(function))
+
+
 def inline(function: Function) -> Function:
     """A piece of a kernel: compiled into its callers. It makes no array, and hands one back to pieces and routines only."""
-    return _once_for_all_constants(_compiled(forceinline=True, **{_COUNTING: False})(function))
+    made: Function = _piece(counting=False, forceinline=True)(function)
+    return made
 
 
 def routine(function: Function) -> Function:
     """A piece that is compiled once and called: for what would be large when copied into its callers. As `inline`."""
-    return _once_for_all_constants(_compiled(nogil=True, **{_COUNTING: False})(function))
+    made: Function = _piece(counting=False)(function)
+    return made
 
 
 def allocating(function: Function) -> Function:
     """A routine that makes arrays, for itself or for the kernel that it hands them back to."""
-    return _once_for_all_constants(_compiled(nogil=True, **{_COUNTING: True})(function))
+    made: Function = _piece(counting=True)(function)
+    return made
 
 
 def kernel(function: Function) -> Function:
