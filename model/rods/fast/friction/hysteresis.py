@@ -141,13 +141,22 @@ def evaluate_with_memory(group: Group, laws: Laws) -> None:
         read_gap(group.work, group.active)
 
 
+@inline
+def gaps_closed(group: Group, laws: Laws, close: float) -> bool:
+    """Whether moments and memory agree in every lane; one that is no number does not."""
+    agreed = True
+    for l in range(group.active):
+        agreed = agreed and laws.gap[l] < AGREED * close
+    return agreed
+
+
 @routine
 def settle(group: Group, laws: Laws, close: float) -> None:
     """As `newton.improve`, until the memory agrees too."""
     work = group.work
     copy(work, RESIDUAL, RESIDUAL_BEFORE, 6)
     for _ in range(MOST_ROUNDS):
-        if worst_residual(group) < close and laws.gap[: group.active].max() < AGREED * close:
+        if worst_residual(group) < close and gaps_closed(group, laws, close):
             return
         newton_turn(group)
         turn_tip(group)
