@@ -54,7 +54,7 @@ def fit_area_factor(
     >>> from model.robot import load_robot
     >>> robot = load_robot(Path("robot.yaml"))
     >>> states = conditions(robot, 0.1, [[p] * 3 + [0.0] * 6 for p in (40e3, 80e3)])
-    >>> tips = solve(robot.with_area_factor(1.1), states).tip
+    >>> tips = solve(rods_of(robot.with_area_factor(1.1), states), FINE).tip
     >>> round(fit_area_factor(robot, states, tips).factor.value, 3)
     1.1
     """

@@ -12,7 +12,8 @@ import pytest
 
 from model.condition import conditions
 from model.robot import load_robot
-from model.rod import solve
+from model.rods import FINE, solve
+from model.section import rods_of
 from recordings.table_file import write_csv
 from recordings.trials import Table, TrialRow
 
@@ -54,7 +55,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             trial = len({r.trial for r in rows}) + 1
             for step, p in enumerate(PRESSURES, 1):
                 pressures = (p,) * 3 + (0.0,) * (len(robot.chambers.azimuths_deg) - 3)
-                tip = solve(robot, conditions(robot, length, pressures)).tip[0] + 0.2e-3 * rng.normal(size=3)
+                tip = solve(rods_of(robot, conditions(robot, length, pressures)), FINE).tip[0] + 0.2e-3 * rng.normal(
+                    size=3
+                )
                 rows.append(
                     TrialRow(
                         trial=trial,
