@@ -17,8 +17,9 @@ from model.effects.spec import EffectSpec
 
 from .answer import assemble, next_experiment
 from .answer.attribute import Attribution, attribute
+from .answer.carried import carried
 from .answer.holdout import evaluate_holdout, unseen_states
-from .answer.result import Diagnosis, Locate, Proposal, Shrink
+from .answer.result import Carries, Diagnosis, Locate, Proposal, Shrink
 from .answer.shrink import shrink
 from .answer.verdict import statement, stiffness_sentence
 from .criticism.probability_calibration import TYPICAL_EXCESS
@@ -71,7 +72,8 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     wanted.executor.progress(1.0)
     where = assemble.locate_section(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
     detail = assemble.detail_section(found, unseen, tested)
-    text = _statement(found, where, shrunk, proposals, detail.get("stiffness"))
+    budget = carried(found)
+    text = _statement(found, where, shrunk, proposals, detail.get("stiffness"), budget)
     return Diagnosis(
         statement=text + (f" {tested.statement}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
@@ -81,6 +83,7 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
         next_experiment=proposals,
         concerns=(*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)),
         detail=detail,
+        budget=budget,
     )
 
 
@@ -99,10 +102,11 @@ def _statement(
     shrunk: Shrink | None,
     proposals: tuple[Proposal, ...],
     pushes: Mapping[str, Any] | None,
+    budget: tuple[Carries, ...],
 ) -> str:
     named = f.decision.effects
     nearest = (group for group in f.rivals if set(named) & set(group))
     rivals = tuple(dict.fromkeys(e for group in nearest for e in group if e not in named))
     text = statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
-                     f.misfit.outlier_trial, f.probability_calibration.benchmark)  # fmt: skip
+                     f.misfit.outlier_trial, f.probability_calibration.benchmark, budget)  # fmt: skip
     return text if pushes is None or where.of == "deflection" else f"{text} {stiffness_sentence(pushes, f.decision)}"

@@ -12,10 +12,11 @@ from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
 from ..criticism.trend import trend
 from ..data.case import can_name_cause
+from ..inference.budget import Budget, budget, by_what_is_carried
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import Posterior, posterior, prior, with_unknown
+from ..inference.posterior import Posterior, posterior, prior, shares, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.search import Candidate, Search
 from .distinguishability import Distinguishability, distinguishability
@@ -41,7 +42,7 @@ class Attribution:
     posterior: Posterior
     none: Candidate
     best: Candidate
-    """The most probable hypothesis of the catalogue, none included."""
+    """Stands for what is named: the hypothesis of just that, or the most probable that holds it."""
     calibrated: Fit
     """The baseline: area factor and tolerances fitted, no effect."""
     misfit: MisfitDiagnostics
@@ -50,6 +51,8 @@ class Attribution:
     decision: Decision
     distinguishability: Distinguishability
     probability_calibration: ProbabilityCalibration
+    budget: Budget
+    """What each effect carries of the gap."""
 
     @property
     def rivals(self) -> tuple[tuple[str, ...], ...]:
@@ -68,17 +71,22 @@ def attribute(p: Prepared, executor: Executor = SINGLE_THREAD) -> Attribution:
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
-    leading = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:LEADING]
-    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], CALIBRATED.temperature)
-    known = posterior(candidates, effects, CALIBRATED.temperature)
-    best = search.with_all_derivatives(found[known.ranking[0][0]])
-    misfit = misfit_diagnostics(p.problem, best, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter)
+    weightiest = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:LEADING]
+    unknown = search.unknown(weightiest, [prior(c.named, effects) for c in weightiest], CALIBRATED.temperature)
+    whole = posterior(candidates, effects, CALIBRATED.temperature)
+    carried = budget(p, search.tried, shares(search.tried, effects, CALIBRATED.temperature).tolist())
+    known = by_what_is_carried(carried, whole)
+    leading = search.with_all_derivatives(found[whole.ranking[0][0]])
+    best = search.with_all_derivatives(known.candidates[known.ranking[0][0]])
+    misfit = misfit_diagnostics(
+        p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter
+    )
     trended = trend(p, found[NONE].fit.slope)
     weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, trended))
     decision = decide(weighed, CALIBRATED, can_name_cause(p.states))
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
-        p, weighed, found[NONE], best, _calibrated(p), misfit, trended, decision, separations, CALIBRATED
+        p, weighed, found[NONE], best, _calibrated(p), misfit, trended, decision, separations, CALIBRATED, carried
     )  # fmt: skip
 
 

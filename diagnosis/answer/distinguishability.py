@@ -67,6 +67,20 @@ def distinguishability(
     return Distinguishability(tuple(effects), out)
 
 
+def visible(
+    reduced: Reduced, parameters: Parameters, effects: Sequence[str], spike: float, effect_size: Array | None = None
+) -> tuple[str, ...]:
+    """The effects that would be seen at their plausible size, as `distinguishability` judges it."""
+    found = []
+    for one in effects:
+        information, mask = _information(reduced, parameters, (one,), spike, effect_size)
+        own = parameters.mask((one,))[mask]
+        size = np.where(parameters.sizes, 1.0, 0.0)[mask]
+        if _chi_square_left(information, own, ~own, size) >= TIED:
+            found.append(one)
+    return tuple(found)
+
+
 def _information(
     reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float, effect_size: Array | None
 ) -> tuple[Array, NDArray[np.bool_]]:

@@ -103,6 +103,19 @@ class Attribute:
 
 
 @dataclass(frozen=True)
+class Carries:
+    """What one effect carries of the gap once the robot is calibrated anew."""
+
+    effect: str
+    role: Literal["named", "present", "unseen"]
+    """present: too little to be a cause; unseen: these data could not show it at its plausible size."""
+    mm: float
+    """rms over the states, of what the gap is of; median."""
+    low95_mm: float
+    high95_mm: float
+
+
+@dataclass(frozen=True)
 class LengthShrink:
     """The gap at one spine length, on data the fit did not see."""
 
@@ -153,6 +166,8 @@ class Diagnosis:
     concerns: tuple[str, ...] = ()
     """What could not be concluded, and why."""
     detail: Mapping[str, Any] = field(default_factory=dict)
+    budget: tuple[Carries, ...] = ()
+    """Largest first: named causes, what is present beside them, what could not be seen."""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able, as diagnosis.json holds it."""
@@ -223,4 +238,5 @@ def _read(d: dict[str, Any]) -> Diagnosis:
         next_experiment=tuple(Proposal(**{**p, "separates": _names(p["separates"])}) for p in d["next_experiment"]),
         concerns=tuple(d["concerns"]),
         detail=d["detail"],
+        budget=tuple(Carries(**x) for x in d.get("budget", ())),
     )  # fmt: skip

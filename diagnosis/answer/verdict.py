@@ -17,7 +17,7 @@ from typing import Any
 from ..criticism.probability_calibration import ProbabilityCalibration
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
-from .result import Locate, Shrink, Verdict
+from .result import Carries, Locate, Shrink, Verdict
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,12 @@ class Decision:
     verdict: Verdict
     effects: tuple[str, ...]
     probability: float
+
+
+def _present(budget: Sequence[Carries], digits: int) -> str:
+    """What is there without being a cause."""
+    found = ", ".join(f"{c.effect} {c.mm:.{digits}f} mm" for c in budget if c.role == "present")
+    return f" Also present: {found}." if found else ""
 
 
 def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: bool) -> Decision:
@@ -42,7 +48,7 @@ def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: boo
 
 def statement(
     d: Decision, posterior: Posterior, where: Locate, shrunk: Shrink | None, rivals: Sequence[str], tie_breaker: str | None,
-    odd_trial: int | None, benchmark: str,
+    odd_trial: int | None, benchmark: str, budget: Sequence[Carries] = (),
 ) -> str:  # fmt: skip
     """The verdict in a few sentences; `tie_breaker` is the experiment that would separate the candidates best."""
     gap, floor = where.gap_rmse_mm, where.noise_floor_mm
@@ -51,7 +57,7 @@ def statement(
     head = f"The calibrated model misses {what} by {gap:.{digits}f} mm rms; the noise floor is {floor:.{digits}f} mm."
     sure = f"p = {d.probability:.2f}, {benchmark}"
     if d.verdict == "none":
-        return f"{head} Below the floor: no effect of the catalogue is supported ({sure})."
+        return f"{head} No cause: nothing carries two noise floors ({sure}).{_present(budget, digits)}"
     if d.verdict == "unknown":
         odd = f" Trial {odd_trial} does not fit with the others: look at it first." if odd_trial is not None else ""
         near = next((h for h, _ in posterior.ranking if h not in (NONE, UNKNOWN)), None)
@@ -59,15 +65,22 @@ def statement(
         return f"{head} No cause can be named: outside the catalogue, or too little data ({sure}).{nearest}{odd}"
     tied = f", tied with {', '.join(rivals)}" if rivals else ""
     broken = f", broken by: {tie_breaker}" if rivals and tie_breaker else ""
-    text = f"{head} Best supported cause: {' and '.join(d.effects)} ({sure}){tied}{broken}."
+    share = "; ".join(
+        f"{c.effect} carries {c.mm:.{digits}f} mm, {c.low95_mm:.{digits}f} to {c.high95_mm:.{digits}f}"
+        for c in budget
+        if c.role == "named"
+    )
+    carried = f" After calibration {share}." if share else ""
+    text = f"{head} Best supported cause: {' and '.join(d.effects)} ({sure}){tied}{broken}.{carried}"
     if shrunk is None:
-        return text
+        return text + _present(budget, digits)
     closed = (
         f", {min(shrunk.share_closed, 1.0) * 100:.0f} % of what can be closed"
         if shrunk.share_closed is not None
         else ""
     )
-    return f"{text} With it {shrunk.after_mm:.{digits}f} mm are left on data that the fit did not see{closed}."
+    left = f"With it {shrunk.after_mm:.{digits}f} mm are left on data that the fit did not see{closed}."
+    return f"{text}{_present(budget, digits)} {left}"
 
 
 def stiffness_sentence(pushes: Mapping[str, Any], d: Decision) -> str:

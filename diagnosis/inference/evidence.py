@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
-from .linear import Linear, Prior, Reduced
+from .linear import Linear, Prior
 from .problem import Parameters
 
 Array = NDArray[np.float64]
@@ -92,6 +92,10 @@ class Weighed:
     log_evidence: float
     log_terms: Array
     """(s, g, f) log evidence with the weights of the grid, before they are summed."""
+    mean: Array
+    """(p,) posterior mean of the effects' parameters at the most probable point of the grid, in units of their scale."""
+    covariance: Array
+    """(p, p) of the same."""
 
     def peak(self, grid: Grid) -> GridPoint:
         """The most probable point of the grid."""
@@ -109,24 +113,28 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     if not linear.form_error.shape[1]:
         grid = replace(grid, form_errors=np.zeros(1), form_error_weights=np.ones(1))
     log_terms = np.empty((len(masks), *grid.log_weights.shape))
+    best = np.full(len(masks), -np.inf)
+    means, covariances = (np.zeros((len(masks), masks.shape[1], *more)) for more in ((), (masks.shape[1],)))
     reduced = linear.reductions(grid.sizes, grid.form_errors)
     for i, spike in enumerate(grid.spikes):
         prior = parameters.prior(masks, float(spike), linear.effect_size)
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
-                log_terms[:, i, j, k] = problem.log_evidence(prior) + _truncation(problem, prior, parameters)
-    log_terms += grid.log_weights
-    return [Weighed(float(logsumexp(c)), c) for c in log_terms]
+                mean, covariance = problem.posterior(prior)
+                variance = np.diagonal(covariance, axis1=1, axis2=2)
+                term = problem.log_evidence(prior) + _truncation(mean, variance, prior, parameters)
+                log_terms[:, i, j, k] = term = term + grid.log_weights[i, j, k]
+                higher = term > best
+                best[higher], means[higher], covariances[higher] = term[higher], mean[higher], covariance[higher]
+    return [Weighed(float(logsumexp(t)), t, m, c) for t, m, c in zip(log_terms, means, covariances, strict=True)]
 
 
-def _truncation(problem: Reduced, prior: Prior, parameters: Parameters) -> Array:
+def _truncation(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:
     """Correction (h,) of the log evidence for the bounds of the parameters, for the least size of named effects and for the
-    largest of tolerated ones.
+    largest of tolerated ones; `mean`, `variance` (h, p) of the posterior.
 
     Each parameter is taken by itself.
     """
-    mean, covariance = problem.posterior(prior)
-    variance = np.diagonal(covariance, axis1=1, axis2=2)
     return _log_allowed_share(mean, variance, prior, parameters) - _log_allowed_share(
         prior.mean, prior.variance, prior, parameters
     )

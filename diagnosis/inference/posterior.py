@@ -67,11 +67,16 @@ def prior(named: Hypothesis, effects: int) -> float:
     return PRIOR_SHARES.get(len(named), 0.0) / comb(effects, len(named))
 
 
-def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
-    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence (see probability_calibration)."""
+def shares(candidates: Sequence[Candidate], effects: int, temperature: float) -> Array:
+    """Probabilities of candidates that exclude each other, within a catalogue of so many effects; see `posterior`."""
     score = np.array([c.log_evidence / temperature + np.log(prior(c.named, effects)) for c in candidates])
     share = np.exp(score - score.max())
-    share /= share.sum()
+    return np.asarray(share / share.sum())
+
+
+def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
+    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence (see probability_calibration)."""
+    share = shares(candidates, effects, temperature)
     order = np.argsort(-share, kind="stable")
     return Posterior(
         ranking=tuple((candidates[i].named, float(share[i])) for i in order),

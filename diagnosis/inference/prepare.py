@@ -227,6 +227,7 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
         starts=tuple(p.starts for p in infos),
         sources=tuple(p.source for p in infos),
         trials=tuple(p.trial for p in infos),
+        tolerated=tuple(p.tolerated for p in infos),
     )
 
 

@@ -64,6 +64,8 @@ class Parameters:
     """Effect, tolerance or calibration that each belongs to; empty: not known."""
     trials: tuple[int | None, ...] = ()
     """The trial that each belongs to, None where it is common to all; empty: all are."""
+    tolerated: tuple[bool, ...] = ()
+    """Parameters that may differ from zero within a tolerance though their effect is not named; empty: all may."""
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
@@ -108,6 +110,11 @@ class Parameters:
         shapes = np.array(self.shapes or (False,) * len(self.names))
         return ~shapes[self.of_effect]
 
+    @property
+    def tolerable(self) -> NDArray[np.bool_]:
+        """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
+        return np.array(self.tolerated or (True,) * len(self.names))[self.of_effect]
+
     @cached_property
     def members(self) -> Array:
         """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
@@ -124,6 +131,7 @@ class Parameters:
         mean, sd = spike * ONE_WAY_MEAN * side, spike * np.where(side == 0, 1.0, ONE_WAY_SD)
         narrowing = np.maximum(effect_size / (LIMIT * spike), 1.0) if effect_size is not None and spike > 0 else 1.0
         mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / narrowing**2)
+        mean, variance = np.where(self.tolerable, mean, 0.0), np.where(self.tolerable, variance, 0.0)
         return Prior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
 
     def scaled(self, prior: Prior) -> tuple[Array, Array]:
@@ -211,7 +219,7 @@ class Problem:
         """(n, r) whitened columns for the model-form error of effects that are not named, smooth over the states, at their
         typical tolerance; a coefficient of 1 is all of what they do. The leading columns of many."""
         p = self.parameters
-        sizes = np.flatnonzero(p.of_effect)[p.sizes]
+        sizes = np.flatnonzero(p.of_effect)[p.sizes & p.tolerable]
         done = TYPICAL_TOLERANCE * self.linearise(p.mean, sizes.tolist())[1] * p.sd[sizes]
         every = self.noise.whiten(np.hstack([done * factor[:, None] for factor in self.shared_basis.T]))
         drawn = np.random.default_rng(SEED).normal(size=(every.shape[1], min(MOST_COLUMNS, *every.shape)))
@@ -229,14 +237,18 @@ class Problem:
         A coefficient of 1 is all of what a named effect does at theta, or, `with_tolerances`, of what the others do.
         """
         columns, leakage = [self.tolerated_form_error] if with_tolerances else [], 0.0
+        responses: dict[str, Array] = {}
         for effect in named:
             without = theta.copy()
             without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
+                responses[effect] = done
                 columns.append(_leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis)))
                 leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
-        return replace(linear, form_error=np.hstack(columns), leakage=leakage) if columns else linear
+        return (
+            replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses) if columns else linear
+        )
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""

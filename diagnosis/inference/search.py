@@ -36,6 +36,9 @@ UNFINISHED = 0.5
 SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
 PRUNING, AFTER_SEARCH = (0.77, 0.81), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
+FAR = 10.0
+"""Times the squared residual of none from which on a start is calibrated anew."""
+RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
 FIRST_SHARE = 0.6
 """Share of its scale at which the search for a one-sided effect begins."""
 
@@ -120,6 +123,11 @@ class Search:
             out[named] = replace(best, weighed=replace(best.weighed, log_evidence=total + best.fit.predicted_decrease))
         return out
 
+    @property
+    def tried(self) -> list[Candidate]:
+        """All hypotheses weighed, without tolerances and with them each by itself."""
+        return list(self._tried.values())
+
     def run(self) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first."""
         singles = self._singles()
@@ -194,13 +202,40 @@ class Search:
     def _best_of_starts(self, named: Hypothesis, with_tolerances: bool, more: Sequence[Array]) -> Candidate:
         """The best of what is reached from the usual starting points and some more."""
         none = self._tried[NONE, with_tolerances]
-        tried = [
-            self._weigh(
-                named, self._fit(named, with_tolerances, none.grid_point.size, start, 2, none.fit), with_tolerances
-            )
-            for start in (*self._starts(named, none.fit), *more)
-        ]
+        tried = []
+        for start in (*self._starts(named, none.fit), *more):
+            begin, rounds = start, 2
+            frozen: Fit | None = none.fit
+            if not isinstance(start, Fit) and self._misfit(start) > FAR * self._misfit(none.fit.theta):
+                # Far from where it was calibrated the robot needs another calibration and other derivatives first.
+                begin, rounds, frozen = self._recalibrated(start), 4, None
+            fitted = self._fit(named, with_tolerances, none.grid_point.size, begin, rounds, frozen)
+            tried.append(self._weigh(named, fitted, with_tolerances))
         return max(tried, key=_evidence)
+
+    def _misfit(self, theta: Array) -> float:
+        """Squared whitened residual at parameters (k,); infinite where a state has no equilibrium."""
+        residual = self.problem.misfit(theta)
+        return float(residual @ residual) if np.isfinite(residual).all() else np.inf
+
+    def _recalibrated(self, start: Array) -> Array:
+        """Parameters (k,) with those that are fitted in every model fitted to the data anew, all others as they are."""
+        p = self.problem.parameters
+        own = np.flatnonzero(~p.of_effect)[p.calibrated]
+        theta, best = start.copy(), np.inf
+        for _ in range(RECALIBRATION_ROUNDS):
+            predicted, slope = self.problem.linearise(theta, own.tolist())
+            if not np.isfinite(predicted).all():
+                theta[own] = 0.5 * (theta[own] + p.mean[own])
+                continue
+            columns = self.problem.noise.whiten(slope * p.sd[own])
+            residual = self.problem.noise.whiten(self.problem.observed - predicted)
+            if best - float(residual @ residual) < RECALIBRATION_GAIN * best:
+                break
+            best = float(residual @ residual)
+            step = np.linalg.lstsq(columns, residual, rcond=None)[0]
+            theta[own] = np.clip(theta[own] + p.sd[own] * step, p.lower[own], p.upper[own])
+        return theta
 
     def _starts(self, named: Hypothesis, none: Fit) -> list[Array | Fit]:
         """Where a search begins: the fit of none; for a one-sided effect, well within its range instead.

@@ -173,6 +173,10 @@ def _at(factor: str, value: float | str) -> str:
 
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(draw.posterior(d, folder / "posterior.png"), f"Probability of each hypothesis ({d.detail['bench']})")
+    if d.budget:
+        words = {"named": "named", "present": "also present", "unseen": "could not be seen in these data"}
+        rows = [[c.effect, f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]] for c in d.budget]
+        s.table(("effect", "carries of the gap, mm rms", "95 %", ""), rows)
     if d.detail["sizes"]:
         _sizes(s, d.detail["sizes"], folder)
     for group in d.attribute.cannot_tell_apart:

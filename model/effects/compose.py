@@ -85,13 +85,20 @@ def _actuation(q: Quantities, out: Array) -> None:
     With azimuth az + c s (1 + g s / L) the internal moment of actuation at s is the one at the base turned so far. The
     tip carries that at s = L, and the difference is a rest curvature, expanded to third order in s over an element.
     A cut across the body meets the pressure at right angles however the chambers lean, so there is no torque.
+
+    Gas in a bent chamber also presses on its longer outer wall, with P A kappa a length, away from the centre of the bend.
+    Where the body takes that up (share w), what is left of the gas on any part of it is P A e3(s) at its ends: each section
+    is stretched by P A along its own tangent, as by a rest strain w P A / EA, and no thrust at the tip bends it.
     """
     push = q.pressure * q.area_factor * q.robot.chambers.area
     arm = q.robot.chambers.path_radius
     azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]
     total = push.sum(axis=-1)
     mx, my = arm * (np.sin(azimuth) * push).sum(-1), -arm * (np.cos(azimuth) * push).sum(-1)
-    out[..., at.TIP_FORCE + 2] = total
+    out[..., at.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * total
+    if q.thrust_on_walls.any():
+        for element in (INNER, OUTER):
+            out[..., element + at.REST_STRAIN + 2] += q.thrust_on_walls * total / out[..., element + at.STRETCH + 2]
     out[..., at.TIP_MOMENT] = mx
     out[..., at.TIP_MOMENT + 1] = my
     if not q.twist.any():

@@ -41,6 +41,8 @@ class ParameterInfo:
     """Column of the derivative it shares with its copies."""
     trial: int | None = None
     """The trial whose own it is, as the table numbers it; None for one that is common to all."""
+    tolerated: bool = True
+    """See `spec.EffectSpec`."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
                         p.starts,
                         len(of_row),
                         trial,
+                        source.spec.tolerated,
                     )  # fmt: skip
                 )
             of_row.append(rows)

@@ -29,6 +29,8 @@ class Quantities:
     """(v, n, chambers) A_effect / A_norm."""
     azimuth: Array
     """(v, n, chambers) rad at the base, roll included."""
+    thrust_on_walls: Array
+    """Share 0..1 of the chambers' thrust that their side walls balance along the arc; the rest follows the tip."""
     twist: Array
     """rad/m, the chambers wind about the axis."""
     twist_growth: Array
@@ -109,6 +111,7 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         pressure=design.pressure[None],
         area_factor=np.broadcast_to(area_factor[None, :, None], (1, n, chambers.size)),
         azimuth=(chambers[None, :] + design.roll[:, None])[None],
+        thrust_on_walls=each(0.0),
         twist=each(0.0),
         twist_growth=each(0.0),
         body_modulus=each(robot.youngs_modulus),

@@ -92,6 +92,8 @@ class EffectSpec:
     seen_best_in: str
     family: str = ""
     """Effects of one family are forms of one cause; empty: the effect is its own family."""
+    tolerated: bool = True
+    """Whether a robot has a little of it without it being worth a name; False where it is there or it is not."""
 
     def __post_init__(self) -> None:
         if not self.id.isidentifier():

@@ -86,7 +86,7 @@ SPECS = (
         equation="m = EI k D, D = 1 + g(a (k r)^2) + h(b e), g(x) = x (x / (1 - 2 x) below 0), h(x) = x (x / (1 - x) below 0), "
         "n3 = EA e / (1 - b e / 2) + b EI k^2 h'(b e) / 2; over the silicone's share",
         parameters=(
-            Parameter("curvature", "1", 20.0, -80.0, 200.0),
+            Parameter("curvature", "1", 20.0, -80.0, 200.0, starts=(15.0, -15.0)),
             Parameter("strain", "1", 2.0, -6.0, 6.0),
         ),
         law=Law(before=_hyperelastic),
@@ -121,7 +121,7 @@ SPECS = (
         equation="E_s ~ sqrt((v - x v_nominal (L_s / 0.2 m)^g) / v_nominal)",
         parameters=(
             Parameter("lost", "1", 0.3, 0.0, 0.97, sign="positive"),
-            Parameter("length", "1", 0.5, -1.5, 1.5, role="shape"),
+            Parameter("length", "1", 0.5, 0.0, 1.0, role="shape"),
         ),
         law=Law(before=_vacuum_leak),
         citation="jamming stiffness over confining pressure, power near 1/2 (Hertzian packings)",

@@ -31,6 +31,10 @@ def _tether_load(q: Quantities, v: Values) -> None:
     q.tether = q.tether + v["spring"]
 
 
+def _chamber_thrust(q: Quantities, v: Values) -> None:
+    q.thrust_on_walls = q.thrust_on_walls + v["share"]
+
+
 def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
     q.plane_distance = np.maximum(PLANE + v["distance"], 0.005)
@@ -77,6 +81,17 @@ SPECS = (
         law=Law(before=_tether_load),
         citation="statics of hoses and cables",
         seen_best_in="roll the robot: its direction stays in the world",
+    ),
+    EffectSpec(
+        id="chamber_thrust",
+        stage="load",
+        equation="F_tip = (1 - w) P A e3(L), v*_3 = w P A / EA: w = 0 thrust follows the tip (paper, eq. 4), w = 1 the side "
+        "walls balance it along the arc",
+        parameters=(Parameter("share", "1", 1.0, 0.0, 1.0, sign="blend", starts=(1.0,)),),
+        law=Law(before=_chamber_thrust),
+        citation="pressurised curved tubes: Haringx, Philips Res. Rep. 3 (1948); paper, eq. 4",
+        seen_best_in="pressure curve at all lengths",
+        tolerated=False,
     ),
     EffectSpec(
         id="contact",

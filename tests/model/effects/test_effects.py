@@ -15,6 +15,7 @@ from model.effects.quantities import Quantities
 from model.effects.spec import Values
 from model.errors import BadEffect
 from model.robot import Robot, robot_from_dict
+from model.section import body_area, body_second_moment
 
 Array = NDArray[np.float64]
 Make = Callable[..., Any]
@@ -22,7 +23,7 @@ IDS = {
     "spine_slip", "area_moment", "spine_shear", "vacuum_leak", "spine_length_offset", "body_modulus", "hyperelastic",
     "viscoelastic", "chamber_ballooning", "pressure_deadband", "pressure_offset", "chamber_azimuth", "chamber_twist",
     "self_weight", "tether_load", "contact", "base_tilt", "base_compliance", "precurvature", "frame_misalignment",
-    "marker_offset", "time_offset", "force_bias", "arm_compliance", "contact_offset",
+    "marker_offset", "time_offset", "force_bias", "arm_compliance", "contact_offset", "chamber_thrust",
 }  # fmt: skip
 ON_FORCE = {"force_bias", "arm_compliance", "contact_offset"}
 
@@ -165,6 +166,23 @@ def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot, make_camp
     leaking = Moved(paper_robot, columns).by(vacuum_leak__lost=0.3)[0]
     # The nominal vacuum is that of most states, the stronger one of equals.
     assert less[0] - full[0] == pytest.approx(leaking[0], rel=0.01)
+
+
+def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot: Robot, make_campaign: Make) -> None:
+    """Without weight each section feels P A along its own tangent and the chambers' moment: an arc of curvature M / EI."""
+    robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
+    moved = Moved(robot, make_campaign(lengths=(0.0,), levels=(150e3, 250e3)))
+    tips = moved.by(chamber_thrust__share=1.0) + moved.still
+    for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
+        push = pressure * moved.forward.area_factor[0] * robot.chambers.area
+        azimuth = np.deg2rad(robot.chambers.azimuths_deg)
+        moment = robot.chambers.path_radius * np.array(
+            [(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()]
+        )
+        bend = float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
+        long = robot.length * (1 + push.sum() / (robot.youngs_modulus * body_area(robot)))
+        assert np.hypot(*tip[:2]) == pytest.approx(long * np.sinc(bend / 2 / np.pi) * math.sin(bend / 2), abs=1e-5)
+        assert abs(tip[2]) == pytest.approx(long * np.sinc(bend / np.pi), abs=1e-5)
 
 
 def test_contact_kinks_the_sweep_where_the_plane_stands(sweep: Moved) -> None:

@@ -1,0 +1,34 @@
+"""The budget of the answer, in mm: what is named, what is present beside it, and what these data could not show."""
+
+from __future__ import annotations
+
+from .attribute import Attribution
+from .distinguishability import visible
+from .result import Carries
+
+MM = 1e3
+INTERVAL = (0.025, 0.5, 0.975)
+PRESENT = 0.5
+"""Noise floors that an effect must carry to be listed as present."""
+
+
+def carried(f: Attribution) -> tuple[Carries, ...]:
+    """Largest first within named, present and unseen."""
+    p = f.prepared.problem.parameters
+    c = f.best
+    reduced = c.fit.linear.reduced(c.grid_point.size, c.grid_point.form_error)
+    seen = visible(reduced, p, p.ids, c.grid_point.spike, c.fit.linear.effect_size)
+    floor = MM * (
+        f.prepared.pushes.noise_floor if f.prepared.pushes and f.prepared.pushes_only else f.prepared.noise_floor
+    )
+    out = []
+    for effect in p.ids:
+        low, middle, high = (x * MM for x in f.budget.interval(effect, *INTERVAL))
+        if effect in f.decision.effects:
+            out.append(Carries(effect, "named", middle, low, high))
+        elif effect not in seen:
+            out.append(Carries(effect, "unseen", middle, low, high))
+        elif middle > PRESENT * floor:
+            out.append(Carries(effect, "present", middle, low, high))
+    order = ("named", "present", "unseen")
+    return tuple(sorted(out, key=lambda x: (order.index(x.role), -x.mm)))

@@ -1,0 +1,164 @@
+"""What each effect carries of the gap, in m, and which effects are named for it.
+
+With d_e what effect e does to the readings in which the gap is looked for, and N their response to what every lab
+calibrates (area factors), the effect carries
+
+    c_e = rms over states of  d_e - N (N^T N)^-1 N^T d_e        (m)
+
+so what a calibration takes up anyway is not an effect's merit. All effects are asked, those within their tolerance as well:
+a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
+d_e to first order around each hypothesis' fit. In each draw an effect is named that
+
+    carries at least half of what the largest carrier does, and at least one noise floor, and
+    is that carrier, or is named by the hypothesis;
+
+where nothing carries two noise floors, none is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evidence import NONE, Hypothesis
+from .fit import Fit
+from .posterior import Posterior
+from .prepare import Prepared
+from .search import Candidate
+
+Array = NDArray[np.float64]
+
+COMPARABLE = 0.5
+"""Share of what the largest carrier does that an effect must carry to be named."""
+LEAST, LEAST_LARGEST = 1.0, 2.0
+"""Noise floors that a named effect must carry, and the largest carrier where any is named."""
+DRAWS, SEED = 200, 11
+"""Of each hypothesis."""
+LEAST_WEIGHT = 1e-3
+"""Probability of the hypotheses that are drawn from."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Draws of what effects carry, from the posterior over hypotheses and their sizes."""
+
+    effects: tuple[str, ...]
+    metres: Array
+    """(d, e) rms of the tip; of stiffness trials alone, of the deflection."""
+    floors: Array
+    """(d, e) the same in noise floors, of tip or deflection, whichever shows more of it."""
+    weight: Array
+    """(d,) probability of each draw; they sum to one."""
+    named: tuple[Hypothesis, ...]
+    """(d,) what is named in each draw."""
+
+    def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
+        """Quantiles (m) of what an effect carries."""
+        carried = self.metres[:, self.effects.index(effect)]
+        order = np.argsort(carried)
+        share = np.cumsum(self.weight[order])
+        at = np.searchsorted(share / share[-1], quantiles).clip(0, len(order) - 1)
+        return tuple(float(v) for v in carried[order][at])
+
+
+def budget(prepared: Prepared, candidates: Sequence[Candidate], weights: Sequence[float]) -> Budget:
+    """Draw from candidates of the catalogue, of these probabilities (without and with tolerances each by itself)."""
+    p = prepared.problem.parameters
+    carry = _Carrying(prepared)
+    rng = np.random.default_rng(SEED)
+    metres, floors, weight, named = [], [], [], []
+    for c, w in zip(candidates, weights, strict=True):
+        if w < LEAST_WEIGHT:
+            continue
+        value, vector = np.linalg.eigh(c.weighed.covariance)
+        root = vector * np.sqrt(np.maximum(value, 0.0))
+        size = c.weighed.mean + rng.normal(size=(DRAWS, len(value))) @ root.T
+        m, f = carry.of(c.fit, np.clip(size, p.low, p.high))
+        metres.append(m)
+        floors.append(f)
+        weight += [w / DRAWS] * DRAWS
+        named += [_named(row, p.ids, c.named) for row in f]
+    total = np.array(weight)
+    return Budget(p.ids, np.vstack(metres), np.vstack(floors), total / total.sum(), tuple(named))
+
+
+def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
+    """Probabilities of what is named; `known` over the hypotheses, whose candidates stand for the answers alike."""
+    total: dict[Hypothesis, float] = {}
+    for named, w in zip(b.named, b.weight.tolist(), strict=True):
+        total[named] = total.get(named, 0.0) + w
+    total.setdefault(NONE, 0.0)
+    candidates = dict(known.candidates)
+    for answer in total:
+        if answer not in candidates:  # never weighed by itself: the most probable of those that hold all of it, or any
+            fitting = [h for h, _ in known.ranking if set(answer) <= set(h)] or [known.ranking[0][0]]
+            candidates[answer] = known.candidates[fitting[0]]
+    return Posterior(tuple(sorted(total.items(), key=lambda entry: -entry[1])), candidates)
+
+
+def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
+    """What is named when the effects carry so many noise floors (e,)."""
+    largest = int(floors.argmax())
+    if floors[largest] < LEAST_LARGEST:
+        return NONE
+    enough = np.flatnonzero(floors >= max(LEAST, COMPARABLE * float(floors[largest])))
+    return tuple(effects[int(i)] for i in enough if i == largest or effects[int(i)] in hypothesis)
+
+
+class _Carrying:
+    """What effects carry around the fits of one problem."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self._p = prepared
+        labels = prepared.labels
+        tips, pushes = (np.flatnonzero(labels.kind == k) for k in (0, 3))
+        self._parts: list[tuple[NDArray[np.intp], Array, float]] = []
+        """Rows of tips or of forces, the unit of each in which they are looked at, and the noise floor (m)."""
+        if tips.size:
+            self._parts.append((tips, np.ones(len(tips)), prepared.noise_floor))
+        if pushes.size and prepared.pushes is not None:
+            stiffness = prepared.pushes.stiffness[labels.state[pushes]]
+            self._parts.append((pushes, 1 / stiffness, prepared.pushes.noise_floor))
+        self._of_fit: dict[int, tuple[Fit, list[Mapping[str, Array]]]] = {}
+
+    def of(self, fit: Fit, size: Array) -> tuple[Array, Array]:
+        """m, and noise floors (d, e), at sizes (d, p) in units of the effects' scales."""
+        p = self._p.problem.parameters
+        at = (fit.theta[p.of_effect] - p.mean[p.of_effect]) / p.scale
+        by_part = []
+        for squares in self._squares(fit):
+            columns = []
+            for effect in p.ids:
+                mask = p.mask((effect,))
+                x = np.column_stack([(size - at)[:, mask], np.ones(len(size))])
+                columns.append(np.sqrt(np.maximum(((x @ squares[effect]) * x).sum(axis=1), 0.0)))
+            by_part.append(np.column_stack(columns))
+        floors = [m / floor for m, (_, _, floor) in zip(by_part, self._parts, strict=True)]
+        return by_part[0], np.max(floors, axis=0)
+
+    def _squares(self, fit: Fit) -> list[Mapping[str, Array]]:
+        """For tips and for forces: effect -> products (m + 1, m + 1), mean over the states, of its parameters' columns and of
+        what it does at the fit, after calibration."""
+        if id(fit) not in self._of_fit:
+            p = self._p.problem.parameters
+            at = fit.theta - p.mean
+            found: list[Mapping[str, Array]] = []
+            for rows, unit, _ in self._parts:
+                slope = fit.slope[rows] * unit[:, None]
+                free = (slope * p.sd)[:, ~p.of_effect][:, p.calibrated]
+                states = len(np.unique(self._p.labels.state[rows]))
+                squares = {}
+                for effect in p.ids:
+                    own = [i for i, e in enumerate(p.effects) if e == effect]
+                    exact = fit.linear.responses.get(effect)
+                    done = slope[:, own] @ at[own] if exact is None else exact[rows] * unit
+                    columns = np.column_stack([slope[:, own] * p.sd[own], done])
+                    if free.size:
+                        columns -= free @ np.linalg.lstsq(free, columns, rcond=None)[0]
+                    squares[effect] = columns.T @ columns / states
+                found.append(squares)
+            self._of_fit[id(fit)] = (fit, found)
+        return self._of_fit[id(fit)][1]

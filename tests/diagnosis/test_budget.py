@@ -1,0 +1,77 @@
+"""What is named for what it carries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.answer.result import Diagnosis
+from diagnosis.diagnose import Options, diagnose
+from diagnosis.inference import budget as module
+from diagnosis.inference.budget import Budget
+from tests.diagnosis.test_diagnose import FEW, measured
+
+EFFECTS = ("a", "b", "c")
+
+
+def named(floors: tuple[float, ...], hypothesis: tuple[str, ...]) -> tuple[str, ...]:
+    return module._named(np.array(floors), EFFECTS, hypothesis)
+
+
+@pytest.mark.parametrize(
+    ("floors", "hypothesis", "expected"),
+    [
+        ((1.9, 0.3, 0.1), ("a",), ()),  # nothing carries two noise floors
+        ((2.1, 0.3, 0.1), ("a",), ("a",)),
+        ((5.0, 2.0, 0.1), ("a", "b"), ("a",)),  # less than half of the largest carrier
+        ((5.0, 3.0, 0.1), ("a", "b"), ("a", "b")),
+        ((5.0, 3.0, 0.1), ("a",), ("a",)),  # a tolerance beside the largest carrier is none
+        ((1.5, 4.0, 0.1), (), ("b",)),  # the largest carrier is named though no hypothesis names it
+        ((2.4, 4.0, 0.1), ("a",), ("a", "b")),
+    ],
+)
+def test_what_carries_at_least_half_of_the_largest_and_a_floor_is_named(
+    floors: tuple[float, ...], hypothesis: tuple[str, ...], expected: tuple[str, ...]
+) -> None:
+    assert named(floors, hypothesis) == expected
+
+
+def test_quantiles_are_weighted() -> None:
+    metres = np.array([[1.0], [2.0], [3.0]])
+    b = Budget(("a",), metres, metres, np.array([0.1, 0.1, 0.8]), ((), (), ()))
+    assert b.interval("a", 0.05, 0.15, 0.5) == (1.0, 2.0, 3.0)
+
+
+def answer(**effects: float) -> Diagnosis:
+    return diagnose(measured(3, 5, FEW, **effects), Options(quantify=False, experiments=False))
+
+
+def test_a_tolerance_that_carries_more_than_all_else_is_the_cause() -> None:
+    """0.05 1/m is within what every robot may have, and moves this one's tip by millimetres."""
+    d = answer(precurvature__y=0.05)
+    assert d.attribute.effects == ("precurvature",)
+    share = next(c for c in d.budget if c.effect == "precurvature")
+    assert (
+        share.role == "named"
+        and share.low95_mm <= share.mm <= share.high95_mm
+        and share.mm > 2 * d.locate.noise_floor_mm
+    )
+
+
+def test_what_carries_less_than_the_floor_is_no_cause_however_sure_it_is() -> None:
+    d = answer(marker_offset__x=0.4e-3)
+    assert d.attribute.verdict != "effect"
+    assert all(c.role != "named" for c in d.budget)
+
+
+def test_the_budget_reads_back() -> None:
+    d = answer(chamber_azimuth__angle=0.12)
+    assert Diagnosis.from_json(d.to_json()).budget == d.budget
+    assert d.budget[0].effect == "chamber_azimuth" and d.budget[0].role == "named"
+    assert {c.role for c in d.budget} <= {"named", "present", "unseen"}
+
+
+def test_thrust_that_the_side_walls_balance_is_named() -> None:
+    d = answer(chamber_thrust__share=1.0)
+    assert d.attribute.effects == ("chamber_thrust",)
+    assert d.attribute.ranking[0].parameters["chamber_thrust.share"].value == pytest.approx(1.0, abs=0.05)
