@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 from recordings.campaign.journal import Journal
-from recordings.errors import NotSettled
+from recordings.errors import NotSettled, TooFewSamples
 from recordings.states.concluding import conclude
 from recordings.states.rules import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.trials import TrialRow
@@ -21,6 +21,10 @@ SENSORS = {
     "/pressure": "pressure", "/tip": "mocap", "/spine": "spine", "/vacuum": "gauge", "/force": "force", "/arm": "arm_state",
 }  # fmt: skip
 """Which instrument of rig.yaml a topic comes from."""
+
+
+READINGS = 3
+"""Times that a reading is tried which a pause of a stream spoils."""
 
 
 @dataclass(frozen=True)
@@ -137,36 +141,48 @@ class Trials:
         targets: Sequence[float],
         topics: tuple[str, ...],
         wait: float,
+        repeatable: bool = False,
     ) -> TrialRow:
-        """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s."""
+        """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s.
+
+        `repeatable`: nothing moves and nothing creeps, so a window in which a stream paused is read again from now on.
+        """
         self._step += 1
         topics = (*filter(self.bench.has_topic, topics), *self.bench.sensors)
         targets = (*targets, *(0.0,) * (self.bench.chambers.count - len(targets)))
-        state = State(
-            trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
-            t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,
-            tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
-            specimen=trial.specimen, probe=trial.probe, clipped=self.bench.clipped,
-        )  # fmt: skip
-        number = self.bench.recorder.state(self.bench.clock.now(), state)
         judged = ", ".join(SENSORS.get(topic, topic) for topic in topics)
-        try:
-            row = self.bench.wait(
-                f"trial {state.trial} state {state.step}, judged from {judged}",
-                lambda: conclude(self.bench.recorder.buffers, state),
-                wait,
-            )
-        except NotSettled as e:
-            raise NotReached(f"{e}; judged from {judged}") from e
-        except Suspended:
-            self._step -= 1  # it will be read again after the pause
-            raise
+        for left in reversed(range(READINGS)):
+            state = State(
+                trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
+                t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,
+                tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
+                specimen=trial.specimen, probe=trial.probe, clipped=self.bench.clipped,
+            )  # fmt: skip
+            number = self.bench.recorder.state(self.bench.clock.now(), state)
+            try:
+                row = self._concluded(state, judged, wait)
+                break
+            except NotSettled as e:
+                if not (left and repeatable and isinstance(e, TooFewSamples)):
+                    raise NotReached(f"{e}; judged from {judged}") from e
+                self.bench.say(f"{e}. It is read again")
+                t_start = self.bench.clock.now()
+            except Suspended:
+                self._step -= 1  # it will be read again after the pause
+                raise
         self.bench.recorder.trial(self.bench.clock.now(), number, row)
         self.rows.append(row)
         if self.journal is not None:
             self.bench.recorder.sync()
             self.journal.step(trial.number, self._step)
         return row
+
+    def _concluded(self, state: State, judged: str, wait: float) -> TrialRow:
+        return self.bench.wait(
+            f"trial {state.trial} state {state.step}, judged from {judged}",
+            lambda: conclude(self.bench.recorder.buffers, state),
+            wait,
+        )
 
     def end(self, trial: Trial) -> None:
         """A trial is finished and will not be done again when the run is resumed."""

@@ -240,6 +240,8 @@ class ProbeMotion:
         return depth, self.pushing(p.min_samples)
 
 
+MIN_POSES = 3
+"""Poses of the arm that a reading averages at least."""
 LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
 """m and rad; a longer way is made in equal parts."""
 
@@ -263,8 +265,7 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: Probe
     # Deflection counts from here, so force does: how far the last step went past the first touch is in both.
     origin = Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2]), force_offset=touching)
     trial = with_probe(trial, origin)
-    rate = _sample_rate(bench)
-    average = max(p.average, p.min_samples / rate)
+    average = max(p.average, p.min_samples / _sample_rate(bench), (MIN_POSES + 1) * _longest_gap(bench))
     for i in range(1, p.steps + 1):
         depth = contact + p.deflection_ratio * length * i / p.steps
 
@@ -272,8 +273,8 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: Probe
             probe.go(length, depth, p.push_speed)
             at_rest = bench.clock.now()
             return trials.read(
-                trial, Window(p.dwell, average, 3), branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0,
-                targets=(), topics=TOPICS, wait=p.dwell + average + 20.0,
+                trial, Window(p.dwell, average, MIN_POSES), branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0,
+                targets=(), topics=TOPICS, wait=p.dwell + average + 20.0, repeatable=True,
             )  # fmt: skip
 
         try:
@@ -286,6 +287,13 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: Probe
         if force > p.max_force:
             bench.say(f"Force {force:.1f} N is above {p.max_force:g} N: no further deflection at this length")
             return
+
+
+def _longest_gap(bench: Bench) -> float:
+    """s of rig time between two poses of the arm, the longest of the last five seconds; 0 where there are none yet."""
+    now = bench.clock.now()
+    at = [*bench.recorder.buffers.window("/arm", now - 5.0, now)["t"], now]
+    return float(max((b - a for a, b in itertools.pairwise(at)), default=0.0))
 
 
 def _sample_rate(bench: Bench) -> float:

@@ -65,6 +65,10 @@ class NotSettled(RecordingError, TimeoutError):
     """A state that never met the rule by which it was to be read."""
 
 
+class TooFewSamples(NotSettled):
+    """A state whose window holds fewer samples than it needs: a stream paused."""
+
+
 class BadTable(RecordingError, ValueError):
     """A table of trials that cannot be right."""
 

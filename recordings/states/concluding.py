@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import NotSettled
+from ..errors import NotSettled, TooFewSamples
 from ..messages import SENSORS
 from ..trials import TrialRow
 from .averaging import (
@@ -59,7 +59,7 @@ def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> T
     """Read a state: its row, or None while samples are missing that may still come.
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
-    Raises `NotSettled` when the rule can no longer be met.
+    Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few.
     """
     where = f"trial {state.trial} step {state.step}"
     watermark = min(streams.newest(topic) for topic in state.topics)
@@ -69,7 +69,7 @@ def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> T
         span = _span(streams, state, watermark)
         return None if span is None else _row(streams, state, span, count)
     except NotSettled as error:
-        raise NotSettled(f"{where}: {error}") from error
+        raise type(error)(f"{where}: {error}") from error
 
 
 def _span(streams: Streams, state: State, watermark: float) -> Span | None:
@@ -108,7 +108,7 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
     for topic, found in samples.items():
         needed = 1 if topic in slow else rule.min_samples
         if len(found) < needed:
-            raise NotSettled(
+            raise TooFewSamples(
                 f"{len(found)} usable samples of {topic} from {starts[topic]:.2f} to {span.t1:.2f} s, needed {needed}; "
                 "check the instrument's rate, or average longer"
             )

@@ -1,0 +1,97 @@
+"""A reading that a pause of a stream spoils is taken again where nothing has moved."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from drivers.chambers import ChamberMap
+from lab.files.clock import RigClock
+from protocols.bench import Bench
+from protocols.errors import NotReached
+from protocols.experiment import READINGS, Plan, Trials
+from recordings.campaign.replay import compare
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
+from recordings.states.rules import Window
+
+TOPIC = "/force"
+
+
+@contextmanager
+def stream(clock: RigClock, recorder: Recorder, pauses: list[tuple[float, float]]) -> Iterator[None]:
+    """Samples of a force sensor every 0.05 s of rig time; none between the ends of a pause."""
+    stop = threading.Event()
+
+    def send() -> None:
+        while not stop.is_set():
+            t = clock.now()
+            if not any(begin <= t < end for begin, end in pauses):
+                recorder.push(TOPIC, t, raw=(1.0,) * 6, zero=(0.0,) * 6)
+            clock.sleep(0.05)
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+class Narrator:
+    """Keeps what is said."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def progress(self, done: float, total: float) -> None:
+        pass
+
+
+def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool) -> list[str]:
+    """What is said while one state is read in a window of 1 s; pauses from and to so many s after its begin."""
+    clock, narrator = RigClock(1.0), Narrator()
+    with Recorder(path, start_wall_ns=10**18) as recorder:
+        bench = Bench(
+            clock,
+            recorder,
+            cast(Any, None),
+            narrator,
+            *cast(Any, (None,) * 3),
+            ChamberMap(tuple((i,) for i in range(1, 10))),
+        )
+        trials = Trials(bench, Plan("test", (), {}))
+        trial = trials.begin(repeat=1, spine=0.0)
+        begin = clock.now()
+        with stream(clock, recorder, [(begin + a, begin + b) for a, b in pauses]):
+            row = trials.read(
+                trial, Window(0.2, 1.0, 3), branch="load", t_start=begin, ramp_end=begin, rate=0.0, targets=(),
+                topics=(TOPIC,), wait=30.0, repeatable=repeatable,
+            )  # fmt: skip
+        assert trials.rows == [row] and row.step == 1
+    return narrator.said
+
+
+def test_a_window_in_which_a_stream_paused_is_read_again(tmp_path: Path) -> None:
+    said = read(tmp_path / "run.mcap", [(0.0, 2.0)], True)
+    assert len(said) == 1 and "/force" in said[0] and "again" in said[0]
+    assert compare(Recording.open(tmp_path / "run.mcap")).equal
+
+
+def test_where_something_creeps_it_is_not(tmp_path: Path) -> None:
+    with pytest.raises(NotReached, match="usable samples of /force"):
+        read(tmp_path / "run.mcap", [(0.0, 2.0)], False)
+
+
+def test_a_stream_that_pauses_again_and_again_is_no_reading(tmp_path: Path) -> None:
+    with pytest.raises(NotReached, match="usable samples of /force"):
+        read(tmp_path / "run.mcap", [(1.5 * k, 1.5 * k + 1.42) for k in range(8 * READINGS)], True)
