@@ -63,5 +63,5 @@ class ProbabilityCalibration:
 CALIBRATED = ProbabilityCalibration(
     temperature=2.0, intercept=-2.7, prior_tension=0.25, cross_prediction=1.0, spine_outlier=0.8,
     trend=1.4, excess_scatter=3.0, many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
-    benchmark="calibrated on simulated robots, docs/explanations/blind.md",
+    benchmark="calibrated on the blind bench, docs/explanations/blind.md",
 )  # fmt: skip

@@ -222,6 +222,8 @@ class Search:
         """Parameters (k,) with those that are fitted in every model fitted to the data anew, all others as they are."""
         p = self.problem.parameters
         own = np.flatnonzero(~p.of_effect)[p.calibrated]
+        if not own.size:
+            return start
         theta, best = start.copy(), np.inf
         for _ in range(RECALIBRATION_ROUNDS):
             predicted, slope = self.problem.linearise(theta, own.tolist())

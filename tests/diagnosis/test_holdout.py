@@ -46,7 +46,7 @@ def test_an_effect_that_was_gone_by_then_is_contradicted(found: Attribution, dia
 
 
 def test_where_the_baseline_is_right_nothing_can_be_closed(found: Attribution, diagnosed: Measured) -> None:
-    right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, reading=1e-3))
+    right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, noise_floor=1e-3))
     held = evaluate_holdout(right, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
     assert held.share_closed is None and held.verdict == "open" and "nothing can be closed" in held.statement
 

@@ -28,7 +28,7 @@ def test_with_all_chambers_inflated_each_regulator_moves_the_tip_its_own_way() -
         for r in sweep(2, unload=False)
     ]
     p = prepare(ROBOT, states(case(main + both))[0])
-    shared, labels = p.problem.noise.shared, p.labels
+    shared, labels = p.problem.noise.pressure_response, p.labels
     assert shared.shape[1] == 2
     bending = labels.experiment == 0
     assert (np.count_nonzero(shared[bending], axis=1) <= 1).all()

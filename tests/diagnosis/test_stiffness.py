@@ -121,7 +121,7 @@ def test_beside_a_sweep_they_leave_its_states_and_its_floor_alone() -> None:
     alone, both = (prepare(ROBOT, states(case(x))[0]) for x in (rows, shown + rows))
     n = len(rows)
     assert len(both.states) == n + len(shown)
-    assert both.floor == alone.floor and both.reading == alone.reading
+    assert both.noise_components == alone.noise_components and both.noise_floor == alone.noise_floor
     assert np.array_equal(both.states.kind[:n], alone.states.kind)
     own = both.labels.kind < 3
     assert np.array_equal(both.problem.observed[own], alone.problem.observed)
@@ -149,7 +149,7 @@ def test_a_state_read_twice_in_one_trial_is_no_repeat() -> None:
     ("change", "said"),
     [
         ({"deflection": 3.0}, "looks like mm; .* divide by 1000"),
-        ({"spine_length": 20.0}, "beyond the robot"),
+        ({"spine_length": 20.0}, "longer than the robot"),
         ({"spine_length": 0.0}, "specimen body"),
     ],
 )

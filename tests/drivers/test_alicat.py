@@ -261,7 +261,7 @@ def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(
         time.sleep(0.001)
     regulators.connect()
     reading.join(10.0)
-    assert len(ended) == 1 and "given up for a stop" in ended[0]
+    assert len(ended) == 1 and "cancelled for a stop" in ended[0]
 
 
 def test_a_unit_that_fails_once_is_vented_in_the_second_round(

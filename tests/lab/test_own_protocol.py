@@ -26,4 +26,4 @@ def test_creep_is_run_and_replayed(virtual_lab: VirtualLab, tmp_path: Path, caps
     assert [row.protocol for row in rows] == ["creep", "creep"]
     assert [row.hold for row in rows] == pytest.approx([10.0, 30.0], abs=0.5)
     assert all(row.pressures[0] == pytest.approx(60e3, rel=0.05) for row in rows)
-    assert main(["replay", str(file)]) == 0 and "equal to the live run's" in capsys.readouterr().out
+    assert main(["replay", str(file)]) == 0 and "bit-identical to the live run's" in capsys.readouterr().out

@@ -88,7 +88,7 @@ def test_rows_have_three_pressures_and_replay_is_equal(files: list[Path], capsys
         highest = max(rows, key=lambda row: row.pressures[chamber - 1])
         assert highest.pressures[chamber - 1] == pytest.approx(60e3, rel=0.03)
         assert max(p for i, p in enumerate(highest.pressures) if i != chamber - 1) < 2e3
-    assert "equal to the live run's" in capsys.readouterr().out
+    assert "bit-identical to the live run's" in capsys.readouterr().out
 
 
 def test_it_is_compared_and_fitted(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:

@@ -245,9 +245,9 @@ def test_too_few_samples_in_a_fixed_window_are_told() -> None:
 @pytest.mark.parametrize(
     ("topic", "field", "value", "why"),
     [
-        ("/arm", 2, math.nan, "no number in 1 of"),
-        ("/arm", 2, 1e200, "no number"),
-        ("/force", 0, math.inf, "no number in 1 of"),
+        ("/arm", 2, math.nan, "not a number in 1 of"),
+        ("/arm", 2, 1e200, "not a number"),
+        ("/force", 0, math.inf, "not a number in 1 of"),
     ],
 )
 def test_a_sample_that_cannot_be_is_told_and_not_averaged_away(topic: str, field: int, value: float, why: str) -> None:
@@ -323,5 +323,5 @@ def test_a_value_beyond_all_measure_is_told_and_not_averaged(value: float) -> No
         for topic, t, values in Run().messages():
             yield topic, t, (values[0], (value,) * 9) if topic == "/pressure" else values
 
-    with pytest.raises(NotSettled, match=r"/pressure: measured is no number"):
+    with pytest.raises(NotSettled, match=r"/pressure: measured is not a number"):
         conclude(filled(spoilt()), STATES["window"])
