@@ -57,7 +57,7 @@ def statement(
     head = f"The calibrated model misses {what} by {gap:.{digits}f} mm rms; the noise floor is {floor:.{digits}f} mm."
     sure = f"p = {d.probability:.2f}, {benchmark}"
     if d.verdict == "none":
-        return f"{head} No cause: nothing carries two noise floors ({sure}).{_present(budget, digits)}"
+        return f"{head} No cause: nothing carries enough above the noise floor ({sure}).{_present(budget, digits)}"
     if d.verdict == "unknown":
         odd = f" Trial {odd_trial} does not fit with the others: look at it first." if odd_trial is not None else ""
         near = next((h for h, _ in posterior.ranking if h not in (NONE, UNKNOWN)), None)

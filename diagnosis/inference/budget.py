@@ -12,7 +12,7 @@ d_e to first order around each hypothesis' fit. In each draw an effect is named 
     carries at least half of what the largest carrier does, and at least one noise floor, and
     is that carrier, or is named by the hypothesis;
 
-where nothing carries two noise floors, none is.
+where the largest carrier carries less than two noise floors it must be named by the hypothesis; else none is.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 
 COMPARABLE = 0.5
 """Share of what the largest carrier does that an effect must carry to be named."""
-LEAST, LEAST_LARGEST = 1.0, 2.0
-"""Noise floors that a named effect must carry, and the largest carrier where any is named."""
+LEAST, LEAST_TOLERATED = 1.0, 2.0
+"""Noise floors that a named effect must carry, and one that stands out among the tolerances though no hypothesis names it."""
 DRAWS, SEED = 200, 11
 """Of each hypothesis."""
 LEAST_WEIGHT = 1e-3
@@ -102,7 +102,7 @@ def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
 def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
     """What is named when the effects carry so many noise floors (e,)."""
     largest = int(floors.argmax())
-    if floors[largest] < LEAST_LARGEST:
+    if floors[largest] < (LEAST if effects[largest] in hypothesis else LEAST_TOLERATED):
         return NONE
     enough = np.flatnonzero(floors >= max(LEAST, COMPARABLE * float(floors[largest])))
     return tuple(effects[int(i)] for i in enough if i == largest or effects[int(i)] in hypothesis)

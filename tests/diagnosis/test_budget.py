@@ -21,7 +21,9 @@ def named(floors: tuple[float, ...], hypothesis: tuple[str, ...]) -> tuple[str, 
 @pytest.mark.parametrize(
     ("floors", "hypothesis", "expected"),
     [
-        ((1.9, 0.3, 0.1), ("a",), ()),  # nothing carries two noise floors
+        ((0.9, 0.3, 0.1), ("a",), ()),  # nothing carries a noise floor
+        ((1.9, 0.3, 0.1), ("b",), ()),  # what carries most is a tolerance, and less than two floors
+        ((1.9, 0.3, 0.1), ("a",), ("a",)),
         ((2.1, 0.3, 0.1), ("a",), ("a",)),
         ((5.0, 2.0, 0.1), ("a", "b"), ("a",)),  # less than half of the largest carrier
         ((5.0, 3.0, 0.1), ("a", "b"), ("a", "b")),

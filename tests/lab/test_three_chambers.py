@@ -104,4 +104,4 @@ def test_it_is_compared_and_fitted(files: list[Path], capsys: pytest.CaptureFixt
 def test_it_is_diagnosed(files: list[Path], tmp_path: Path) -> None:
     assert main(["diagnose", *map(str, files), "--json", str(tmp_path / "d.json")]) == 0
     answer = json.loads((tmp_path / "d.json").read_text())
-    assert all("vacuum" not in e["experiment"] for e in answer["next_experiments"])
+    assert all("vacuum" not in e["id"] for e in answer["next_experiment"])
