@@ -70,18 +70,26 @@ def write_station(group: Group, e: int, solved: Array, row: int, out: Array, s: 
     out[row, s, AT_PLACE + 2] = solved[row, AT_TIP + 2] - back[2]
     out[row, s, AT_TURN], out[row, s, AT_TURN + 1], out[row, s, AT_TURN + 2], out[row, s, AT_TURN + 3] = q
     out[row, s, AT_MOMENT], out[row, s, AT_MOMENT + 1], out[row, s, AT_MOMENT + 2] = moment
-    section = section_of(group.elements, group.series, group.graded, element_at(e), 0)
-    energy, strain = stored(group.series, section, m, turned_back(q, force))
-    out[row, s, AT_ENERGY] = energy
-    out[row, s, AT_STRAIN] = strain + section.v_rest[2] - 1.0
+    section, n = section_of(group.elements, group.series, group.graded, element_at(e), 0), turned_back(q, force)
+    u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
+    out[row, s, AT_ENERGY] = stored(group.series, section, m, n, u, v)
+    out[row, s, AT_STRAIN] = axial_strain(group.series, section, m, u, v) + section.v_rest[2] - 1.0
 
 
 @inline
-def stored(series: Array | None, section: Section, m: Vector, n: Vector) -> tuple[float, float]:
-    """Energy per length (J/m) of a section of lane 0 under m, n, and its elastic axial strain; see `equations`."""
-    u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
+def axial_strain(series: Array | None, section: Section, m: Vector, u: Vector, v: Vector) -> float:
+    """Elastic axial strain e of a section of lane 0 with linear strains u, v."""
+    strain = v[2]
+    if series is not None:
+        strain = softened(u, m, v[2], section, vector_of(series, section.at.series, 0))[1]
+    return strain
+
+
+@inline
+def stored(series: Array | None, section: Section, m: Vector, n: Vector, u: Vector, v: Vector) -> float:
+    """Energy per length (J/m) of a section of lane 0 with linear strains u, v under m, n; see `equations` for the terms."""
     if series is None:
-        return 0.5 * (dot(u, m) + dot(v, n)), v[2]
+        return 0.5 * (dot(u, m) + dot(v, n))
     terms = vector_of(series, section.at.series, 0)
     d, strain = softened(u, m, v[2], section, terms)
     bent = (m[0] * u[0] + m[1] * u[1]) / (d * d)
@@ -93,7 +101,7 @@ def stored(series: Array | None, section: Section, m: Vector, n: Vector) -> tupl
     # Next to nothing the integral of e / (1 - c e) would lose its digits.
     grown = 1.0 + z * (2.0 / 3.0 + 0.5 * min(z, 0.0)) if z > -1e-3 else -2.0 * (z + math.log(1.0 - z)) / (z * z)
     stretching = 0.5 * strain * strain * grown / section.inv_stretch[2]
-    return bending + stretching + 0.5 * (u[2] * m[2] + v[0] * n[0] + v[1] * n[1]), strain
+    return bending + stretching + 0.5 * (u[2] * m[2] + v[0] * n[0] + v[1] * n[1])
 
 
 @kernel
@@ -116,13 +124,35 @@ def walk(
     for row in range(rods.shape[0]):
         gather_rod(rods, row, at, group, 0)
         set_solved(group, solved, row, 0)
-        cut(group, divisions)
-        if steps.shape[0] > 0:
-            fixed_cut(group, steps, row)
-            for e in range(count):
-                group.parts[e] = group.parts[e] if group.elements[e * ELEMENT * LANES] > 0.0 else 0
+        cut_rod(group, divisions, steps, row)
         start_at_tip(group, group.springs, 1.0)
-        walk_rod(group, solved, row, arcs, out, saved)
+        work, elements, parts = group.work, group.elements, group.parts
+        top = 0.0
+        outermost, innermost = parts.size, -1  # of the elements that have a length
+        for e in range(parts.size):
+            top += elements[e * ELEMENT * LANES]
+            if parts[e] > 0:
+                outermost, innermost = min(outermost, e), e
+        for e in range(parts.size):
+            length = elements[e * ELEMENT * LANES]
+            for j in range(parts[e]):
+                dz = -1.0 / parts[e]
+                z = 1.0 + j * dz
+                start = top - j * length / parts[e]
+                # The same expressions as the next step's start, or an arc length could fall between two steps.
+                end = top - (j + 1) * length / parts[e] if j + 1 < parts[e] else top - length
+                last = e == innermost and j == parts[e] - 1
+                copy_state(work, LANES, saved, 1)
+                for s in range(arcs.shape[1]):
+                    arc = arcs[row, s]
+                    # A station on a boundary belongs to the element towards the base, the tip to the outermost one.
+                    if (end < arc <= start) or (last and arc <= end) or (e == outermost and j == 0 and arc > start):
+                        partial = dz * min(1.0, max(0.0, (start - arc) / (start - end)))
+                        advance_alone(group, e, z, partial, 0, 1.0)
+                        write_station(group, e, solved, row, out, s)
+                        copy_state(saved, 1, work, LANES)
+                advance_alone(group, e, z, dz, 0, 1.0)
+            top -= length
 
 
 @inline
@@ -137,34 +167,17 @@ def set_solved(group: Group, solved: Array, row: int, l: int) -> None:
 
 
 @inline
-def walk_rod(group: Group, solved: Array, row: int, arcs: Array, out: Array, saved: Array) -> None:
-    """Walk lane 0 from tip to base and write every station on the way."""
-    work, elements, parts = group.work, group.elements, group.parts
-    top = 0.0
-    outermost, innermost = parts.size, -1  # of the elements that have a length
-    for e in range(parts.size):
-        top += elements[e * ELEMENT * LANES]
-        if parts[e] > 0:
-            outermost, innermost = min(outermost, e), e
-    for e in range(parts.size):
-        length = elements[e * ELEMENT * LANES]
-        for j in range(parts[e]):
-            dz = -1.0 / parts[e]
-            z = 1.0 + j * dz
-            start = top - j * length / parts[e]
-            # The same expressions as the next step's start, or an arc length could fall between two steps.
-            end = top - (j + 1) * length / parts[e] if j + 1 < parts[e] else top - length
-            last = e == innermost and j == parts[e] - 1
-            for k in range(STATE):
-                saved[k] = work[k * LANES]
-            for s in range(arcs.shape[1]):
-                arc = arcs[row, s]
-                # A station on a boundary belongs to the element towards the base, the tip to the outermost one.
-                if (end < arc <= start) or (last and arc <= end) or (e == outermost and j == 0 and arc > start):
-                    partial = dz * min(1.0, max(0.0, (start - arc) / (start - end)))
-                    advance_alone(group, e, z, partial, 0, 1.0)
-                    write_station(group, e, solved, row, out, s)
-                    for k in range(STATE):
-                        work[k * LANES] = saved[k]
-            advance_alone(group, e, z, dz, 0, 1.0)
-        top -= length
+def cut_rod(group: Group, divisions: float, steps: Counts, row: int) -> None:
+    """Cut lane 0; elements without length are passed over where the steps are fixed."""
+    cut(group, divisions)
+    if steps.shape[0] > 0:
+        fixed_cut(group, steps, row)
+        for e in range(group.parts.size):
+            group.parts[e] = group.parts[e] if group.elements[e * ELEMENT * LANES] > 0.0 else 0
+
+
+@inline
+def copy_state(source: Array, spacing: int, into: Array, gap: int) -> None:
+    """The state of lane 0, its quantities so far apart in either array."""
+    for k in range(STATE):
+        into[k * gap] = source[k * spacing]
