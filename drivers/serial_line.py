@@ -20,6 +20,9 @@ from .stop_first import SLICE, StopFirst
 
 LONGEST_ANSWER = 4096
 """Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
+WRITE_WITHIN = 1.0
+"""s, least time to write a request. The kernel takes those few bytes at once, and what does not answer is told by reading;
+but pyserial looks at the clock after the last byte, and a busy computer may come back late from a write that was done."""
 
 
 def show(data: bytes, longest: int = 48) -> str:
@@ -71,7 +74,7 @@ class SerialLine:
                     parity=self._parity,
                     stopbits=self._stopbits,
                     timeout=min(SLICE, self.timeout),
-                    write_timeout=self.timeout,
+                    write_timeout=max(WRITE_WITHIN, self.timeout),
                     exclusive=True,
                 )
             except (OSError, ValueError) as e:

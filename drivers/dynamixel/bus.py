@@ -22,6 +22,7 @@ import serial
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
 from ..errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+from ..serial_line import WRITE_WITHIN
 
 ATTEMPTS = 3
 CRC_REFUSED = 3
@@ -64,7 +65,7 @@ class _Port(PortHandler):  # type: ignore[misc]
 
     def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802 (the SDK's name)
         self.ser = serial.Serial(
-            self.port_name, cflag_baud, timeout=0.005, write_timeout=max(0.1, self.timeout), exclusive=True
+            self.port_name, cflag_baud, timeout=0.005, write_timeout=max(WRITE_WITHIN, self.timeout), exclusive=True
         )
         self.is_open = True
         self.tx_time_per_byte = 10_000.0 / cflag_baud

@@ -24,6 +24,7 @@ from pytrinamic.helpers import to_signed_32
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatusError, TMCLStatus
 
 from ..errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+from ..serial_line import WRITE_WITHIN
 
 ATTEMPTS = 2
 FRAME = struct.Struct(">BBBBi")
@@ -65,7 +66,11 @@ class Axis:
         """Open the serial port. Raises `Unreachable`."""
         try:
             self._serial = serial.Serial(
-                self._path, self._baud, timeout=self._timeout, write_timeout=self._timeout, exclusive=True
+                self._path,
+                self._baud,
+                timeout=self._timeout,
+                write_timeout=max(WRITE_WITHIN, self._timeout),
+                exclusive=True,
             )
         except (OSError, ValueError) as e:
             raise Unreachable(
