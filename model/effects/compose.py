@@ -51,6 +51,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: Array) -> None:
         sideways = (area * ratio * body + core * spine_shear) / (area + core)
         blend = q.area_moments
         bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
+        blend = blend * (1 - q.area_moments_in_bending)
         axial = modulus * area + blend * (body * area + spine * core - modulus * area)
         lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
     share = silicone_share(q, bend)
@@ -60,10 +61,11 @@ def _sections(q: Quantities, shear: ShearSpine, out: Array) -> None:
         for k in range(3):
             out[..., element + at.BEND + k] = stiff if k < 2 else 2 * stiff
             out[..., element + at.STRETCH + k] = across if k < 2 else pull
-        # Only the silicone's share of the section softens; the spine's stays linear.
-        out[..., element + at.SERIES] = silicone * q.bend_softening * robot.outer_radius**2
-        out[..., element + at.SERIES + 1] = silicone * q.strain_softening
-        out[..., element + at.SERIES + 2] = silicone * 0.5 * q.strain_softening
+        # The silicone's share of the section softens, the spine's stays linear or does so in part.
+        soft = silicone + q.spine_softening * (1 - silicone)
+        out[..., element + at.SERIES] = soft * q.bend_softening * robot.outer_radius**2
+        out[..., element + at.SERIES + 1] = soft * q.strain_softening
+        out[..., element + at.SERIES + 2] = soft * 0.5 * q.strain_softening
 
 
 def silicone_share(q: Quantities, bend: Array) -> Array:

@@ -43,6 +43,8 @@ class Quantities:
     """m, of the robot."""
     spine_length: Array
     """m, true."""
+    tabulated_length: Array
+    """m, length at which the spine's table of moduli is read."""
     spine_stiffness: Array
     """Factor on every modulus of the spine."""
     vacuum_loss: Array
@@ -51,6 +53,8 @@ class Quantities:
     """Moduli of the spine follow (vacuum / nominal)^this."""
     area_moments: Array
     """Blend 0..1 from moduli mixed by volume to E_c I_c + E_s I_s."""
+    area_moments_in_bending: Array
+    """0: tension and shear blend alike; 1: bending alone does."""
     shear_blend: Array
     """Blend 0..1 from the spine's table of moduli to one modulus with low shear stiffness."""
     shear_lag: Array
@@ -61,6 +65,8 @@ class Quantities:
     """Factor a of hyperelastic D = 1 + g(a (k r)^2) + h(b e), k r curvature times outer radius."""
     strain_softening: Array
     """Factor b of the same."""
+    spine_softening: Array
+    """Share 0..1 of the spine's part of a section that does as the silicone does."""
     tip_force: Array
     """(v, n, 3) N at the tip, base frame, besides the tip mass."""
     tether: Array
@@ -118,15 +124,18 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         density=each(robot.density),
         length=each(robot.length),
         spine_length=design.spine_length[None],
+        tabulated_length=design.spine_length[None],
         spine_stiffness=each(1.0),
         vacuum_loss=each(0.0),
         jamming_exponent=each(0.5),
         area_moments=each(0.0),
+        area_moments_in_bending=each(0.0),
         shear_blend=each(0.0),
         shear_lag=each(0.0),
         shear_mix=each(0.0),
         bend_softening=each(0.0),
         strain_softening=each(0.0),
+        spine_softening=each(0.0),
         tip_force=np.zeros((1, 1, 3)),
         tether=each(0.0),
         plane_stiffness=each(0.0),

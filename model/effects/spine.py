@@ -74,7 +74,7 @@ def moduli(q: Quantities, shear: ShearSpine) -> tuple[Array, Array, Array]:
     if spine is None:
         nothing = np.zeros((1, 1))
         return nothing, nothing, nothing
-    table = spine.modulus_at(q.spine_length)
+    table = spine.modulus_at(q.tabulated_length)
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     engaged = shear.modulus * (1 + q.shear_lag * (shear.engaged(q.spine_length) - 1))
     jammed = q.spine_stiffness * jamming(q)

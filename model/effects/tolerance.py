@@ -73,7 +73,8 @@ def _frame_shift(r: Readings, v: Values) -> None:
 
 
 def _spine_length(q: Quantities, v: Values) -> None:
-    q.spine_length = q.spine_length + np.where(q.design.spine_length > 0, v["excess"], 0.0)
+    excess = np.where(q.design.spine_length > 0, v["excess"], 0.0)
+    q.spine_length, q.tabulated_length = q.spine_length + excess, q.tabulated_length + excess
 
 
 def _spine_stiffness(q: Quantities, v: Values) -> None:

@@ -20,9 +20,11 @@ BALLOON_POWER = 1.25
 def _time_offset(q: Quantities, v: Values) -> None:
     """Pressure and tip are read apart, which matters while the pressure moves."""
     moving = (q.design.hold <= 0) & ~q.design.stiffness & (q.design.pressure.max(axis=1) > USED)
+    resting = (q.design.hold <= 0) & ~q.design.stiffness & ~moving
     sign = np.where(q.design.unload, -1.0, 1.0)
-    slope = np.where(moving, sign * q.design.rate, 0.0)
-    q.pressure = q.pressure + (v["delay"] * slope)[..., None] * q.design.used
+    slope = sign * q.design.rate * (moving + v["rest"] * resting)
+    shifted = q.pressure + (v["delay"] * slope)[..., None] * q.design.used
+    q.pressure = np.where(resting[:, None], np.maximum(shifted, np.minimum(q.pressure, 0.0)), shifted)
 
 
 def _pressure_offset(q: Quantities, v: Values) -> None:
@@ -63,8 +65,12 @@ SPECS = (
     EffectSpec(
         id="time_offset",
         stage="measurement",
-        equation="P = P_read + (dP/dt) d in states read while ramping; dP/dt < 0 on the unload branch",
-        parameters=(Parameter("delay", "s", 0.4, -3.0, 3.0),),
+        equation="P = P_read + (dP/dt) d in states read while ramping; dP/dt < 0 on the unload branch; share r of it, not below "
+        "ambient, where a ramp begins and ends",
+        parameters=(
+            Parameter("delay", "s", 0.4, -3.0, 3.0),
+            Parameter("rest", "1", 0.5, 0.0, 1.0, role="shape"),
+        ),
         law=Law(before=_time_offset),
         citation="kinematics of two clocks",
         seen_best_in="states read on the fly: the sign flips on the unload branch; a faster ramp",

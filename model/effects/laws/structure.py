@@ -14,8 +14,8 @@ YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
 GRIP = 0.10
 """m from the spine's end over which friction builds up (shear lag)."""
-FAST, SLOW = 5.0, 25.0
-"""s, relaxation times; what lies between is a mixture of both."""
+RELAXATION_TIMES = {"fast": 5.0, "slow": 25.0, "long": 125.0}
+"""s; what lies between is a mixture of neighbours."""
 
 
 def _spine_slip(h: History, v: Values) -> None:
@@ -37,13 +37,15 @@ def _spine_slip(h: History, v: Values) -> None:
 
 def _viscoelastic(h: History, v: Values) -> None:
     """A Zener solid, to first order in the amplitude: what has not yet relaxed is missing from curvature and strain."""
-    for name, time in (("fast", FAST), ("slow", SLOW)):
-        h.add(-v[name][..., None] * h.silicone * h.lag(time))
+    share = h.silicone + v["spine"][..., None] * (1 - h.silicone)
+    for name, time in RELAXATION_TIMES.items():
+        h.add(-v[name][..., None] * share * h.lag(time))
 
 
 def _hyperelastic(q: Quantities, v: Values) -> None:
     q.bend_softening = q.bend_softening + v["curvature"]
     q.strain_softening = q.strain_softening + v["strain"]
+    q.spine_softening = q.spine_softening + v["spine"]
 
 
 def _body_modulus(q: Quantities, v: Values) -> None:
@@ -52,6 +54,7 @@ def _body_modulus(q: Quantities, v: Values) -> None:
 
 def _area_moment(q: Quantities, v: Values) -> None:
     q.area_moments = q.area_moments + v["blend"]
+    q.area_moments_in_bending = q.area_moments_in_bending + v["bending"]
 
 
 def _spine_shear(q: Quantities, v: Values) -> None:
@@ -67,7 +70,9 @@ def _vacuum_leak(q: Quantities, v: Values) -> None:
 
 def _spine_length_offset(q: Quantities, v: Values) -> None:
     # A retracted spine stands at its stop: there is nothing to misread.
-    q.spine_length = q.spine_length + np.where(q.design.spine_length > 0, v["offset"], 0.0)
+    offset = np.where(q.design.spine_length > 0, v["offset"], 0.0)
+    q.spine_length = q.spine_length + offset
+    q.tabulated_length = q.tabulated_length + (1 - v["read"]) * offset
 
 
 SPECS = (
@@ -84,10 +89,11 @@ SPECS = (
         id="hyperelastic",
         stage="material",
         equation="m = EI k D, D = 1 + g(a (k r)^2) + h(b e), g(x) = x (x / (1 - 2 x) below 0), h(x) = x (x / (1 - x) below 0), "
-        "n3 = EA e / (1 - b e / 2) + b EI k^2 h'(b e) / 2; over the silicone's share",
+        "n3 = EA e / (1 - b e / 2) + b EI k^2 h'(b e) / 2; over the silicone's share and share c of the spine's",
         parameters=(
             Parameter("curvature", "1", 20.0, -80.0, 200.0, starts=(15.0, -15.0)),
             Parameter("strain", "1", 2.0, -6.0, 6.0),
+            Parameter("spine", "1", 0.5, 0.0, 1.0, role="shape"),
         ),
         law=Law(before=_hyperelastic),
         citation="series of the section integral of a Yeoh law, Rubber Chem. Technol. 66 (1993); neo-Hookean: b = -2",
@@ -96,21 +102,27 @@ SPECS = (
     EffectSpec(
         id="viscoelastic",
         stage="material",
-        equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5 s and 25 s, "
-        "s the silicone's share of EI; axial strain alike",
+        equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5, 25 and 125 s, "
+        "s the silicone's share of EI, and share c of the spine's; axial strain alike",
         parameters=(
             Parameter("fast", "1", 0.035, 0.0, 0.4, sign="positive"),
             Parameter("slow", "1", 0.035, 0.0, 0.4, sign="positive"),
+            Parameter("long", "1", 0.035, 0.0, 0.4, sign="positive"),
+            Parameter("spine", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
         ),
         law=Law(path=_viscoelastic),
-        citation="standard linear solid (Zener, 1948) with two relaxation times",
+        citation="standard linear solid (Zener, 1948) with three relaxation times",
         seen_best_in="hold times, ramp rate, unload branch: depends on rate, unlike slip",
     ),
     EffectSpec(
         id="spine_length_offset",
         stage="structure",
-        equation="L_s = L_s,read + d for a spine that is out",
-        parameters=(Parameter("offset", "m", 0.012, -0.05, 0.05),),
+        equation="L_s = L_s,read + d for a spine that is out; its moduli those of L_s,read + (1 - m) d: a table that was measured "
+        "with the same error holds by the length read (m = 1)",
+        parameters=(
+            Parameter("offset", "m", 0.012, -0.05, 0.05),
+            Parameter("read", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
+        ),
         law=Law(before=_spine_length_offset),
         citation="geometry",
         seen_best_in="spine lengths, markers",
@@ -130,8 +142,11 @@ SPECS = (
     EffectSpec(
         id="area_moment",
         stage="structure",
-        equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s), EA and GA alike",
-        parameters=(Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),),
+        equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s); EA and GA alike with w (1 - b)",
+        parameters=(
+            Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
+            Parameter("bending", "1", 0.5, 0.0, 1.0, role="shape"),
+        ),
         law=Law(before=_area_moment),
         citation="composite beam theory; the baseline mixes moduli by volume, eq. 10",
         seen_best_in="tip over spine length with one A_eff for all",
