@@ -117,8 +117,8 @@ SPECS = (
     EffectSpec(
         id="spine_length_offset",
         stage="structure",
-        equation="L_s = L_s,read + d for a spine that is out; its moduli those of L_s,read + (1 - m) d: a table that was measured "
-        "with the same error holds by the length read (m = 1)",
+        equation="L_s = L_s,read + d for a spine that is out; its moduli those of L_s,read + (1 - m) d: a table "
+        "measured with the same error holds by the length read (m = 1)",
         parameters=(
             Parameter("offset", "m", 0.012, -0.05, 0.05),
             Parameter("read", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
