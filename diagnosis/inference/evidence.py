@@ -66,7 +66,7 @@ class GridPoint:
 
 SPIKES = np.array([0.0, 0.08, 0.16])
 SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
-FORM_ERRORS, FORM_ERROR_WEIGHTS = np.array([0.0, 0.03, 0.1]), np.array([0.4, 0.35, 0.25])
+FORM_ERRORS, FORM_ERROR_WEIGHTS = np.array([0.0, 0.03, 0.1, 0.3]), np.array([1, 1, 1, 1]) / 4
 KNOWN = Grid(
     SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2]), FORM_ERRORS, FORM_ERROR_WEIGHTS
 )

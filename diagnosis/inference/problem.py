@@ -20,11 +20,8 @@ from .linear import Linear, Prior
 Array = NDArray[np.float64]
 
 
-TYPICAL_TOLERANCE = 0.12
-"""Typical size of an effect that is not named, as a share of its scale."""
-MOST_COLUMNS, LEAST_COLUMN, SEED = 160, 1.0, 7
-"""Most columns of model-form error of the effects that are not named; columns below this many standard deviations of the noise
-are left out."""
+LEAST_COLUMN = 1.0
+"""Columns of model-form error below this many standard deviations of the noise are left out."""
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
 LEAKAGE = 0.3
@@ -214,29 +211,10 @@ class Problem:
             effect_size=p.effect_size(theta),
         )
 
-    @cached_property
-    def tolerated_form_error(self) -> Array:
-        """(n, r) whitened columns for the model-form error of effects that are not named, smooth over the states, at their
-        typical tolerance; a coefficient of 1 is all of what they do. The leading columns of many."""
-        p = self.parameters
-        sizes = np.flatnonzero(p.of_effect)[p.sizes & p.tolerable]
-        done = TYPICAL_TOLERANCE * self.linearise(p.mean, sizes.tolist())[1] * p.sd[sizes]
-        every = self.noise.whiten(np.hstack([done * factor[:, None] for factor in self.shared_basis.T]))
-        drawn = np.random.default_rng(SEED).normal(size=(every.shape[1], min(MOST_COLUMNS, *every.shape)))
-        basis = np.linalg.qr(every @ drawn)[0]
-        inner = basis.T @ every
-        value, vector = np.linalg.eigh(inner @ inner.T)
-        kept = value > LEAST_COLUMN**2
-        return np.asarray(basis @ (vector[:, kept] * np.sqrt(value[kept])))
-
-    def with_form_error(
-        self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...], with_tolerances: bool
-    ) -> Linear:
-        """The linear problem with columns of model-form error, smooth over the states.
-
-        A coefficient of 1 is all of what a named effect does at theta, or, `with_tolerances`, of what the others do.
-        """
-        columns, leakage = [self.tolerated_form_error] if with_tolerances else [], 0.0
+    def with_form_error(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
+        """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what a named
+        effect does at theta."""
+        columns, leakage = [np.zeros((len(predicted), 0))], 0.0
         responses: dict[str, Array] = {}
         for effect in named:
             without = theta.copy()
@@ -246,9 +224,7 @@ class Problem:
                 responses[effect] = done
                 columns.append(_leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis)))
                 leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
-        return (
-            replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses) if columns else linear
-        )
+        return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""

@@ -155,7 +155,7 @@ class Search:
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included."""
-        return replace(c, fit=self._with_form_error(c.named, self._with_all_derivatives(c.fit), c.with_tolerances))
+        return replace(c, fit=self._with_form_error(c.named, self._with_all_derivatives(c.fit)))
 
     def _singles(self) -> list[Candidate]:
         """Every single effect around the fit of none; the leading ones, and those not linear there, from starts of their own."""
@@ -276,7 +276,7 @@ class Search:
             if not children:
                 continue
             around = parent.fit if parent.with_tolerances else self._with_all_derivatives(parent.fit)
-            with_form_error = self._with_form_error(parent.named, around, parent.with_tolerances)
+            with_form_error = self._with_form_error(parent.named, around)
             for named, c in self._weigh_around(with_form_error, children, parent.with_tolerances).items():
                 key = (named, parent.with_tolerances)
                 if key not in extended or extended[key].log_evidence < c.log_evidence:
@@ -366,8 +366,8 @@ class Search:
         predicted, slope = self.problem.linearise(f.theta)
         return replace(f, slope=slope, linear=self.problem.linear(f.theta, predicted, slope))
 
-    def _with_form_error(self, named: Hypothesis, f: Fit, with_tolerances: bool) -> Fit:
-        return replace(f, linear=self.problem.with_form_error(f.linear, f.theta, f.predicted, named, with_tolerances))
+    def _with_form_error(self, named: Hypothesis, f: Fit) -> Fit:
+        return replace(f, linear=self.problem.with_form_error(f.linear, f.theta, f.predicted, named))
 
     def _weigh_around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> dict[Hypothesis, Candidate]:
         """Hypotheses in the linear problem of a fit that was made for another."""
@@ -376,9 +376,7 @@ class Search:
         return {h: Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)}
 
     def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool) -> Candidate:
-        return self._weigh_around(self._with_form_error(named, fitted, with_tolerances), [named], with_tolerances)[
-            named
-        ]
+        return self._weigh_around(self._with_form_error(named, fitted), [named], with_tolerances)[named]
 
     def _keep(self, c: Candidate) -> None:
         self._tried[c.named, c.with_tolerances] = c

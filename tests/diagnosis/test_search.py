@@ -12,7 +12,7 @@ from diagnosis.inference.evidence import NONE, Hypothesis
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.fit import fit
 from diagnosis.inference.posterior import posterior
-from diagnosis.inference.problem import TYPICAL_TOLERANCE, Problem
+from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
 from tests.diagnosis.toy import IDS, Grid, ToyForward, toy_problem
 
@@ -75,13 +75,3 @@ def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() ->
     fitted = fit(problem, prior, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.slope).all()
     assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
-
-
-def test_what_tolerated_laws_may_get_wrong_are_their_effects_times_smooth_factors() -> None:
-    problem = toy_problem(3, {})
-    own = problem.noise.whiten(problem.linearise(problem.parameters.mean)[1][:, : len(IDS)])
-    shared_basis = problem.shared_basis @ problem.shared_basis.T
-    exact = TYPICAL_TOLERANCE**2 * (own @ own.T) * shared_basis
-    columns = problem.tolerated_form_error
-    assert columns.shape[1] < 0.5 * len(columns)
-    assert np.abs(columns @ columns.T - exact).max() < 0.02 * np.abs(exact).max()
