@@ -63,14 +63,15 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     prepared = prepare(case.robot, own, catalogue=wanted.catalogue)
-    found = attribute(prepared, wanted.executor)
+    stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
+    found = attribute(prepared, stages, wanted.executor)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
     proposals = (
         next_experiment.propose(prepared, found.posterior, found.distinguishability) if wanted.experiments else ()
     )
     tested = evaluate_holdout(found, other) if other is not None else None
     wanted.executor.progress(1.0)
-    where = assemble.locate_section(found, {e: spec.stage for e, spec in wanted.catalogue.items()})
+    where = assemble.locate_section(found, stages)
     detail = assemble.detail_section(found, unseen, tested)
     budget = carried(found)
     text = _statement(found, where, shrunk, proposals, detail.get("stiffness"), budget)
@@ -108,5 +109,5 @@ def _statement(
     nearest = (group for group in f.rivals if set(named) & set(group))
     rivals = tuple(dict.fromkeys(e for group in nearest for e in group if e not in named))
     text = statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
-                     f.misfit.outlier_trial, f.probability_calibration.benchmark, budget)  # fmt: skip
+                     f.misfit.outlier_trial, f.probability_calibration.benchmark, budget, f.asking)  # fmt: skip
     return text if pushes is None or where.of == "deflection" else f"{text} {stiffness_sentence(pushes, f.decision)}"

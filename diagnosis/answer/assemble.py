@@ -103,7 +103,7 @@ def attribute_section(f: Attribution, unseen: HeldOutErrors | None) -> Attribute
             )
         )
     d = f.decision
-    return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals)
+    return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals, f.asking)
 
 
 def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None) -> dict[str, Any]:

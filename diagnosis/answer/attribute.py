@@ -8,8 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects.spec import Stage
+
+from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
+from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..criticism.trend import trend
 from ..data.case import can_name_cause
 from ..inference.budget import Budget, budget, by_what_is_carried
@@ -30,6 +34,8 @@ LEAST_PROBABILITY = 0.01
 """Effects less probable than this are not counted as rivals."""
 LEAST_DISCREPANCY = 0.25
 """Least size of the discrepancy, in units of the noise floor, under which effects are compared."""
+LEAST_GAIN = 3.0
+"""Log evidence from which a stage's free-form error is told."""
 CALIBRATION_ROUNDS = 30
 """Iterations: the numbers of a robot.yaml may be far from the data, where a few are not enough."""
 
@@ -53,6 +59,13 @@ class Attribution:
     probability_calibration: ProbabilityCalibration
     budget: Budget
     """What each effect carries of the gap."""
+    stage_errors: tuple[StageError, ...]
+    """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
+
+    @property
+    def asking(self) -> tuple[StageError, ...]:
+        """Stages that ask for an error of their own."""
+        return tuple(e for e in self.stage_errors if e.gain > LEAST_GAIN)
 
     @property
     def rivals(self) -> tuple[tuple[str, ...], ...]:
@@ -65,8 +78,8 @@ class Attribution:
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
 
-def attribute(p: Prepared, executor: Executor = SINGLE_THREAD) -> Attribution:
-    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision."""
+def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
+    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
@@ -82,12 +95,21 @@ def attribute(p: Prepared, executor: Executor = SINGLE_THREAD) -> Attribution:
         p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter
     )
     trended = trend(p, found[NONE].fit.slope)
-    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, trended))
+    free = _stage_errors(p, leading, stages)
+    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, trended, total_gain(free)))
     decision = decide(weighed, CALIBRATED, can_name_cause(p.states))
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
-        p, weighed, found[NONE], best, _calibrated(p), misfit, trended, decision, separations, CALIBRATED, carried
+        p, weighed, found[NONE], best, _calibrated(p), misfit, trended, decision, separations, CALIBRATED, carried, free
     )  # fmt: skip
+
+
+def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:
+    parameters, s = p.problem.parameters, p.states
+    g = Gaussian(c.fit.linear, c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
+    highest = s.pressure.max(axis=1, initial=0.0)
+    functions = smooth_functions(s.spine_length, highest, s.branch, s.time, p.robot.length)
+    return stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
 
 
 def _calibrated(p: Prepared) -> Fit:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from recordings.json_text import read_json
 
+from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 
 SCHEMA = "diagnosis/1"
@@ -100,6 +101,8 @@ class Attribute:
     credible_set: tuple[tuple[str, ...], ...]
     ranking: tuple[Ranked, ...]
     cannot_tell_apart: tuple[tuple[str, ...], ...]
+    stage_errors: tuple[StageError, ...] = ()
+    """Largest first: where the readings ask for an error that no effect of the catalogue makes."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +235,7 @@ def _read(d: dict[str, Any]) -> Diagnosis:
         locate=Locate(**{**where, "by": {k: tuple(Cell(**c) for c in v) for k, v in where["by"].items()}}),
         attribute=Attribute(
             which["verdict"], tuple(which["effects"]), which["probability"], _names(which["credible_set"]), ranking,
-            _names(which["cannot_tell_apart"]),
+            _names(which["cannot_tell_apart"]), tuple(StageError(**x) for x in which.get("stage_errors", ())),
         ),
         shrink=shrink,
         next_experiment=tuple(Proposal(**{**p, "separates": _names(p["separates"])}) for p in d["next_experiment"]),

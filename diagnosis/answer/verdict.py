@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..criticism.probability_calibration import ProbabilityCalibration
+from ..criticism.stage_errors import StageError
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
 from .result import Carries, Locate, Shrink, Verdict
@@ -49,6 +50,7 @@ def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: boo
 def statement(
     d: Decision, posterior: Posterior, where: Locate, shrunk: Shrink | None, rivals: Sequence[str], tie_breaker: str | None,
     odd_trial: int | None, benchmark: str, budget: Sequence[Carries] = (),
+    asking: Sequence[StageError] = (),
 ) -> str:  # fmt: skip
     """The verdict in a few sentences; `tie_breaker` is the experiment that would separate the candidates best."""
     gap, floor = where.gap_rmse_mm, where.noise_floor_mm
@@ -62,7 +64,12 @@ def statement(
         odd = f" Trial {odd_trial} does not fit with the others: look at it first." if odd_trial is not None else ""
         near = next((h for h, _ in posterior.ranking if h not in (NONE, UNKNOWN)), None)
         nearest = f" What comes nearest is {' and '.join(near)}, which does not explain it." if near else ""
-        return f"{head} No cause can be named: outside the catalogue, or too little data ({sure}).{nearest}{odd}"
+        asks = (
+            f" The readings ask for an error of the {asking[0].stage} that goes with {asking[0].dependence}."
+            if asking
+            else ""
+        )
+        return f"{head} No cause can be named: outside the catalogue, or too little data ({sure}).{asks}{nearest}{odd}"
     tied = f", tied with {', '.join(rivals)}" if rivals else ""
     broken = f", broken by: {tie_breaker}" if rivals and tie_breaker else ""
     share = "; ".join(

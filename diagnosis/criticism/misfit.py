@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ..inference.evidence import KNOWN, LARGE, weigh
-from ..inference.linear import Linear, Prior
 from ..inference.problem import Parameters, Problem
 from ..inference.search import Candidate
+from .gaussian import Gaussian
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,8 +29,6 @@ LEAST_DISCREPANCY = 0.1
 """Size of the discrepancy that is always allowed for when values are predicted from others."""
 LARGE_SHARE = 0.1
 """Prior share of a large discrepancy beside a named effect."""
-LEAST_INFORMED = 0.05
-"""Directions in which the data take away less than this share of the prior's variance are left out of prior tension."""
 SPINE_SOURCES = ("spine_length", "spine_stiffness")
 """Parameters of each trial that describe its newly grown and jammed spine."""
 TENSE = 4.0
@@ -83,9 +81,9 @@ def misfit_diagnostics(
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
     prior = best.prior(p)
     form_error = best.grid_point.form_error
-    plain = _Gaussian(linear, prior, 0.0, form_error)
-    within = _Gaussian(linear, prior, max(best.grid_point.size, LEAST_DISCREPANCY), form_error)
-    own = _Gaussian(linear, prior, best.grid_point.size, form_error)
+    plain = Gaussian(linear, prior, 0.0, form_error)
+    within = Gaussian(linear, prior, max(best.grid_point.size, LEAST_DISCREPANCY), form_error)
+    own = Gaussian(linear, prior, best.grid_point.size, form_error)
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
         value, n = within.surprise(trial == t)
@@ -111,7 +109,7 @@ def misfit_diagnostics(
     )
 
 
-def _prior_tension(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
+def _prior_tension(g: Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
     """Prior tension of all but the calibration and the trials' own parameters, the furthest parameter, the outlying spine."""
     order = np.concatenate([np.flatnonzero(p.of_effect), np.flatnonzero(~p.of_effect)])
     names, sources = np.array(p.names)[order], np.array(p.sources or ("",) * len(p.names))[order]
@@ -135,47 +133,3 @@ def _prior_tension(g: _Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple
         str(names[furthest]) if tension[furthest] > TENSE else "",
         float(np.max(single[by_trial & np.isin(sources, SPINE_SOURCES)], initial=0.0)),
     )
-
-
-class _Gaussian:
-    """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
-
-    def __init__(self, linear: Linear, prior: Prior, size: float, form_error: float) -> None:
-        blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance]
-        self.form_columns = linear.form_error.shape[1] if form_error else 0
-        """Number of columns of model-form error."""
-        if form_error:
-            blocks.append(form_error * linear.form_error)
-        if large := linear.discrepancy_size(size, form_error):
-            blocks.append(large * linear.discrepancy)
-        self._x = np.hstack(blocks)
-        self._inverse = np.linalg.inv(np.eye(self._x.shape[1]) + self._x.T @ self._x)
-        missed = linear.observed - linear.effects @ prior.mean
-        self._residual = missed - self._x @ (self._inverse @ (self._x.T @ missed))
-
-    def surprise(self, own: Flags) -> tuple[float, int]:
-        """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
-        x, left = self._x[own], self._residual[own]
-        # The block of the inverse covariance is the inverse covariance of the prediction's error.
-        block = np.eye(len(x)) - x @ self._inverse @ x.T
-        return float(left @ np.linalg.solve(block, left)), len(x)
-
-    def misfit_per_dof(self) -> float:
-        """Squared residual after the fit per remaining degree of freedom."""
-        spent = self._x.shape[1] - float(np.trace(self._inverse))
-        return float(self._residual @ self._residual) / max(len(self._residual) - spent, 1.0)
-
-    def distance(self, own: Ints) -> tuple[float, int]:
-        """Squared Mahalanobis distance of some coefficients' posterior mean from what their prior leads to expect of it,
-        chi-square with as many degrees of freedom as are returned besides."""
-        mean = self._x[:, own].T @ self._residual
-        value, vector = np.linalg.eigh(np.eye(own.size) - self._inverse[np.ix_(own, own)])
-        informed = value > LEAST_INFORMED
-        along = vector[:, informed].T @ mean
-        return float((along**2 / value[informed]).sum()), int(informed.sum())
-
-    def single(self) -> Array:
-        """The same distance (not squared) of each coefficient by itself."""
-        spread = 1 - np.diag(self._inverse)
-        mean = np.abs(self._x.T @ self._residual)
-        return np.asarray(np.where(spread > LEAST_INFORMED, mean / np.sqrt(np.maximum(spread, LEAST_INFORMED)), 0.0))

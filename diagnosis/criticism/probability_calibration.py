@@ -1,9 +1,9 @@
 """Calibration of probabilities: constants fitted on a benchmark of sealed cases.
 
 Evidence is overconfident, because no model is exact. Log evidence is divided by a temperature, so that the stated
-probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue is a
-logistic regression on the misfit diagnostics, fitted on the same benchmark: there is no model of such a cause, and so no
-evidence for it.
+probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue follows from
+what free-form errors of the stages gain, which is evidence like any other, and from a logistic regression on the misfit
+diagnostics, fitted on the same benchmark.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ FEW_EFFECTS = 2
 """Up to this many effects at once are not unusual."""
 LEAST_TREND, TYPICAL_TREND = 1e-4, 0.7
 """Smallest p-value that counts; orders of magnitude in p that chance makes as well."""
+MOST_ODDS = 7.0
+"""Log odds above which no misfit makes a cause outside the catalogue more probable."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +50,17 @@ class ProbabilityCalibration:
     benchmark: str
     """What they were fitted on; shown with every probability."""
 
-    def probability_outside(self, s: MisfitDiagnostics, trend: float) -> float:
-        """Probability of a cause outside the catalogue; `trend` is the p-value of `criticism.trend`."""
-        odds = self.intercept
+    def probability_outside(self, s: MisfitDiagnostics, trend: float, stage_gain: float = 0.0) -> float:
+        """Probability of a cause outside the catalogue; `trend` is the p-value of `criticism.trend`, `stage_gain` the log
+        evidence that free-form errors of the stages gain."""
+        odds = self.intercept + max(stage_gain, 0.0) / self.temperature
         odds += self.prior_tension * float(np.clip(s.prior_tension, 0.0, MOST_TENSION))
         odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))
         odds += self.spine_outlier * max(s.spine_outlier - TYPICAL_SPINE_OUTLIER, 0.0)
         odds += self.excess_scatter * max(math.log(min(s.excess_scatter, MOST_EXCESS) / TYPICAL_EXCESS), 0.0)
         odds += self.many_effects * max(s.effects_named - FEW_EFFECTS, 0)
         odds += self.trend * max(-math.log10(max(trend, LEAST_TREND)) - TYPICAL_TREND, 0.0)
-        return 1 / (1 + math.exp(-odds))
+        return 1 / (1 + math.exp(-min(odds, MOST_ODDS)))
 
 
 CALIBRATED = ProbabilityCalibration(

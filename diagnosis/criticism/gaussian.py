@@ -1,0 +1,66 @@
+"""The distribution of the readings under a hypothesis, everything in it integrated out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..inference.linear import Linear, Prior
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+LEAST_INFORMED = 0.05
+"""Directions in which the data take away less than this share of the prior's variance are left out of prior tension."""
+
+
+class Gaussian:
+    """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
+
+    def __init__(self, linear: Linear, prior: Prior, size: float, form_error: float) -> None:
+        self.linear = linear
+        blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance]
+        self.form_columns = linear.form_error.shape[1] if form_error else 0
+        """Number of columns of model-form error."""
+        if form_error:
+            blocks.append(form_error * linear.form_error)
+        if large := linear.discrepancy_size(size, form_error):
+            blocks.append(large * linear.discrepancy)
+        self._x = np.hstack(blocks)
+        self._inverse = np.linalg.inv(np.eye(self._x.shape[1]) + self._x.T @ self._x)
+        missed = linear.observed - linear.effects @ prior.mean
+        self.residual = missed - self._x @ (self._inverse @ (self._x.T @ missed))
+        """(n,) (I + X X^T)^-1 r."""
+
+    def surprise(self, own: Flags) -> tuple[float, int]:
+        """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
+        x, left = self._x[own], self.residual[own]
+        # The block of the inverse covariance is the inverse covariance of the prediction's error.
+        block = np.eye(len(x)) - x @ self._inverse @ x.T
+        return float(left @ np.linalg.solve(block, left)), len(x)
+
+    def misfit_per_dof(self) -> float:
+        """Squared residual after the fit per remaining degree of freedom."""
+        spent = self._x.shape[1] - float(np.trace(self._inverse))
+        return float(self.residual @ self.residual) / max(len(self.residual) - spent, 1.0)
+
+    def distance(self, own: Ints) -> tuple[float, int]:
+        """Squared Mahalanobis distance of some coefficients' posterior mean from what their prior leads to expect of it,
+        chi-square with as many degrees of freedom as are returned besides."""
+        mean = self._x[:, own].T @ self.residual
+        value, vector = np.linalg.eigh(np.eye(own.size) - self._inverse[np.ix_(own, own)])
+        informed = value > LEAST_INFORMED
+        along = vector[:, informed].T @ mean
+        return float((along**2 / value[informed]).sum()), int(informed.sum())
+
+    def single(self) -> Array:
+        """The same distance (not squared) of each coefficient by itself."""
+        spread = 1 - np.diag(self._inverse)
+        mean = np.abs(self._x.T @ self.residual)
+        return np.asarray(np.where(spread > LEAST_INFORMED, mean / np.sqrt(np.maximum(spread, LEAST_INFORMED)), 0.0))
+
+    def inner(self, columns: Array) -> Array:
+        """C^T (I + X X^T)^-1 C (c, c) of columns (n, c)."""
+        across = self._x.T @ columns
+        return np.asarray(columns.T @ columns - across.T @ self._inverse @ across)

@@ -1,0 +1,116 @@
+"""Does a stage of the chain ask for an error of its own, beside what is named?
+
+A cause outside the catalogue enters the chain from pressure to reading somewhere. Whatever it is, the readings answer to it
+as they answer to the effects of that stage; how it goes with the state is its own affair. So beside the leading hypothesis
+each stage gets a free-form error: with a_j the response of the readings to effect j of the stage at its plausible scale,
+
+    y = (hypothesis) + s sum_j a_j(x) f_j(x),     f_j ~ GP(0, k),
+
+a smooth unknown function of the state x each, in turn of the pressure and branch, of the spine's length, of the time and of
+both pressure and length. All of the hypothesis (sizes, tolerances, model-form error, discrepancy) is integrated out: y ~ N(0,
+I + X X^T), and with C the columns a_j times the leading eigenfunctions of k the log evidence gained by size s is
+
+    log Z(s) = b^T (I / s^2 + B)^-1 b / 2 - log det(I + s^2 B) / 2,
+    B = C^T (I + X X^T)^-1 C,  b = C^T (I + X X^T)^-1 r,
+
+averaged over a grid of sizes. A known cause whose law differs from the catalogue's looks alike; that is why model-form error
+is part of the hypothesis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from model.effects.spec import Stage
+
+from ..inference.problem import Parameters
+from .gaussian import Gaussian
+
+Array = NDArray[np.float64]
+
+Dependence = Literal["pressure", "spine length", "time", "pressure and spine length"]
+
+
+@dataclass(frozen=True)
+class StageError:
+    """What a free-form error of a stage would gain beside what is named."""
+
+    stage: Stage
+    dependence: Dependence
+    """What the error goes with."""
+    gain: float
+    """Log evidence gained, averaged over its size."""
+
+
+SIZES = (0.1, 0.2, 0.4, 0.8)
+"""Standard deviations of the free functions, in plausible scales of the stage's effects."""
+LEAST_EIGENVALUE = 2e-3
+"""Eigenfunctions of a kernel below this share of the largest are left out."""
+LENGTH, PRESSURE, TIME, BRANCH = 0.35, 0.45, 0.35, 1.0
+"""Correlation lengths, in lengths of the robot, highest pressures and lengths of the campaign; distance of the branches."""
+
+
+def stage_errors(
+    g: Gaussian, parameters: Parameters, stages: Mapping[str, Stage], functions: Mapping[Dependence, Array]
+) -> tuple[StageError, ...]:
+    """All stages with all dependences, largest gain first.
+
+    `g` the linear problem under the leading hypothesis, with derivatives by all effects; `stages` effect -> stage;
+    `functions` (n, m) of each value, from `smooth_functions`.
+    """
+    own = [(stages[e], j) for j, e in enumerate(e for e in parameters.effects if e) if parameters.sizes[j]]
+    found = []
+    for stage in dict.fromkeys(s for s, _ in own):
+        response = g.linear.effects[:, [j for s, j in own if s == stage]]
+        for dependence, each in functions.items():
+            columns = (response[:, :, None] * each[:, None, :]).reshape(len(response), -1)
+            found.append(StageError(stage, dependence, _gain(g, columns)))
+    return tuple(sorted(found, key=lambda s: -s.gain))
+
+
+def total_gain(errors: Sequence[StageError]) -> float:
+    """Log evidence that any of them gains, each as probable as the others beforehand; 0 where there are none."""
+    return float(logsumexp([e.gain for e in errors]) - np.log(len(errors))) if errors else 0.0
+
+
+def _gain(g: Gaussian, columns: Array) -> float:
+    columns = columns[:, (columns**2).sum(axis=0) > 1e-12]
+    if not columns.shape[1]:
+        return 0.0
+    value, vector = np.linalg.eigh(g.inner(columns))
+    value = np.maximum(value, 0.0)
+    along = (vector.T @ (columns.T @ g.residual)) ** 2
+    gains = [0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in SIZES]
+    return float(logsumexp(gains) - np.log(len(gains)))
+
+
+def smooth_functions(
+    spine_length: Array, pressure: Array, branch: Array, time: Array, robot_length: float
+) -> dict[Dependence, Array]:
+    """(n, m) draws of size 1 of smooth functions of n states: spine length m, highest pressure Pa, branch -1 or 1, time s (NaN
+    where it is not known, then none of it)."""
+    pressure = pressure / max(float(pressure.max(initial=0.0)), 1.0) / PRESSURE
+    branch = 0.5 * BRANCH * branch
+    length = spine_length / (LENGTH * robot_length)
+    out: dict[Dependence, Array] = {
+        "pressure": _eigenfunctions(pressure, branch),
+        "spine length": _eigenfunctions(length),
+        "pressure and spine length": _eigenfunctions(pressure, branch, length),
+    }
+    if np.isfinite(time).all() and np.ptp(time) > 0:
+        out["time"] = _eigenfunctions((time - time.min()) / np.ptp(time) / TIME)
+    return out
+
+
+def _eigenfunctions(*coordinates: Array) -> Array:
+    place, index = np.unique(np.round(np.column_stack(coordinates), 3), axis=0, return_inverse=True)
+    squared = ((place[:, None, :] - place[None, :, :]) ** 2).sum(axis=-1)
+    value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
+    kept = value > LEAST_EIGENVALUE * value.max()
+    return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
