@@ -56,7 +56,7 @@ def test_the_json_holds_the_contract_and_reads_back() -> None:
     assert set(d["data"]) == {"rows", "trials", "channels", "noise_mm", "noise_from"}
     assert set(d["locate"]["by"]) == set(FACTORS) and set(d["locate"]["stage"]) == set(STAGES)
     assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(d["locate"])
-    wanted = {"verdict", "effects", "probability", "credible_set", "ranking", "cannot_tell_apart"}
+    wanted = {"verdict", "effects", "probability", "credible_set", "ranking", "cannot_tell_apart", "stage_errors"}
     assert set(d["attribute"]) == wanted
     assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} == set(
         d["attribute"]["ranking"][0]
