@@ -18,6 +18,7 @@ from lab.files.example import paper_robot
 from lab.files.own_effects import effects_from_file
 from model.effects import CATALOGUE, with_effects
 from recordings.trials import TrialRow
+from tests.diagnosis.small_campaigns import SOME
 
 AREA = {"area_moment.blend": 0.7}
 CONFIDENT = 0.9
@@ -47,6 +48,13 @@ def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     capsys.readouterr()
     code = main(["diagnose", *(str(a) for a in arguments)])
     return code, capsys.readouterr().err
+
+
+@pytest.fixture(params=["some effects", pytest.param("all effects", marks=pytest.mark.long)])
+def weighed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is asked does not depend on how many effects compete; `answered` is an answer of all of them."""
+    if request.param == "some effects":
+        monkeypatch.setattr("lab.files.own_effects.CATALOGUE", SOME)
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +136,7 @@ def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer
     assert all(f["protocol"] in ("bending", "elongation") for f in files.values())
 
 
+@pytest.mark.usefixtures("weighed")
 @pytest.mark.parametrize(
     ("rows", "concern"),
     [
@@ -148,6 +157,7 @@ def test_a_small_table_is_answered_with_its_limits_and_without_confidence(
     assert found["attribute"]["verdict"] != "effect" or found["attribute"]["probability"] < CONFIDENT
 
 
+@pytest.mark.usefixtures("weighed")
 def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
     code, _ = ran(
@@ -233,6 +243,7 @@ def test_a_campaign_that_cannot_be_held_out_is_refused_before_anything_is_fitted
     assert len(text.strip().splitlines()) == 1
 
 
+@pytest.mark.usefixtures("weighed")
 def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
