@@ -54,6 +54,7 @@ DAMAGED = 0.5
 CLIENT_TIMEOUT = 10.0
 """A client that is silent this long is forgotten, s of host time."""
 TIP, BASE, FIRST_MARKER = 1, 2, 11
+NOWHERE = np.zeros(3)
 HALF = math.sqrt(0.5)
 MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
 """Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), w, x, y, z."""
@@ -79,6 +80,17 @@ def quaternion_xyzw(rotation: Array) -> Array:
     )
     q: Array = np.linalg.eigh(k)[1][:, 3]
     return q if q[3] >= 0 else -q
+
+
+def shaken(q: Array, half: Array) -> Array:
+    """Quaternion x, y, z, w (w >= 0) turned about its own axes by the small rotation vector 2 `half` (rad)."""
+    x, y, z, w = q.tolist()
+    a, b, c = half.tolist()
+    scale = 1 / math.sqrt(1 + a * a + b * b + c * c)
+    real = w - x * a - y * b - z * c
+    scale = math.copysign(scale, real)
+    turned = (x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, real)
+    return scale * np.array(turned)
 
 
 @dataclass
@@ -136,6 +148,10 @@ class MotiveFake(threading.Thread):
         self._origin = np.array(mocap_to_base[0])
         self._rotation = rotation_matrix(mocap_to_base[1])
         self._random = np.random.default_rng(seed)
+        self._unturned = quaternion_xyzw(self._rotation.T)
+        """Of a body that stands as the base does, x, y, z, w."""
+        self._tip_turn = np.eye(3), self._unturned
+        """The tip's rotation in the base frame when it was last looked at, and its quaternion."""
         self._data_port = data_port
         self._command = self._socket(command_port)
         self._data = self._socket(data_port)
@@ -225,6 +241,7 @@ class MotiveFake(threading.Thread):
         if message == REQUEST_MODELDEF:
             return MODELDEF, self._definitions()
         if message == REQUEST_FRAME:
+            self._look()
             return FRAME, self._frame_payload()
         if message == ECHO_REQUEST and len(payload) >= 8:
             return ECHO_RESPONSE, payload[:8] + struct.pack("<Q", self._ticks())
@@ -254,6 +271,10 @@ class MotiveFake(threading.Thread):
     # -- frames
     def _stream(self, now: float) -> None:
         extra = self.faults.extra
+        self._clients = {c: t for c, t in self._clients.items() if now - t < CLIENT_TIMEOUT}
+        if not self._clients:
+            self.frame += 1
+            return
         if not (extra.get("replay") and self._last_frame):
             self.frame = 1 if extra.pop("restart", False) else self.frame + 1
             if not self.faults.freeze:
@@ -266,7 +287,6 @@ class MotiveFake(threading.Thread):
         payload = self._last_frame
         if self.faults.truncate:
             payload = payload[: len(payload) // 2]
-        self._clients = {c: t for c, t in self._clients.items() if now - t < CLIENT_TIMEOUT}
         for client in self._clients:
             self._send(self._data, client, FRAME, payload)
 
@@ -275,30 +295,26 @@ class MotiveFake(threading.Thread):
         with self.plant.lock:
             tip, rotation = self.plant.tip_position.copy(), self.plant.tip_rotation.copy()
             markers, visible = self.plant.markers.copy(), self.plant.tip_visible
+        if not np.array_equal(rotation, self._tip_turn[0]):
+            self._tip_turn = rotation, quaternion_xyzw(self._rotation.T @ rotation)
         for body in self._bodies:
             if body.id == TIP:
-                self._see(body, tip, rotation, visible)
+                self._see(body, tip, self._tip_turn[1], visible)
             elif body.id == BASE:
-                self._see(body, np.zeros(3), np.eye(3), True)
+                self._see(body, NOWHERE, self._unturned, True)
             else:
                 index = body.id - FIRST_MARKER
                 known = index < len(markers)
-                self._see(body, markers[index] if known else np.zeros(3), np.eye(3), known)
+                self._see(body, markers[index] if known else NOWHERE, self._unturned, known)
 
-    def _see(self, body: Body, position: Array, rotation: Array, visible: bool) -> None:
-        """Base frame -> world, plus noise; an unseen body keeps its pose."""
+    def _see(self, body: Body, position: Array, turn: Array, visible: bool) -> None:
+        """Position in the base frame, orientation in the world -> world, plus noise; an unseen body keeps its pose."""
         body.tracked = visible
         if not visible:
             return
-        shake = rotation_matrix(self._shake())
-        body.position = self._rotation.T @ (position - self._origin) + self.noise * self._random.standard_normal(3)
-        body.quaternion = quaternion_xyzw(self._rotation.T @ rotation @ shake)
-
-    def _shake(self) -> tuple[float, float, float, float]:
-        """A small random rotation."""
-        x, y, z = 0.5 * self.angle_noise * self._random.standard_normal(3)
-        scale = 1 / math.sqrt(1 + x * x + y * y + z * z)
-        return (scale, float(scale * x), float(scale * y), float(scale * z))
+        noise = self._random.standard_normal(6)
+        body.position = self._rotation.T @ (position - self._origin) + self.noise * noise[3:]
+        body.quaternion = shaken(turn, 0.5 * self.angle_noise * noise[:3])
 
     def _frame_payload(self) -> bytes:
         shown = [b for b in self._bodies if not (b.id == TIP and self.faults.extra.get("no_body"))]

@@ -17,14 +17,17 @@ import termios
 import threading
 import time
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import serial
-from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
 from pytrinamic.helpers import to_signed_32
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatusError, TMCLStatus
 
 from ..errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
 from ..serial_line import WRITE_WITHIN
+
+if TYPE_CHECKING:
+    from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
 
 ATTEMPTS = 2
 FRAME = struct.Struct(">BBBBi")
@@ -64,6 +67,9 @@ class Axis:
 
     def open(self) -> None:
         """Open the serial port. Raises `Unreachable`."""
+        # here, since it brings every CAN interface that there is, and each process that reads a rig.yaml imports this module
+        from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
+
         try:
             self._serial = serial.Serial(
                 self._path,

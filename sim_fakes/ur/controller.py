@@ -114,8 +114,14 @@ class Controller:
         noise = self._random.normal(size=(2, 6))
         self._actual_q = self.arm.q + ENCODER_NOISE * noise[0]
         self._actual_qd = self.arm.qd + SPEED_NOISE * noise[1]
-        pose, jacobian = forward(self.arm.geometry, self._actual_q, self.arm.tool)
-        self._actual_pose, self._actual_speed = pose_vector(pose), jacobian @ self._actual_qd
+        self._actual_tcp: tuple[Array, Array] | None = None
+
+    def _measured_tcp(self) -> tuple[Array, Array]:
+        """Pose vector and speed of the tool as measured in this cycle: computed when somebody asks, mostly nobody does."""
+        if self._actual_tcp is None:
+            pose, jacobian = forward(self.arm.geometry, self._actual_q, self.arm.tool)
+            self._actual_tcp = pose_vector(pose), jacobian @ self._actual_qd
+        return self._actual_tcp
 
     # -- safety and program
     def protective_stop(self, reason: str) -> None:
@@ -229,9 +235,9 @@ class Controller:
             case "actual_qd":
                 return _measured(self._actual_qd)
             case "actual_TCP_pose":
-                return _measured(self._actual_pose)
+                return _measured(self._measured_tcp()[0])
             case "actual_TCP_speed":
-                return _measured(self._actual_speed)
+                return _measured(self._measured_tcp()[1])
             case "actual_TCP_force":
                 return _measured(self.wrench)
             case "target_q":

@@ -43,6 +43,7 @@ class UrFake:
     def _receive(self) -> None:
         punctual()
         self._poses.settimeout(0.2)
+        known: tuple[float, ...] = ()
         while self._running:
             try:
                 data, sender = self._poses.recvfrom(256)
@@ -51,8 +52,9 @@ class UrFake:
                 continue
             except OSError:
                 return
-            if sender[0] != self.host:
+            if sender[0] != self.host or pose == known:
                 continue
+            known = pose
             with self.plant.lock:
                 self.plant.probe_position = np.array(pose[:3])
                 self.plant.probe_rotation = rotation_matrix(pose[3:])

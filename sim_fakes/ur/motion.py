@@ -34,18 +34,28 @@ class Arm:
     q: Array = field(default_factory=lambda: np.array(START_JOINTS))
     qd: Array = field(default_factory=lambda: np.zeros(6))
     tool: Array = field(default_factory=lambda: np.eye(4))
+    _known: tuple[Array, Array, Array, Array, Array] | None = field(default=None, repr=False)
+    """Joint angles and tool, and what `forward` says of them: an arm stands still most of its cycles."""
+
+    def _solved(self) -> tuple[Array, Array, Array]:
+        """TCP as 4x4 and as (x, y, z, rotation vector), and the Jacobian, where the arm is now."""
+        known = self._known
+        if known is None or known[0] is not self.q or known[1] is not self.tool:  # both are replaced, never changed
+            pose, jacobian = forward(self.geometry, self.q, self.tool)
+            known = self._known = (self.q, self.tool, pose, pose_vector(pose), jacobian)
+        return known[2:]
 
     def pose(self) -> Array:
         """TCP, 4x4."""
-        return forward(self.geometry, self.q, self.tool)[0]
+        return self._solved()[0].copy()
 
     def pose_vector(self) -> Array:
         """TCP as (x, y, z, rotation vector)."""
-        return pose_vector(self.pose())
+        return self._solved()[1].copy()
 
     def tcp_speed(self) -> Array:
         """TCP speed, m/s and rad/s, shape (6,)."""
-        return forward(self.geometry, self.q, self.tool)[1] @ self.qd
+        return self._solved()[2] @ self.qd
 
     def solve(self, target: Array, start: Array | None = None) -> Array | None:
         """Joint angles for a TCP (4x4), from the present ones or from `start`."""

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.result import Diagnosis
-from diagnosis.diagnose import Options, diagnose
+from diagnosis.diagnose import diagnose
 from diagnosis.inference import budget as module
 from diagnosis.inference.budget import Budget
-from tests.diagnosis.test_diagnose import FEW, measured
+from tests.diagnosis import small_campaigns as whole
+from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured, quick
 
 EFFECTS = ("a", "b", "c")
 
@@ -44,13 +45,14 @@ def test_quantiles_are_weighted() -> None:
     assert b.interval("a", 0.05, 0.15, 0.5) == (1.0, 2.0, 3.0)
 
 
-def answer(**effects: float) -> Diagnosis:
-    return diagnose(measured(3, 5, FEW, **effects), Options(quantify=False, experiments=False))
+def answer(catalogue: Catalogue, **effects: float) -> Diagnosis:
+    return diagnose(measured(3, 5, FEW, **effects), quick(catalogue))
 
 
-def test_a_tolerance_that_carries_more_than_all_else_is_the_cause() -> None:
+@few_and_all
+def test_a_tolerance_that_carries_more_than_all_else_is_the_cause(catalogue: Catalogue) -> None:
     """0.05 1/m is within what every robot may have, and moves this one's tip by millimetres."""
-    d = answer(precurvature__y=0.05)
+    d = answer(catalogue, precurvature__y=0.05)
     assert d.attribute.effects == ("precurvature",)
     share = next(c for c in d.budget if c.effect == "precurvature")
     assert (
@@ -60,20 +62,22 @@ def test_a_tolerance_that_carries_more_than_all_else_is_the_cause() -> None:
     )
 
 
-def test_what_carries_less_than_the_floor_is_no_cause_however_sure_it_is() -> None:
-    d = answer(marker_offset__x=0.4e-3)
+@few_and_all
+def test_what_carries_less_than_the_floor_is_no_cause_however_sure_it_is(catalogue: Catalogue) -> None:
+    d = answer(catalogue, marker_offset__x=0.4e-3)
     assert d.attribute.verdict != "effect"
     assert all(c.role != "named" for c in d.budget)
 
 
 def test_the_budget_reads_back() -> None:
-    d = answer(chamber_azimuth__angle=0.12)
+    d = whole.answer()
     assert Diagnosis.from_json(d.to_json()).budget == d.budget
     assert d.budget[0].effect == "chamber_azimuth" and d.budget[0].role == "named"
     assert {c.role for c in d.budget} <= {"named", "present", "unseen"}
 
 
-def test_thrust_that_the_side_walls_balance_is_named() -> None:
-    d = answer(chamber_thrust__share=1.0)
+@few_and_all
+def test_thrust_that_the_side_walls_balance_is_named(catalogue: Catalogue) -> None:
+    d = answer(catalogue, chamber_thrust__share=1.0)
     assert d.attribute.effects == ("chamber_thrust",)
     assert d.attribute.ranking[0].parameters["chamber_thrust.share"].value == pytest.approx(1.0, abs=0.05)

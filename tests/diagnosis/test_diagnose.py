@@ -6,37 +6,14 @@ That is an inverse crime: it shows that the path is whole and the numbers are co
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
-from diagnosis.diagnose import Options, diagnose
+from diagnosis.diagnose import diagnose
 from diagnosis.errors import BadCase
-from diagnosis.inference.prepare import prepare
-from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
-
-LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)
-"""Spine lengths of a campaign, m; of one that is answered quickly."""
-
-
-def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **effects: float) -> Measured:
-    """A campaign with effects (parameter name with _ for the dot: value), 0.3 mm of noise."""
-    rng = np.random.default_rng(seed)
-    rows = sweep(repeats, lengths)
-    p = prepare(ROBOT, states(case(rows))[0])
-    theta = np.zeros(len(p.problem.parameters.names))
-    for name, value in effects.items():
-        theta[p.problem.parameters.names.index(name.replace("__", "."))] = value
-    tips = p.tip(p.problem.forward.predict(theta)) + 0.3e-3 * rng.normal(size=(len(rows), 3))
-    return case([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
-
-
-@cache
-def answer() -> Diagnosis:
-    return diagnose(measured(3, 1, chamber_azimuth__angle=np.radians(8)))
+from tests.diagnosis.small_campaigns import FEW, Catalogue, answer, few_and_all, measured, quick
 
 
 def test_an_effect_is_named_with_its_size_and_the_gap_closes_on_unseen_data() -> None:
@@ -72,14 +49,16 @@ def test_a_file_of_another_schema_is_refused() -> None:
         Diagnosis.from_json('{"schema": "diagnosis/9"}')
 
 
-def test_the_same_campaign_gives_the_same_text() -> None:
+@few_and_all
+def test_the_same_campaign_gives_the_same_text(catalogue: Catalogue) -> None:
     small = measured(3, 2, FEW)
-    wanted = Options(quantify=False, experiments=False)
+    wanted = quick(catalogue)
     assert diagnose(small, wanted).to_json() == diagnose(small, wanted).to_json()
 
 
-def test_nothing_is_named_where_nothing_was_repeated() -> None:
-    d = diagnose(measured(1, 3, FEW, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, experiments=False))
+@few_and_all
+def test_nothing_is_named_where_nothing_was_repeated(catalogue: Catalogue) -> None:
+    d = diagnose(measured(1, 3, FEW, chamber_azimuth__angle=np.radians(8)), quick(catalogue))
     assert d.attribute.verdict == "unknown" and d.attribute.effects == ()
     assert "nothing was repeated" in d.data.noise_from
     assert any("no cause can be named" in c for c in d.concerns)

@@ -15,8 +15,8 @@ from diagnosis.data.case import states
 from diagnosis.errors import BadHoldout
 from diagnosis.inference.prepare import prepare
 from recordings.trials import TrialRow
+from tests.diagnosis.small_campaigns import SOME, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
-from tests.diagnosis.test_diagnose import measured
 
 AZIMUTH = np.radians(8)
 
@@ -28,7 +28,7 @@ def diagnosed() -> Measured:
 
 @pytest.fixture(scope="module")
 def found(diagnosed: Measured) -> Attribution:
-    return attribute(prepare(ROBOT, states(diagnosed)[0]))
+    return attribute(prepare(ROBOT, states(diagnosed)[0], catalogue=SOME))
 
 
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.diagnosis.small_campaigns import SOME
 from tests.docs.blocks import ROOT, Block, blocks, pages
 from tests.docs.workplace import Rigs, Workplace, needs
 
@@ -47,6 +48,8 @@ def test_the_blocks_of_a_page_run_in_order(
 ) -> None:
     place = Workplace(tmp_path / "page", rigs)
     monkeypatch.chdir(place.folder)
+    # that a command can be typed is shown; what it finds among all effects, tests/lab/test_diagnose_verb.py shows
+    monkeypatch.setattr("lab.files.own_effects.CATALOGUE", SOME)
     if on_the_rig(page):
         lines = [line for b in blocks(ROOT / FIRST) for line in b.text.splitlines()]
         place.line(next(line for line in lines if line.startswith("lab fakes --speed")))

@@ -40,7 +40,7 @@ def wired(truth: Truth, tmp_path_factory: pytest.TempPathFactory) -> Table:
 @pytest.fixture(scope="module")
 def driven(truth: Truth) -> list[Table]:
     return [
-        measure(BenchRobot(replace(truth, seed=truth.seed + k)), SHORT, np.random.default_rng(k)) for k in range(20)
+        measure(BenchRobot(replace(truth, seed=truth.seed + k)), SHORT, np.random.default_rng(k)) for k in range(10)
     ]
 
 

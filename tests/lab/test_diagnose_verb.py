@@ -16,11 +16,14 @@ from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from lab.cli import main
 from lab.files.example import paper_robot
 from lab.files.own_effects import effects_from_file
-from model.effects import with_effects
+from model.effects import CATALOGUE, with_effects
 from recordings.trials import TrialRow
+from tests.diagnosis.small_campaigns import SOME
 
 AREA = {"area_moment.blend": 0.7}
 CONFIDENT = 0.9
+OWN_LENGTHS, OWN_PRESSURES = (0.0, 0.15, 0.3), (0.0, 120e3, 240e3)
+"""m and Pa: enough to tell what a spine does by its length."""
 
 BOWED = """
 import numpy as np
@@ -45,6 +48,13 @@ def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     capsys.readouterr()
     code = main(["diagnose", *(str(a) for a in arguments)])
     return code, capsys.readouterr().err
+
+
+@pytest.fixture(params=["some effects", pytest.param("all effects", marks=pytest.mark.long)])
+def weighed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is asked does not depend on how many effects compete; `answered` is an answer of all of them."""
+    if request.param == "some effects":
+        monkeypatch.setattr("lab.files.own_effects.CATALOGUE", SOME)
 
 
 @pytest.fixture(scope="module")
@@ -126,12 +136,13 @@ def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer
     assert all(f["protocol"] in ("bending", "elongation") for f in files.values())
 
 
+@pytest.mark.usefixtures("weighed")
 @pytest.mark.parametrize(
     ("rows", "concern"),
     [
         pytest.param(lambda: campaign(AREA, lengths=(0.2,)), "one spine length only", marks=pytest.mark.long),
         pytest.param(lambda: campaign(AREA, pressures=(160e3,)), "one pressure only", marks=pytest.mark.long),
-        (lambda: campaign(AREA, repeats=1), "no state was repeated"),
+        (lambda: campaign(AREA, repeats=1, lengths=(0.0, 0.2), pressures=(0.0, 160e3)), "no state was repeated"),
     ],
     ids=["one spine length", "one pressure", "no repeats"],
 )
@@ -146,6 +157,7 @@ def test_a_small_table_is_answered_with_its_limits_and_without_confidence(
     assert found["attribute"]["verdict"] != "effect" or found["attribute"]["probability"] < CONFIDENT
 
 
+@pytest.mark.usefixtures("weighed")
 def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
     code, _ = ran(
@@ -231,13 +243,17 @@ def test_a_campaign_that_cannot_be_held_out_is_refused_before_anything_is_fitted
     assert len(text.strip().splitlines()) == 1
 
 
+@pytest.mark.usefixtures("weighed")
 def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "own.py"
     file.write_text(BOWED)
     effects = with_effects(effects_from_file(file))
-    case = folder(tmp_path / "case", campaign({"bowed_spine.bow": 0.3}, catalogue=effects))
+    case = folder(
+        tmp_path / "case",
+        campaign({"bowed_spine.bow": 0.3}, lengths=OWN_LENGTHS, catalogue=effects, pressures=OWN_PRESSURES),
+    )
     path = tmp_path / "diagnosis.json"
     assert ran(capsys, case, "--effects", file, "--json", path)[0] == 0
     found = json.loads(path.read_text())
@@ -287,6 +303,8 @@ def test_rows_without_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
 
     rows = campaign({}, repeats=1, lengths=(0.2,))
     rows[3] = replace(rows[3], tip=(float("nan"), 0.0, 0.4))
-    found = diagnose(Case(ROBOT, Table(tuple(rows))), Options(quantify=False, experiments=False))
+    one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
+    wanted = Options(quantify=False, experiments=False, catalogue=one)
+    found = diagnose(Case(ROBOT, Table(tuple(rows))), wanted)
     assert any("1 of 7 states" in c for c in found.concerns)
     assert found.attribute.verdict == "unknown"

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-
-import pytest
 
 from drivers.alicat.wire import UNITS as WIRE
 from lab.files.example import paper_robot
@@ -27,48 +27,71 @@ LIBRARIES = (
 RECORDING = ROOT / "tests/recordings/data/bending-schema-1.mcap"
 
 
-def lab(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    """The command on a computer without these libraries."""
-    lacking = f"import sys; sys.modules.update(dict.fromkeys({LIBRARIES!r})); from lab.cli import main; "
-    command = [sys.executable, "-c", lacking + f"sys.exit(main({[str(word) for word in words]!r}))"]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+COMMANDS = """
+import contextlib, io, json, sys
+
+libraries, commands = json.load(sys.stdin)
+sys.modules.update(dict.fromkeys(libraries))
+from lab.cli import main
+
+done = []
+for words in commands:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(words)
+    done.append((code, out.getvalue(), err.getvalue()))
+json.dump(done, sys.__stdout__)
+"""
 
 
-@pytest.mark.parametrize("verb", ["info", "replay", "verify"])
-def test_recordings_are_read(verb: str) -> None:
-    done = lab(verb, RECORDING)
-    assert done.returncode in (0, 3), done.stdout + done.stderr
+@dataclass(frozen=True)
+class Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def lab(*commands: tuple[str | Path, ...]) -> list[Done]:
+    """The command on a computer without these libraries: once for each, in one process."""
+    asked = json.dumps([LIBRARIES, [[str(word) for word in words] for words in commands]])
+    done = subprocess.run([sys.executable, "-c", COMMANDS], input=asked, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+    return [Done(*one) for one in json.loads(done.stdout)]
+
+
+def test_recordings_are_read() -> None:
+    for done in lab(("info", RECORDING), ("replay", RECORDING), ("verify", RECORDING)):
+        assert done.returncode in (0, 3), done.stdout + done.stderr
 
 
 def test_the_model_and_the_front_door_work(tmp_path: Path) -> None:
-    done = lab("export", RECORDING, "--case", "--out", tmp_path / "case")
+    (done,) = lab(("export", RECORDING, "--case", "--out", tmp_path / "case"))
     assert done.returncode == 0, done.stderr
     shutil.copy(paper_robot(), tmp_path / "case" / "robot.yaml")  # the recording's own is one of a test
-    done = lab("compare", tmp_path / "case")
+    done, schema = lab(("compare", tmp_path / "case"), ("schema", "robot"))
     assert done.returncode == 0 and "Measured against model" in done.stdout, done.stdout + done.stderr
-    done = lab("schema", "robot")
-    assert done.returncode == 0, done.stderr
+    assert schema.returncode == 0, schema.stderr
 
 
 def test_a_landing_tells_each_actuator_that_it_cannot_reach(tmp_path: Path) -> None:
     path = tmp_path / "rig.yaml"  # beside no robot.yaml: a landing needs none
     shutil.copy(ROOT / "examples/rig/rig.yaml", path)
-    done = lab("safe", "--rig", path)
+    (done,) = lab(("safe", "--rig", path))
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stdout + done.stderr
     for name in ("arm", "pressure", "spine", "valve"):
         assert f"{name}: NOT CONFIRMED" in done.stdout
     assert "make it safe by hand" in " ".join(done.stdout.split()) and path.with_suffix(".latch").exists()
 
 
-@pytest.mark.parametrize("words", [("plan", "bending"), ("check",), ("demo",)])
-def test_a_rig_says_what_to_install(words: tuple[str, ...], tmp_path: Path) -> None:
-    place = ("--out", tmp_path / "demo") if words == ("demo",) else ("--rig", ROOT / "examples/rig/rig.yaml")
-    done = lab(*words, *place)
-    assert done.returncode == 2 and "Traceback" not in done.stderr, done.stdout + done.stderr
-    assert "the instruments' libraries are not installed" in done.stderr and "pip install 'softlab[rig]'" in done.stderr
+def test_a_rig_says_what_to_install(tmp_path: Path) -> None:
+    place = ("--rig", ROOT / "examples/rig/rig.yaml")
+    for done in lab(("plan", "bending", *place), ("check", *place), ("demo", "--out", tmp_path / "demo")):
+        assert done.returncode == 2 and "Traceback" not in done.stderr, done.stdout + done.stderr
+        assert "the instruments' libraries are not installed" in done.stderr
+        assert "pip install 'softlab[rig]'" in done.stderr
 
 
 def test_the_fakes_need_none_of_them() -> None:
-    done = lab("fakes", "--unit", "torr")
+    (done,) = lab(("fakes", "--unit", "torr"))
     assert done.returncode == 2 and "must be one of Pa, hPa, kPa, MPa, mbar, bar, psi" in done.stderr, done.stderr
     assert tuple(WIRE) == UNITS

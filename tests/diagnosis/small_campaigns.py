@@ -1,0 +1,50 @@
+"""Small campaigns whose tips come from the forward model itself plus noise, and one of them diagnosed for several tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from diagnosis.answer.result import Diagnosis
+from diagnosis.diagnose import Options, diagnose
+from diagnosis.inference.prepare import prepare
+from model.effects import CATALOGUE, EffectSpec
+from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
+
+LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)
+"""Spine lengths of a campaign, m; of one that is answered quickly."""
+RIVALS = ("pressure_offset", "chamber_ballooning", "chamber_azimuth", "body_modulus", "area_moment", "chamber_thrust",
+          "base_tilt", "precurvature", "marker_offset")  # fmt: skip
+"""Effects that compete in tests of what does not depend on how many there are; all of them in `make test LONG=1`."""
+SOME = {effect: CATALOGUE[effect] for effect in RIVALS}
+few_and_all = pytest.mark.parametrize(
+    "catalogue", [SOME, pytest.param(CATALOGUE, marks=pytest.mark.long)], ids=["some effects", "all effects"]
+)
+"""The second asks the same of the whole catalogue, with which `answer` and the tests of the command are diagnosed too."""
+Catalogue = Mapping[str, EffectSpec]
+
+
+def quick(catalogue: Catalogue = SOME) -> Options:
+    """The cause alone."""
+    return Options(quantify=False, experiments=False, catalogue=catalogue)
+
+
+def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **effects: float) -> Measured:
+    """A campaign with effects (parameter name with _ for the dot: value), 0.3 mm of noise."""
+    rng = np.random.default_rng(seed)
+    rows = sweep(repeats, lengths)
+    p = prepare(ROBOT, states(case(rows))[0])
+    theta = np.zeros(len(p.problem.parameters.names))
+    for name, value in effects.items():
+        theta[p.problem.parameters.names.index(name.replace("__", "."))] = value
+    tips = p.tip(p.problem.forward.predict(theta)) + 0.3e-3 * rng.normal(size=(len(rows), 3))
+    return case([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
+
+
+@cache
+def answer() -> Diagnosis:
+    return diagnose(measured(3, 1, chamber_azimuth__angle=np.radians(8)))
