@@ -44,14 +44,14 @@ def _gives(b: Body, law: Callable[[Array], tuple[Array, Array]]) -> None:
 
 
 def give_with_shift(b: Body, x: Array) -> None:
-    """Turns by x (rad/(N m)) and shifts by 3 mm/N x: a plate on soft feet."""
+    """Turns by x (rad/(N m)) and shifts by 8 mm/N x: a plate on soft feet."""
 
     def law(w: Array) -> tuple[Array, Array]:
         c = np.zeros((len(x), 6, 6))
         for i in (3, 4):
             c[:, i, i] = x
         for i in (0, 1):
-            c[:, i, i] = 2e-3 * x / 0.025
+            c[:, i, i] = 8e-3 * x
         return np.einsum("nij,nj->ni", c, w), c
 
     _gives(b, law)

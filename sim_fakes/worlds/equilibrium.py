@@ -187,9 +187,7 @@ def _base(
     """The first frame's rows: its place against what the base gives under the rod's wrench."""
     place, turned = loads.base
     back = transposed(turned)
-    relative = np.concatenate(
-        [apply(back, shape.r[:, 0] - place), rotation_vector(back @ shape.turns[:, 0])], axis=-1
-    )
+    relative = np.concatenate([apply(back, shape.r[:, 0] - place), rotation_vector(back @ shape.turns[:, 0])], axis=-1)
     g[:, 0] = relative
     diag[:, 0] = np.eye(6)
     above[:, 0] = 0.0

@@ -98,10 +98,10 @@ def tether_stiffening(b: Body, x: Array) -> None:
 
 # ------------------------------------------------------------------ contact
 def _obstacle(
-    b: Body, law: Callable[[Array], tuple[Array, Array]], x: Array, weights: Array, normal: Array, back: float = 0.0
+    b: Body, law: Callable[[Array], tuple[Array, Array]], x: Array, weights: Array, normal: Array, further: float = 0.0
 ) -> None:  # fmt: skip
     """Force x law(depth) along `normal` on frames by `weights`; the face is met at the place of the robot."""
-    gap = b.lanes.places.obstacle + back
+    gap = b.lanes.places.obstacle + further
 
     def force(shape: Shape) -> tuple[Array, Array]:
         depth = -gap - shape.r @ normal
@@ -131,7 +131,7 @@ def contact_slanted(b: Body, x: Array) -> None:
     def law(d: Array) -> tuple[Array, Array]:
         return d, np.ones_like(d)
 
-    _obstacle(b, law, x, weights, normal, -0.17)
+    _obstacle(b, law, x, weights, normal, 0.169)
 
 
 def contact_foam(b: Body, x: Array) -> None:

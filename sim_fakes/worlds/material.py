@@ -57,6 +57,8 @@ class Sections:
         self.strain: Array | None = None
         """At the last step; None before the first."""
         self.over = [np.zeros((n, count, 6)) for _ in body.creep]
+        self.speed = np.zeros((n, count))
+        """Of slipping in the last step, 1/(m s); taken for this one's where it matters."""
         self.play = [np.zeros((n, count, 3)) for _ in body.slips]
 
     @property
@@ -97,6 +99,7 @@ class Sections:
                 kept, fresh = _relaxation(dt, tau)
                 self.over[i] = kept * self.over[i] + fresh * change
             for i, slip in enumerate(self.body.slips):
+                self.speed = np.linalg.norm(_slipping(change), axis=-1) / max(dt, 1e-6)
                 self.play[i] = _slid(slip, self.play[i], _slipping(change), dt)[0]
         self.strain = xi.copy()
 
@@ -132,8 +135,7 @@ class Sections:
         if slip.by_pressure:
             level = level * (1 + slip.by_pressure * gas.pressures.max(axis=1) / FULL)[:, None]
         if slip.rate:
-            speed = np.linalg.norm(dy, axis=-1) / max(dt, 1e-6)
-            level = level * (1 + 0.4 * np.exp(-((speed / slip.rate) ** 2)))
+            level = level * (1 + 0.4 * np.exp(-((self.speed / slip.rate) ** 2)))
         sigma[..., 3:5] += level[..., None] * moved[..., :2]
         sigma[..., 2] += level / ARM * moved[..., 2]
         k = level * slope

@@ -41,9 +41,7 @@ class Cause:
 
 def chamber_crosstalk(c: Chambers, x: Array) -> None:
     """Each chamber takes x of the mean of its neighbours and loses as much: leaks between them."""
-    c.pressures.append(
-        lambda p: p + x[:, None] * (0.5 * np.roll(p, 1, axis=1) + 0.5 * np.roll(p, -1, axis=1) - p)
-    )
+    c.pressures.append(lambda p: p + x[:, None] * (0.5 * np.roll(p, 1, axis=1) + 0.5 * np.roll(p, -1, axis=1) - p))
 
 
 def weak_chamber(c: Chambers, x: Array) -> None:

@@ -36,9 +36,7 @@ class Path:
     def read(self) -> Path:
         """Only what was read."""
         k = self.reads
-        return Path(
-            self.times[k], np.arange(len(k)), self.tip[k], self.turns[k], self.markers[k], self.pressures[k]
-        )
+        return Path(self.times[k], np.arange(len(k)), self.tip[k], self.turns[k], self.markers[k], self.pressures[k])
 
 
 @dataclass

@@ -48,14 +48,14 @@ def _fibres(law: Callable[[Array], tuple[Array, Array]]) -> Form:
 
 
 def _mooney_rivlin(e: Array) -> tuple[Array, Array]:
-    stretch, share = np.maximum(1 + e, 0.3), 0.6
+    stretch, share = np.maximum(1 + e, 0.3), 0.9
     stress = ((1 - share) + share / stretch) * (stretch - stretch**-2) / 3
     slope = ((1 - share) + share / stretch) * (1 + 2 * stretch**-3) / 3
     return stress, slope - share / stretch**2 * (stretch - stretch**-2) / 3
 
 
 def _gent(e: Array) -> tuple[Array, Array]:
-    stretch, limit = np.maximum(1 + e, 0.3), 0.25
+    stretch, limit = np.maximum(1 + e, 0.3), 0.12
     invariant = stretch**2 + 2 / stretch - 3
     lock = 1 / np.maximum(1 - invariant / limit, 0.2)
     pull, slope = (stretch - stretch**-2) / 3, (1 + 2 * stretch**-3) / 3
@@ -71,12 +71,12 @@ def _payne(e: Array) -> tuple[Array, Array]:
 
 def _exponential(e: Array) -> tuple[Array, Array]:
     # Fung's, softer in tension than in compression
-    b = -2.2
+    b = -3.5
     return np.expm1(b * e) / b, np.exp(b * e)
 
 
 mooney_rivlin, gent, payne, fung = _fibres(_mooney_rivlin), _fibres(_gent), _fibres(_payne), _fibres(_exponential)
-"""Share x of the section's fibres obeys Mooney and Rivlin's (C2 = 1.5 C1), Gent's (J = 0.25), Payne's, or Fung's law."""
+"""Share x of the section's fibres obeys Mooney and Rivlin's (C2 = 9 C1), Gent's (J = 0.12), Payne's, or Fung's law."""
 
 
 # ------------------------------------------------------------------ viscoelastic

@@ -14,7 +14,6 @@ from .robot import SPINE_AREA, SPINE_SECOND
 Array = NDArray[np.float64]
 
 
-
 def _grown(b: Body, more: Array, modulus_by_true: bool) -> None:
     b.true_length = np.where(b.lanes.spine > 0, np.maximum(b.true_length + more, 2e-3), b.true_length)
     if modulus_by_true:
@@ -174,5 +173,3 @@ def slip_prandtl(b: Body, x: Array) -> None:
 def slip_lugre(b: Body, x: Array) -> None:
     """Dahl's element, yield 0.3 /m, 40 % stronger at rest than sliding (Stribeck at 0.02 /(m s))."""
     _friction(b, x, 0.3, "dahl", 0.85, rate=0.02)
-
-

@@ -121,9 +121,7 @@ class _Track:
         for k, part in zip(self._at, self._part, strict=True):
             p, _ = screw(xi[lane, k] * (part * self._h[lane, k])[:, None])
             markers.append(shape.r[lane, k] + apply(shape.turns[lane, k], p))
-        self._rows.append(
-            (self._time, read, shape.r[:, -1], shape.turns[:, -1], np.stack(markers, axis=1), pressures)
-        )
+        self._rows.append((self._time, read, shape.r[:, -1], shape.turns[:, -1], np.stack(markers, axis=1), pressures))
 
     def path(self) -> Path:
         times = np.array([row[0] for row in self._rows])
