@@ -33,19 +33,19 @@ def warming_offset(c: Chambers, x: Array) -> None:
 
 
 # ------------------------------------------------------------------ pressure_deadband
-def hard_band(c: Chambers, x: Array) -> None:
-    """max(P - x, 0)."""
-    c.pressures.append(lambda p: np.maximum(p - x[:, None], 0.0))
-
-
-def saturating_band(c: Chambers, x: Array) -> None:
-    """P - x (1 - exp(-P / x)): the slack of a wrinkled chamber is taken up little by little."""
+def seating_band(c: Chambers, x: Array) -> None:
+    """P - x tanh(P / 2x) (1 - 0.4 p): what is lost at first comes back as the chamber seats itself."""
 
     def law(p: Array) -> Array:
         width = np.maximum(x[:, None], 1e-3)
-        return np.where(x[:, None] > 0, p + width * np.expm1(-p / width), p)
+        return p - x[:, None] * np.tanh(np.maximum(p, 0.0) / (2 * width)) * (1 - 0.4 * p / FULL)
 
     c.pressures.append(law)
+
+
+def slow_band(c: Chambers, x: Array) -> None:
+    """P - x (1 - exp(-P / 70 kPa)): the slack of a wrinkled chamber is taken up little by little."""
+    c.pressures.append(lambda p: p + x[:, None] * np.expm1(-np.maximum(p, 0.0) / 70e3))
 
 
 def rational_band(c: Chambers, x: Array) -> None:
@@ -120,9 +120,9 @@ def twist_early(c: Chambers, x: Array) -> None:
 
 
 # ------------------------------------------------------------------ chamber_thrust
-def walls_evenly(c: Chambers, x: Array) -> None:
-    """The walls balance the share x of the thrust in every section."""
-    c.on_walls += np.clip(x, 0, 1)[:, None]
+def walls_to_the_tip(c: Chambers, x: Array) -> None:
+    """Share x (0.8 + 0.2 a): fittings at the base keep the walls from moving there."""
+    c.on_walls += np.clip(x, 0, 1)[:, None] * (0.8 + 0.2 * c.body.along())
 
 
 def walls_but_the_cap(c: Chambers, x: Array) -> None:

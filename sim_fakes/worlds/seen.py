@@ -170,11 +170,13 @@ def one_pin_hidden(s: Seeing, x: Array) -> None:
 
 
 def cap_off_centre(s: Seeing, x: Array) -> None:
-    """0.8 x aside and 0.6 x along the tip's axis: the cap sits askew and too far out."""
+    """0.8 x aside and 0.6 x along the tip's axis, and sagging by 0.4 x where it is tilted: a cap on foam."""
     offset = _aside(s, x, 0.75)
 
     def law(path: Path) -> Path:
-        return replace(path, tip=path.tip + apply(path.turns, offset))
+        tip = path.tip + apply(path.turns, offset)
+        tip[..., 2] += 0.4 * np.abs(x) * np.sqrt(np.maximum(1 - path.turns[..., 2, 2] ** 2, 0.0))
+        return replace(path, tip=tip)
 
     s.views.append(law)
 

@@ -18,9 +18,9 @@ Form = Callable[[Body, Array], None]
 
 
 # ------------------------------------------------------------------ body_modulus
-def modulus_not_shear(b: Body, x: Array) -> None:
-    """E (1 + x), G as it was: another Poisson's ratio."""
-    b.silicone_axial *= 1 + x[:, None]
+def modulus_of_layers(b: Body, x: Array) -> None:
+    """E (1 + x) in bending, (1 + 0.4 x) in stretch, G as it was: layers that were cast one after another."""
+    b.silicone_axial *= 1 + 0.4 * x[:, None]
     b.silicone_bending *= 1 + x[:, None]
 
 

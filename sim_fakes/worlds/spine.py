@@ -48,9 +48,9 @@ def _weaken(b: Body, share: Array, exponent: float) -> None:
     b.spine_g *= factor
 
 
-def leak_all(b: Body, x: Array) -> None:
-    """Share x lost everywhere, stiffness as (1 - x)^0.75."""
-    _weaken(b, np.clip(x, 0, 0.95)[:, None], 0.75)
+def leak_seams(b: Body, x: Array) -> None:
+    """Share 1.2 x (1 - exp(-l / 0.08 m)) lost, stiffness as what is left to the 0.75: seams leak until the pump keeps up."""
+    _weaken(b, np.clip(1.2 * x * (1 - np.exp(-b.true_length / 0.08)), 0, 0.95)[:, None], 0.75)
 
 
 def leak_along(b: Body, x: Array) -> None:
@@ -66,8 +66,9 @@ def leak_by_length(b: Body, x: Array) -> None:
 
 
 def leak_to_the_threshold(b: Body, x: Array) -> None:
-    """Stiffness as ((1 - x) - 0.2) / 0.8, rounded near 0.2: the granules let go at a fifth of the vacuum."""
-    left = np.logaddexp(0.0, 20 * (1 - np.clip(x, 0, 0.95) - 0.2)) / 20
+    """Stiffness as (v - 0.2) / 0.8, rounded near 0.2, v = 1 - x (0.5 + l / 0.3 m): granules let go at a fifth of the vacuum."""
+    lost = np.clip(x * (0.5 + b.true_length / 0.3), 0, 0.95)
+    left = np.logaddexp(0.0, 20 * (1 - lost - 0.2)) / 20
     factor = (left / (np.logaddexp(0.0, 16.0) / 20))[:, None]
     b.spine_e *= factor
     b.spine_g *= factor

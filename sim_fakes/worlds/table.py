@@ -52,12 +52,12 @@ WORLDS = {
     w.name: w
     for w in (
         World("bench", _forms(
-            "dahl compliance soft all same_modulus not_shear mooney_rivlin power_law half_sine "
-            "saturating hard regulator uneven late evenly "
+            "dahl compliance soft seams same_modulus layers mooney_rivlin power_law half_sine "
+            "saturating seating regulator uneven late to_the_tip "
             "spine point hertz lever with_shift floor off_centre late")),
         World("workshop", _forms(
             "bouc_wen bending lag along encoder skin gent stretched helix "
-            "threshold saturating falling off_centre middle but_the_cap "
+            "threshold slow falling off_centre middle but_the_cap "
             "fittings spread slanted corner hinge ceiling hidden_pin frames"),
             tolerance=1.5, heavy=True, drift=0.01, spread=1.3, remount=0.05, camera=0.3),
         World("cellar", _forms(
@@ -66,14 +66,14 @@ WORLDS = {
             "to_the_tip stiffening foam below play stretched cap filter"),
             tolerance=1.0, clutter=0.10, drift=0.025, camera=0.2, correlated=0.5),
         World("attic", _forms(
-            "lugre geometric soft threshold wrinkles not_shear fung slow helix "
-            "threshold play regulator cap late evenly "
+            "lugre geometric soft threshold wrinkles layers fung slow helix "
+            "threshold play regulator cap late to_the_tip "
             "hose point foam lever hinge stretched off_centre frames"),
             tolerance=2.0, heavy=True, clutter=0.20, drift=0.015, spread=1.5, remount=0.1, remounts=True, camera=0.3,
             correlated=0.3),
         World("shared", _forms(
             "dahl loose lag threshold encoder mix gent logarithmic half_sine "
-            "tube saturating warming uneven middle from_the_base "
+            "tube slow warming uneven middle from_the_base "
             "fittings stiffening hertz corner play ceiling cap late"),
             tolerance=1.0, clutter=0.12, thrust=0.5, drift=0.005, camera=0.15),
         World("field", _forms(
@@ -84,7 +84,7 @@ WORLDS = {
             correlated=0.5),
         World("quiet", _forms(
             "prandtl bending soft by_length wrinkles mix fung stretched half_sine "
-            "threshold play regulator uneven late evenly "
+            "threshold play regulator uneven late to_the_tip "
             "hose point hertz below hinge floor hidden_pin frames"),
             clutter=0.05, spread=0.5, camera=0.1),
     )

@@ -14,7 +14,7 @@ from .equilibrium import Loads, Shape, settle, straight
 from .forms import Physics
 from .frames import apply, screw
 from .gas import chambers
-from .material import Gas, Sections
+from .material import Sections
 from .robot import MARKERS, Lanes
 from .seen import Path, seeing
 

@@ -29,6 +29,8 @@ from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, draw, draw_r
 
 PREPARING = 40.0
 """s between trials: vent, grow, jam."""
+LATER = 1e6
+"""s: experiments of the menu are done when the campaign of the base sweep is over."""
 LARGEST_BLEND = 1.0
 SMALLEST_PAIR, LARGEST_PAIR = 0.25, 2.0
 """Plausible scales between which a pair's partners are made comparable."""
@@ -120,11 +122,9 @@ def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]
     readings = read(robot, walked, response, rng)
     tables = {base.name: table_of(base, readings)}
     for sweep in MENU if order.menu else ():
-        walked_too = walk_of(sweep, robot_mounted=False)
-        own = replace(robot, drift=robot.drift)
-        tables[sweep.name] = table_of(
-            sweep, read(own, walked_too, respond(own, walked_too, tuple(courses(own, walked_too))), rng)
-        )
+        later = walk_of(sweep, late=LATER)
+        changing = respond(robot, later, tuple(courses(robot, later)))
+        tables[sweep.name] = table_of(sweep, read(robot, later, changing, rng))
     closest = None
     if outside is not None:
         effect, left = nearest(robot, walked, response, outside, [e for e in EFFECTS if e != THRUST])
@@ -169,8 +169,8 @@ def _scatter(walked: Walked, readings: Readings) -> float:
     return float(np.sqrt(total / max(freedom, 1)) * 1e3)
 
 
-def walk_of(sweep: Sweep, *, robot_mounted: bool = True) -> Walked:
-    """The sweep as trials and legs; one that is done later than the base sweep stands at the end of the campaign."""
+def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
+    """The sweep as trials and legs, begun `late` seconds into the campaign."""
     states = list(sweep.states())
     first = [s for s in states if s.trial == 1]
     legs: list[Leg] = []
@@ -185,7 +185,6 @@ def walk_of(sweep: Sweep, *, robot_mounted: bool = True) -> Walked:
     ramps = sum(leg.hold for leg in legs) + 2 * sweep.pressures[-1] / sweep.rate
     period = PREPARING + ramps
     count = max(s.trial for s in states)
-    late = 0.0 if robot_mounted else 1e6
     trials = tuple(
         Trial(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1
     )

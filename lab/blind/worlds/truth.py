@@ -144,7 +144,7 @@ def draw_robot(
     if KINDS[stratum] == "pair":
         names.append(str(rng.choice([e for e in _names(recipe) if e not in names])))
     drawn = {e: _size(rng, recipe, where, e, known) for e in names}
-    sizes: dict[str, float] = {e: 0.0 for e in EFFECTS}
+    sizes: dict[str, float] = dict.fromkeys(EFFECTS, 0.0)
     if stratum.startswith("cluttered"):
         level = where.clutter if recipe.clutter is None else recipe.clutter
         for e in EFFECTS:
