@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline
 
 from .frames import apply, transposed, turn
 from .robot import LENGTH, Lanes
@@ -80,12 +80,17 @@ def _at(path: Path, when: Array) -> Path:
     """The path's readings taken at times (R, n) instead."""
     tip, turns, markers = path.tip.copy(), path.turns.copy(), path.markers.copy()
     flat = np.concatenate([a.reshape(len(path.times), -1) for a in (tip, turns, markers)], axis=1)
-    curve = PchipInterpolator(path.times, flat, axis=0)
+    top = int(np.argmax(path.pressures.max(axis=1)))
+    curves = [(0, top), (top, len(path.times) - 1)]
+    splines = [CubicSpline(path.times[a : b + 1], flat[a : b + 1], axis=0) if b > a else None for a, b in curves]
     n = tip.shape[1]
     for k, read in enumerate(path.reads):
         wanted = np.clip(when[k], path.times[0], path.times[-1])
         for t in np.unique(wanted[wanted != path.times[read]]):
-            row = curve(t)
+            spline = splines[0] if t <= path.times[top] or splines[1] is None else splines[1]
+            if spline is None:
+                continue
+            row = spline(t)
             chosen = wanted == t
             cut = np.split(row, [3 * n, 12 * n])
             tip[read, chosen] = cut[0].reshape(n, 3)[chosen]

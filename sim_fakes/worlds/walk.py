@@ -20,8 +20,8 @@ from .seen import Path, seeing
 
 Array = NDArray[np.float64]
 
-COARSE, FINE = 50e3, 25e3
-"""Pa of a step without and with memory."""
+STEP = 50e3
+"""Pa, the largest; what remembers does so exactly while strains change evenly within it."""
 HOLD_EDGES = (0.1, 0.35, 1.0)
 LONG = 1e6
 
@@ -68,7 +68,7 @@ def walk(lanes: Lanes, physics: Physics, legs: Sequence[Leg], segments: int = SE
     for leg in legs:
         target = np.asarray(leg.pressures, float)
         change = float(np.abs(target - pressure).max())
-        start, count = pressure, max(1, math.ceil(change / (FINE if fine else COARSE) - 1e-9)) if change else 0
+        start, count = pressure, max(1, math.ceil(change / STEP - 1e-9)) if change else 0
         for i in range(1, count + 1):
             last = i == count and not leg.hold
             step(start + (target - start) * i / count, change / leg.rate / count, leg.read and last)
