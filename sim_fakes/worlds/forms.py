@@ -68,7 +68,7 @@ FORMS: dict[str, dict[str, tuple[Change, float]]] = {
     "spine_slip": {"dahl": (spine.slip_dahl, 0.099), "bouc_wen": (spine.slip_bouc_wen, 0.11),
                    "prandtl": (spine.slip_prandtl, 0.11), "lugre": (spine.slip_lugre, 0.12)},
     "area_moment": {"compliance": (spine.composite_compliance, 1.0), "bending": (spine.composite_in_bending, 1.0),
-                    "loose": (spine.composite_loose, 1.0), "geometric": (spine.composite_geometric, 1.0)},
+                    "loose": (spine.composite_loose, 1.0), "from_the_base": (spine.composite_from_the_base, 1.0)},
     "spine_shear": {"soft": (spine.shear_soft, 1.0), "lag": (spine.shear_lag, 1.0),
                     "by_length": (spine.shear_by_length, 1.0)},
     "vacuum_leak": {"seams": (spine.leak_seams, 0.2), "along": (spine.leak_along, 0.41),

@@ -43,7 +43,7 @@ def weight_to_the_tip(b: Body, x: Array) -> None:
 def _hat(b: Body, place: float) -> Array:
     """(n, N + 1) shares that put a point at this part of the body onto its two nearest frames."""
     nodes = b.nodes()
-    at = place * b.lanes.length[:, None]
+    at = np.minimum(place * b.lanes.length[:, None], nodes[:, -1:])
     right = np.clip((at - nodes[:, :-1]) / b.h, 0, 1)
     inside = (nodes[:, :-1] < at) & (at <= nodes[:, 1:])
     out = np.zeros_like(nodes)

@@ -69,12 +69,12 @@ def body_taper(b: Body, x: Array) -> None:
 
 
 def base_slips_at_the_top(s: Seeing, x: Array) -> None:
-    """The clamp gives by x (rad) once the pressure has passed 220 kPa, until the next trial."""
+    """The clamp gives by x (rad) once the pressure has passed 190 kPa, until the next trial."""
     a = s.lanes.places.other
     rotation = turn(x[:, None] * np.array([-np.sin(a), np.cos(a), 0.0]))
 
     def law(path: Path) -> Path:
-        passed = np.maximum.accumulate(path.pressures.max(axis=1)) > 220e3
+        passed = np.maximum.accumulate(path.pressures.max(axis=1)) > 190e3
         tip, turns, markers = path.tip.copy(), path.turns.copy(), path.markers.copy()
         tip[passed] = apply(rotation, tip[passed])
         turns[passed] = rotation @ turns[passed]

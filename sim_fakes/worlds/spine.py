@@ -139,14 +139,13 @@ def composite_loose(b: Body, x: Array) -> None:
     b.stiff_spine += blend * (spine - b.stiff_spine)
 
 
-def composite_geometric(b: Body, x: Array) -> None:
-    """Mix^(1 - x) composite^x."""
+def composite_from_the_base(b: Body, x: Array) -> None:
+    """Composite over the first x of the spine, the mix beyond, 20 mm in between: it is bonded as far as it was pressed."""
+    reach = x[:, None] * b.true_length[:, None]
+    blend = (1 / (1 + np.exp(np.clip((b.s - reach) / 0.008, -50, 50))) * (x > 0)[:, None])[..., None]
     silicone, spine = composite(b)
-    blend = np.clip(x, 0, 1)[:, None, None]
-    mixed, made = b.stiff_silicone + b.stiff_spine, silicone + spine
-    total = mixed ** (1 - blend) * made**blend
-    share = (1 - blend) * b.stiff_silicone / mixed + blend * silicone / made
-    b.stiff_silicone, b.stiff_spine = total * share, total * (1 - share)
+    b.stiff_silicone += blend * (silicone - b.stiff_silicone)
+    b.stiff_spine += blend * (spine - b.stiff_spine)
 
 
 # ------------------------------------------------------------------ spine_slip

@@ -66,7 +66,7 @@ WORLDS = {
             "to_the_tip stiffening foam below play stretched cap filter"),
             tolerance=1.0, clutter=0.10, drift=0.025, camera=0.2, correlated=0.5),
         World("attic", _forms(
-            "lugre geometric soft threshold wrinkles layers fung slow helix "
+            "lugre from_the_base soft threshold wrinkles layers fung slow helix "
             "threshold play regulator cap late to_the_tip "
             "hose point foam lever hinge stretched off_centre frames"),
             tolerance=2.0, heavy=True, clutter=0.20, drift=0.015, spread=1.5, remount=0.1, remounts=True, camera=0.3,
@@ -77,7 +77,7 @@ WORLDS = {
             "fittings stiffening hertz corner play ceiling cap late"),
             tolerance=1.0, clutter=0.12, thrust=0.5, drift=0.005, camera=0.15),
         World("field", _forms(
-            "bouc_wen geometric by_length along slack skin payne power_law at_the_base "
+            "bouc_wen from_the_base by_length along slack skin payne power_law at_the_base "
             "saturating rational falling off_centre early but_the_cap "
             "to_the_tip spread slanted below with_shift floor hidden_pin filter"),
             tolerance=3.0, heavy=True, clutter=0.15, drift=0.025, spread=2.0, remount=0.1, remounts=True, camera=0.3,
