@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 
 # ------------------------------------------------------------------ pressure_offset
 def regulator_leak(c: Chambers, x: Array) -> None:
-    """P + x where the regulator is open: a chamber that is vented holds nothing."""
-    c.pressures.append(lambda p: p + x[:, None] * np.tanh(np.maximum(p, 0.0) / 10e3))
+    """P + x tanh(P / 80 kPa): a regulator that is open leaks through, a chamber that is vented holds nothing."""
+    c.pressures.append(lambda p: p + x[:, None] * np.tanh(np.maximum(p, 0.0) / 80e3))
 
 
 def falling_offset(c: Chambers, x: Array) -> None:

@@ -87,7 +87,7 @@ FORMS: dict[str, dict[str, tuple[Change, float]]] = {
                            "threshold": (actuation.balloon_threshold, 0.17), "tube": (actuation.balloon_tube, 0.17)},
     "pressure_deadband": {"seating": (actuation.seating_band, 14000), "slow": (actuation.slow_band, 11000),
                           "rational": (actuation.rational_band, 11000), "play": (actuation.play_band, 17000)},
-    "pressure_offset": {"regulator": (actuation.regulator_leak, 5100), "falling": (actuation.falling_offset, 6400),
+    "pressure_offset": {"regulator": (actuation.regulator_leak, 5800), "falling": (actuation.falling_offset, 6400),
                         "warming": (actuation.warming_offset, 4300)},
     "chamber_azimuth": {"uneven": (actuation.uneven_azimuth, 0.079),
                         "off_centre": (actuation.turned_off_centre, 0.079),
