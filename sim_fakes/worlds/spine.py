@@ -21,9 +21,9 @@ def _grown(b: Body, more: Array, modulus_by_true: bool) -> None:
 
 
 # ------------------------------------------------------------------ spine_length_offset
-def offset_same_modulus(b: Body, x: Array) -> None:
-    """l + x; the modulus is that of the length read, as it was measured at that reading."""
-    _grown(b, x, False)
+def eccentric_reel(b: Body, x: Array) -> None:
+    """l + x (1 + 0.6 cos(2 pi l / 0.14 m)): the reel runs out of true; modulus of the length read."""
+    _grown(b, x * (1 + 0.6 * np.cos(2 * np.pi * b.lanes.spine / 0.14)), False)
 
 
 def encoder_scale(b: Body, x: Array) -> None:
@@ -122,12 +122,13 @@ def composite_compliance(b: Body, x: Array) -> None:
     b.stiff_silicone, b.stiff_spine = total * share, total * (1 - share)
 
 
-def composite_in_bending(b: Body, x: Array) -> None:
-    """Bending and torsion by area moments, stretch and shear by the mix."""
+def composite_sliding(b: Body, x: Array) -> None:
+    """Bending by area moments, but the spine slides in its channel: of stretch it takes a quarter of its share."""
     silicone, spine = composite(b)
-    blend = np.clip(x, 0, 1)[:, None]
-    for own, whole in ((b.stiff_silicone, silicone), (b.stiff_spine, spine)):
-        own[..., 3:] += blend[..., None] * (whole - own)[..., 3:]
+    spine[..., 2] *= 0.25
+    blend = np.clip(x, 0, 1)[:, None, None]
+    b.stiff_silicone += blend * (silicone - b.stiff_silicone)
+    b.stiff_spine += blend * (spine - b.stiff_spine)
 
 
 def composite_loose(b: Body, x: Array) -> None:

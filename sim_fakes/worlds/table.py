@@ -52,11 +52,11 @@ WORLDS = {
     w.name: w
     for w in (
         World("bench", _forms(
-            "dahl compliance soft seams same_modulus layers mooney_rivlin power_law half_sine "
+            "dahl compliance soft seams reel layers mooney_rivlin power_law half_sine "
             "saturating seating regulator uneven late to_the_tip "
             "spine point hertz lever with_shift floor off_centre late")),
         World("workshop", _forms(
-            "bouc_wen bending lag along encoder skin gent stretched helix "
+            "bouc_wen sliding lag along encoder skin gent stretched helix "
             "threshold slow falling off_centre middle but_the_cap "
             "fittings spread slanted corner hinge ceiling hidden_pin frames"),
             tolerance=1.5, heavy=True, drift=0.01, spread=1.3, remount=0.05, camera=0.3),
@@ -83,7 +83,7 @@ WORLDS = {
             tolerance=3.0, heavy=True, clutter=0.15, drift=0.025, spread=2.0, remount=0.1, remounts=True, camera=0.3,
             correlated=0.5),
         World("quiet", _forms(
-            "prandtl bending soft by_length wrinkles mix fung stretched half_sine "
+            "prandtl sliding soft by_length wrinkles mix fung stretched half_sine "
             "threshold play regulator uneven late to_the_tip "
             "hose point hertz below hinge floor hidden_pin frames"),
             clutter=0.05, spread=0.5, camera=0.1),

@@ -65,9 +65,12 @@ class WorldTruth:
     def as_dict(self) -> dict[str, Any]:
         """For the sealed file."""
         robot = self.robot
+        kind = KINDS[self.stratum]
+        if kind == "none" and self.effects:
+            kind = "single"  # walls that balance the thrust are a cause, in a world that has no other robots
         clutter = {e: s for e, s in robot.sizes.items() if e not in self.effects}
         return {
-            "case": self.case, "kind": KINDS[self.stratum], "stratum": self.stratum, "effects": dict(self.effects),
+            "case": self.case, "kind": kind, "stratum": self.stratum, "effects": dict(self.effects),
             "clutter": clutter, "world": robot.world.name, "forms": dict(robot.world.forms), "route": "direct",
             "area_factor": robot.area_factor, "length": robot.length, "offset": robot.offset, "drift": robot.drift,
             "places": asdict(robot.places), "floor_mm": round(self.floor_mm, 3),
