@@ -44,24 +44,24 @@ def _gives(b: Body, law: Callable[[Array], tuple[Array, Array]]) -> None:
 
 
 def give_with_shift(b: Body, x: Array) -> None:
-    """Turns by x (rad/(N m)) and shifts by 8 mm/N x: a plate on soft feet."""
+    """Turns by x (rad/(N m)) and shifts by 3 mm/N x: a plate on soft feet."""
 
     def law(w: Array) -> tuple[Array, Array]:
         c = np.zeros((len(x), 6, 6))
         for i in (3, 4):
             c[:, i, i] = x
         for i in (0, 1):
-            c[:, i, i] = 8e-3 * x
+            c[:, i, i] = 3e-3 * x
         return np.einsum("nij,nj->ni", c, w), c
 
     _gives(b, law)
 
 
 def give_hinge(b: Body, x: Array) -> None:
-    """Turns by 1.4 x about one horizontal axis, by 0.4 x about the other."""
+    """Turns by 1.2 x about one horizontal axis, by 0.7 x about the other."""
     a = b.lanes.places.other
     axis = np.array([np.cos(a), np.sin(a)])
-    shape = 1.4 * np.outer(axis, axis) + 0.4 * (np.eye(2) - np.outer(axis, axis))
+    shape = 1.2 * np.outer(axis, axis) + 0.7 * (np.eye(2) - np.outer(axis, axis))
 
     def law(w: Array) -> tuple[Array, Array]:
         c = np.zeros((len(x), 6, 6))

@@ -175,12 +175,12 @@ def one_pin_hidden(s: Seeing, x: Array) -> None:
 
 
 def cap_off_centre(s: Seeing, x: Array) -> None:
-    """0.8 x aside and 0.6 x along the tip's axis, and sagging by 0.4 x where it is tilted: a cap on foam."""
+    """0.8 x aside and 0.6 x along the tip's axis, and sagging by 0.2 x where it is tilted: a cap on foam."""
     offset = _aside(s, x, 0.75)
 
     def law(path: Path) -> Path:
         tip = path.tip + apply(path.turns, offset)
-        tip[..., 2] += 0.4 * np.abs(x) * np.sqrt(np.maximum(1 - path.turns[..., 2, 2] ** 2, 0.0))
+        tip[..., 2] += 0.2 * np.abs(x) * np.sqrt(np.maximum(1 - path.turns[..., 2, 2] ** 2, 0.0))
         return replace(path, tip=tip)
 
     s.views.append(law)
@@ -203,14 +203,14 @@ def _turned(s: Seeing, x: Array, centre: float, growth: float = 0.0) -> None:
     s.views.append(law)
 
 
-def turned_about_the_floor(s: Seeing, x: Array) -> None:
-    """Turned by x about a point on the floor, 0.15 m below the tip."""
-    _turned(s, x, 0.55)
+def turned_about_the_middle(s: Seeing, x: Array) -> None:
+    """Turned by x about the middle of the measured space, 0.12 m below the base."""
+    _turned(s, x, 0.12)
 
 
 def turned_about_the_ceiling(s: Seeing, x: Array) -> None:
-    """Turned by x about a camera bar 0.12 m above the base."""
-    _turned(s, x, -0.12)
+    """Turned by x about a camera bar 60 mm above the base."""
+    _turned(s, x, -0.06)
 
 
 def turned_and_stretched(s: Seeing, x: Array) -> None:

@@ -92,9 +92,9 @@ def shear_soft(b: Body, x: Array) -> None:
 
 
 def shear_lag(b: Body, x: Array) -> None:
-    """E0 (1 - cosh(k (s - l/2)) / cosh(k l / 2)), k = 14 /m: stress enters through the sleeve and takes a way to build up."""
-    k, length = 14.0, np.maximum(b.true_length, 1e-3)[:, None]
-    e = 6.6e6 * (1 - np.cosh(k * (np.clip(b.s, 0, length) - length / 2)) / np.cosh(k * length / 2))
+    """E0 (1 - cosh(k (s - l/2)) / cosh(k l / 2)), k = 40 /m, E0 5.8 MPa: stress enters through the sleeve on some way."""
+    k, length = 40.0, np.maximum(b.true_length, 1e-3)[:, None]
+    e = 5.8e6 * (1 - np.cosh(k * (np.clip(b.s, 0, length) - length / 2)) / np.cosh(k * length / 2))
     _toward(b, x, np.maximum(e, 2e4), np.full_like(e, 95e3), False)
 
 

@@ -54,7 +54,7 @@ WORLDS = {
         World("bench", _forms(
             "dahl compliance soft seams reel layers mooney_rivlin power_law half_sine "
             "saturating seating regulator uneven late to_the_tip "
-            "spine point hertz lever with_shift floor off_centre late")),
+            "spine point hertz lever with_shift middle off_centre late")),
         World("workshop", _forms(
             "bouc_wen sliding lag along encoder skin gent stretched helix "
             "threshold slow falling off_centre middle but_the_cap "
@@ -79,13 +79,13 @@ WORLDS = {
         World("field", _forms(
             "bouc_wen from_the_base by_length along slack skin payne power_law at_the_base "
             "saturating rational falling off_centre early but_the_cap "
-            "to_the_tip spread slanted below with_shift floor hidden_pin filter"),
+            "to_the_tip spread slanted below with_shift middle hidden_pin filter"),
             tolerance=3.0, heavy=True, clutter=0.15, drift=0.025, spread=2.0, remount=0.1, remounts=True, camera=0.3,
             correlated=0.5),
         World("quiet", _forms(
             "prandtl sliding soft by_length wrinkles mix fung stretched half_sine "
             "threshold play regulator uneven late to_the_tip "
-            "hose point hertz below hinge floor hidden_pin frames"),
+            "hose point hertz below hinge middle hidden_pin frames"),
             clutter=0.05, spread=0.5, camera=0.1),
     )
 }  # fmt: skip
