@@ -25,6 +25,7 @@ from lab.files.config import ConfigError
 from recordings.table_file import read_csv
 from sim_fakes.worlds.forms import EFFECTS
 from sim_fakes.worlds.outside_held_out import HELD_OUT
+from sim_fakes.worlds.table import WORLDS
 
 QUIET = Crew(quiet=True)
 
@@ -38,6 +39,13 @@ def small_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 # ------------------------------------------------------------------ truth
+def test_the_help_names_every_world(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["blind", "make", "--help"])
+    told = capsys.readouterr().out
+    assert all(name in told for name in WORLDS)
+
+
 def test_every_stratum_can_be_asked_for_and_a_mixture_holds_them_all() -> None:
     assert drawing.STRATA == STRATA
     assert {s for s, _ in draw(WorldRecipe("bench", 60, 1))} == set(STRATA)
