@@ -41,6 +41,8 @@ class Answer:
     seconds: float = math.nan
     asked: tuple[str, ...] = ()
     error: str = ""
+    budget: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """mm (low, high) that an effect is said to carry, by effect."""
 
     @property
     def best(self) -> Effects:
@@ -93,6 +95,8 @@ def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, aske
         tuple(frozenset(x) - {"none"} for x in attribute.get("credible_set") or ()),
         none, unknown, _sizes(attribute, effects), _number(shrink.get("share_closed")),
         _number(shrink.get("before_mm")), _number(shrink.get("after_mm")), seconds, asked,
+        budget={str(x["effect"]): (_number(x.get("low95_mm")), _number(x.get("high95_mm")))
+                for x in d.get("budget") or () if isinstance(x, Mapping) and "effect" in x},
     )  # fmt: skip
 
 

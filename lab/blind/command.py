@@ -8,7 +8,7 @@ import json
 from ..console import out
 from ..files.config import ConfigError
 from .make import make
-from .options import KINDS
+from .options import KINDS, OWN_WORLD, WIRED
 from .run import run
 from .score import score, write
 from .sheet import draw, sheet, write_section
@@ -27,13 +27,35 @@ def _crew(a: argparse.Namespace) -> Crew:
 
 def _make(a: argparse.Namespace) -> int:
     low, high = a.sizes
-    if not 0 < low <= high <= 5 or not 0 <= a.clutter <= 1:
-        raise ConfigError(f"--sizes {low:g} {high:g} must rise within 0..5, --clutter {a.clutter:g} lie within 0..1")
-    if a.n < 1 or a.wire < 0:
-        raise ConfigError(f"--n {a.n} must be 1 or more, --wire {a.wire} not below 0")
-    recipe = Recipe(a.n, a.seed, a.clutter, (low, high), a.settled, min(a.wire, a.n), tuple(a.only or KINDS))
+    clutter, wire = a.clutter or 0.0, WIRED if a.wire is None else a.wire
+    if not 0 < low <= high <= 5 or not 0 <= clutter <= 1:
+        raise ConfigError(f"--sizes {low:g} {high:g} must rise within 0..5, --clutter {clutter:g} lie within 0..1")
+    if a.n < 1 or wire < 0:
+        raise ConfigError(f"--n {a.n} must be 1 or more, --wire {wire} not below 0")
+    if a.world != OWN_WORLD:
+        return _make_world(a)
+    if a.kind or a.held_out:
+        raise ConfigError(
+            f"--kind and --held-out are for other worlds: give --world, or use --only {' | '.join(KINDS)}"
+        )
+    recipe = Recipe(a.n, a.seed, clutter, (low, high), a.settled, min(wire, a.n), tuple(a.only or KINDS))
     digest = make(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, crew=_crew(a))
     out.print(f"{a.n} cases in {a.out}; sha256 of the sealed truth {digest}")
+    return 0
+
+
+def _make_world(a: argparse.Namespace) -> int:
+    from .worlds.make import make as make_world
+    from .worlds.truth import WorldRecipe
+
+    if a.wire or a.only:
+        raise ConfigError(
+            "--wire and --only are for the virtual robot: with --world leave them out, and ask with --kind"
+        )
+    low, high = a.sizes
+    recipe = WorldRecipe(a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.settled, a.held_out)
+    digest = make_world(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, crew=_crew(a))
+    out.print(f"{a.n} cases of world {a.world} in {a.out}; sha256 of the sealed truth {digest}")
     return 0
 
 

@@ -32,6 +32,8 @@ class Scored:
     truth: Effects
     sizes: dict[str, float]
     answer: Answer
+    comparable: bool = True
+    """Sizes mean what the model means by them; those of another world do not, there mm are compared."""
 
     @property
     def right(self) -> bool:
@@ -69,7 +71,7 @@ class Scored:
 def scored(truth: dict[str, Any], answer: Answer) -> Scored:
     """A sealed truth beside its answer."""
     effects = frozenset(truth["effects"]) if truth["kind"] in ("single", "pair") else frozenset()
-    return Scored(truth["kind"], effects, dict(truth["effects"]), answer)
+    return Scored(truth["kind"], effects, dict(truth["effects"]), answer, comparable="world" not in truth)
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,8 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
 
 
 def _size_hit(c: Scored) -> bool | None:
+    if len(c.truth) != 1 or not c.comparable:
+        return None
     (name,) = c.truth
     found = true_size(name, c.answer.sizes.get(name, {}))
     return None if found is None else within_90(name, c.sizes[name], *found)
@@ -188,7 +192,8 @@ def confusion(cases: Sequence[Scored]) -> tuple[list[str], list[str], NDArray[np
 
 
 def _one(effects: Effects) -> str:
-    return next(iter(effects))
+    # where the gas acts belongs to the design of some robots, beside their cause
+    return min(effects, key=lambda e: (e == "chamber_thrust", e))
 
 
 def best_temperature(cases: Sequence[Scored]) -> float:

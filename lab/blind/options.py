@@ -9,7 +9,23 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .truth import Kind
 
+STRATA = (
+    "clean",
+    "none",
+    "cluttered",
+    "cluttered_none",
+    "pairs",
+    "cluttered_pairs",
+    "outside",
+    "cluttered_outside",
+    "walls",
+)
+"""What `--kind` may ask of a world."""
 KINDS: tuple[Kind, ...] = ("single", "pair", "none", "outside")
+
+
+OWN_WORLD = "virtual-robot"
+WIRED = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,14 +37,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument("--seed", type=int, required=True, help="a number that was not used before")
     p.add_argument("--design", default="full", help="tip, full (orientation and unload), full+markers, full+extras")
     p.add_argument(
-        "--clutter", type=float, default=0.0, help="every other effect at this share of its scale (0 or 0.15)"
+        "--clutter",
+        type=float,
+        help="every other effect at this share of its scale (0, 0.15; default 0, with --world the world's own)",
+    )
+    p.add_argument(
+        "--world",
+        default=OWN_WORLD,
+        metavar="W",
+        help="another physics: bench, workshop, cellar, attic, shared, field, quiet, or drawn:SEED",
+    )
+    p.add_argument(
+        "--kind",
+        action="append",
+        choices=STRATA,
+        help="with --world: cases of this kind alone; may be given again (default: a mixture)",
+    )
+    p.add_argument(
+        "--held-out",
+        action="store_true",
+        help="with --world: outside causes that nothing was developed on; for a last score",
     )
     p.add_argument(
         "--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"
     )
     p.add_argument("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly")
     p.add_argument("--per-length", action="store_true", help="an area factor of its own for each spine length")
-    p.add_argument("--wire", type=int, default=10, help="cases measured through every wire (default 10)")
+    p.add_argument("--wire", type=int, help="cases measured through every wire (default 10, with --world 0)")
     p.add_argument("--no-menu", action="store_true", help="no further experiments to ask for")
     p.add_argument(
         "--only", action="append", choices=KINDS, help="cases of this kind alone; may be given again (default: all)"

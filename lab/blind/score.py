@@ -19,6 +19,7 @@ from .answers import Answer, read_answer
 from .folder import SetFolder, open_seal
 from .metrics import Metric, Scored, best_temperature, confidence, confusion, metrics, reliability, scored
 from .targets import Target, targets
+from .worlds.by_mm import mm_metrics, weighed
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,9 @@ def score(root: Path, after: int | None = None) -> Score:
     answers: dict[str, Answer] = {name: read_answer(path, name, after) for name, path in paths.items()}
     truth = open_seal(folder)
     cases = tuple(scored(truth[name], answers[name]) for name in sorted(answers))
+    in_mm = [w for name in sorted(answers) if (w := weighed(truth[name], answers[name])) is not None]
     chosen = max((len(a.asked) for a in answers.values()), default=0)
-    return Score(root.name, about, chosen, cases, tuple(metrics(cases)), targets(about, chosen))
+    return Score(root.name, about, chosen, cases, tuple(metrics(cases) + mm_metrics(in_mm)), targets(about, chosen))
 
 
 def write(result: Score, root: Path) -> Path:

@@ -1,0 +1,243 @@
+"""`lab blind make --world`: robots of another physics, measured, their effects weighed in mm, sealed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from recordings.table_file import write_csv
+from recordings.trials import Table, TrialRow
+from sim_fakes.worlds.campaign import Readings, Robot, Trial, courses, read, respond
+from sim_fakes.worlds.campaign import Sweep as Walked
+from sim_fakes.worlds.carried import TRIED, Carried, carried, nearest
+from sim_fakes.worlds.equilibrium import NoEquilibrium
+from sim_fakes.worlds.forms import EFFECTS
+from sim_fakes.worlds.table import world
+from sim_fakes.worlds.walk import Leg
+
+from ...files.config import ConfigError
+from ..designs import Design, design, joined
+from ..folder import SetFolder, seal
+from ..make import ATTEMPTS, robot_yaml
+from ..sweeps import BASE, BASE_SETTLED, MENU, State, Sweep
+from ..workers import Crew, spread
+from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, draw, draw_robot
+
+PREPARING = 40.0
+"""s between trials: vent, grow, jam."""
+LATER = 1e6
+"""s: experiments of the menu are done when the campaign of the base sweep is over."""
+LARGEST_BLEND = 1.0
+SMALLEST_PAIR, LARGEST_PAIR = 0.25, 2.0
+"""Plausible scales between which a pair's partners are made comparable."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What one worker makes."""
+
+    place: int
+    stratum: Stratum
+    causes: tuple[str, ...]
+    recipe: WorldRecipe
+    design: Design
+    folder: SetFolder
+    menu: bool
+    per_length: bool
+
+
+def make(
+    root: Path,
+    recipe: WorldRecipe,
+    design_name: str = "full",
+    *,
+    menu: bool = True,
+    per_length: bool = False,
+    crew: Crew = Crew(),  # noqa: B008 (frozen)
+) -> str:
+    """Make a set of a world in an empty folder; returns the digest of its truth. Raises ConfigError."""
+    try:
+        world(recipe.world)
+    except ValueError as e:
+        raise ConfigError(f"--world: {e}") from e
+    shown = design(design_name)
+    if root.exists() and any(root.iterdir()):
+        raise ConfigError(f"{root}: is not empty; a set gets a folder of its own, so that no truth is drawn twice")
+    folder = SetFolder(root)
+    orders = [
+        Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, per_length)
+        for place, (stratum, causes) in enumerate(draw(recipe))
+    ]
+    truths = sorted(spread(make_case, orders, crew, "cases made"), key=lambda t: t.case)
+    about = {
+        "design": shown.name, "world": recipe.world, "clutter": _clutter(recipe), "sizes": list(recipe.sizes),
+        "settled": recipe.settled, "wired": 0, "area_factor": "by spine length" if per_length else "one",
+        "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
+    }  # fmt: skip
+    return seal(folder, truths, recipe.seed, about)
+
+
+def _clutter(recipe: WorldRecipe) -> float:
+    return world(recipe.world).clutter if recipe.clutter is None else recipe.clutter
+
+
+def make_case(order: Order) -> WorldTruth:
+    """Measure one case and write its folder; returns its truth, sizes drawn again until the robot keeps its equilibrium."""
+    for attempt in range(ATTEMPTS):
+        try:
+            truth, tables = _measured(order, attempt)
+        except (NoEquilibrium, _Unequal):
+            continue
+        _write(order, truth.case, tables)
+        return truth
+    raise ConfigError(
+        f"case {order.place + 1:04d} of world {order.recipe.world}: {ATTEMPTS} draws of its sizes gave no equilibrium or no "
+        "comparable pair; use smaller --sizes"
+    )
+
+
+class _Unequal(RuntimeError):
+    """A pair whose partners cannot be made comparable."""
+
+
+def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]:
+    recipe = order.recipe
+    base = BASE_SETTLED if recipe.settled else BASE
+    robot, effects = draw_robot(recipe, order.place, order.stratum, order.causes, attempt)
+    walked = walk_of(base)
+    pair = KINDS[order.stratum] == "pair"
+    if pair:
+        robot, effects = _comparable(robot, effects, walked)
+    outside = next(iter(robot.outside), None)
+    extra = {} if outside is None else {e: TRIED for e in EFFECTS if e not in robot.present and e != THRUST}
+    response = respond(robot, walked, tuple(robot.present), extra)
+    weight = carried(robot, walked, response)
+    if pair and _ratio(weight, [e for e in effects if e != THRUST]) < 0.5:
+        raise _Unequal
+    rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
+    readings = read(robot, walked, response, rng)
+    # a cause that comes and goes over the campaign must not raise the floor that it is judged by
+    usual = read(replace(robot, outside={}), walked, response, np.random.default_rng([recipe.seed, 8, order.place]))
+    tables = {base.name: table_of(base, readings)}
+    for sweep in MENU if order.menu else ():
+        later = walk_of(sweep, late=LATER)
+        changing = respond(robot, later, tuple(courses(robot, later)))
+        tables[sweep.name] = table_of(sweep, read(robot, later, changing, rng))
+    closest = None
+    if outside is not None:
+        effect, left = nearest(robot, walked, response, outside, [e for e in EFFECTS if e != THRUST])
+        closest = {"effect": effect, "leaves_mm": round(left, 3)}
+    truth = WorldTruth(
+        f"{order.place + 1:04d}", order.stratum, robot, effects, weight.moves, weight.calibrated, closest,
+        floor_mm=_scatter(walked, usual),
+    )  # fmt: skip
+    return truth, tables
+
+
+def _comparable(robot: Robot, effects: dict[str, float], walked: Walked) -> tuple[Robot, dict[str, float]]:
+    """Sizes of a pair at which both carry alike, within what is plausible. Raises `_Unequal`."""
+    one, two = (e for e in effects if e != THRUST)
+    weight = carried(robot, walked, respond(robot, walked, (one, two)))
+    ratio = weight.calibrated[one] / max(weight.calibrated[two], 1e-6)
+    sizes, made = dict(robot.sizes), dict(effects)
+    # half of the way by the one that is too small, half by the other
+    for effect, factor in ((one, ratio**-0.5), (two, ratio**0.5)):
+        most = LARGEST_BLEND if EFFECTS[effect].sign == "blend" else LARGEST_PAIR
+        size = float(np.sign(made[effect]) * np.clip(abs(made[effect]) * factor, SMALLEST_PAIR, most))
+        sizes[effect] += size - made[effect]
+        made[effect] = size
+    return replace(robot, sizes=sizes), made
+
+
+def _ratio(weight: Carried, pair: Sequence[str]) -> float:
+    carry = [weight.calibrated[e] for e in pair]
+    return min(carry) / max(max(carry), 1e-9)
+
+
+def _scatter(walked: Walked, readings: Readings) -> float:
+    """mm, rms distance of a reading from the mean of its repeats, degrees of freedom counted."""
+    groups: dict[tuple[float, float], list[int]] = {}
+    for i, t in enumerate(walked.trials):
+        groups.setdefault((t.spine, t.vacuum), []).append(i)
+    total, freedom = 0.0, 0
+    for rows in groups.values():
+        tips = readings.tip[rows]
+        total += float(np.sum((tips - tips.mean(axis=0)) ** 2))
+        freedom += (len(rows) - 1) * tips.shape[1]
+    return float(np.sqrt(total / max(freedom, 1)) * 1e3)
+
+
+def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
+    """The sweep as trials and legs, begun `late` seconds into the campaign."""
+    states = list(sweep.states())
+    first = [s for s in states if s.trial == 1]
+    legs: list[Leg] = []
+    for before, s in zip([None, *first[:-1]], first, strict=True):
+        waited = (
+            before.hold if sweep.reading == "hold" and before is not None and before.pressure == s.pressure else 0.0
+        )
+        legs.append(Leg(_pressures(sweep, s.pressure), sweep.rate, s.hold - waited))
+        if sweep.reading == "fly" and s.branch == "load" and s.pressure == sweep.pressures[-1] - sweep.band:
+            # the ramp goes on to its end before it turns
+            legs.append(Leg(_pressures(sweep, sweep.pressures[-1]), sweep.rate, 0.0, read=False))
+    ramps = sum(leg.hold for leg in legs) + 2 * sweep.pressures[-1] / sweep.rate
+    period = PREPARING + ramps
+    count = max(s.trial for s in states)
+    trials = tuple(
+        Trial(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1
+    )
+    return Walked(trials, tuple(legs), sweep.tip_mass, float(np.radians(sweep.roll_deg)), count * period)
+
+
+def _pressures(sweep: Sweep, pressure: float) -> tuple[float, ...]:
+    return tuple(pressure if c in sweep.chambers else 0.0 for c in range(1, 10))
+
+
+def table_of(sweep: Sweep, readings: Readings) -> Table:
+    """Rows as the protocol writes them."""
+    states: dict[int, list[State]] = {}
+    for s in sweep.states():
+        states.setdefault(s.trial, []).append(s)
+    rows = []
+    for trial, own in states.items():
+        for k, s in enumerate(own):
+            i = trial - 1
+            x, y, z = (float(v) for v in readings.tip[i, k])
+            q = Rotation.from_matrix(readings.turns[i, k]).as_quat(canonical=True, scalar_first=True)
+            rows.append(
+                TrialRow(
+                    trial=s.trial,
+                    step=s.step,
+                    protocol=sweep.protocol,
+                    repeat=s.repeat,
+                    branch=s.branch,
+                    t=float(readings.t[i, k]),
+                    spine_length=s.spine_length,
+                    pressures=tuple(float(p) for p in readings.pressures[i, k]),
+                    rate=s.rate,
+                    hold=s.hold,
+                    vacuum=float(readings.vacuum[i, k]),
+                    tip_mass=sweep.tip_mass,
+                    roll_deg=sweep.roll_deg,
+                    tip=(x, y, z),
+                    orientation=(float(q[0]), float(q[1]), float(q[2]), float(q[3])),
+                    markers=tuple((float(m[0]), float(m[1]), float(m[2])) for m in readings.markers[i, k]),
+                )  # fmt: skip
+            )
+    return Table(tuple(rows))
+
+
+def _write(order: Order, case: str, tables: dict[str, Table]) -> None:
+    shown, folder = order.design, order.folder.case(case)
+    folder.mkdir(parents=True)
+    (folder / "robot.yaml").write_text(robot_yaml(markers=shown.markers, per_length=order.per_length))
+    extras = [tables[s.name] for s in MENU] if shown.extras else []
+    write_csv(shown.show(joined([tables["base"], *extras])), folder / "trials.csv")
+    if order.menu and not shown.extras:
+        (folder / "menu").mkdir()
+        for name, table in tables.items():
+            write_csv(table, folder / "menu" / f"{name}.csv")
