@@ -105,11 +105,11 @@ def test_an_itv_of_the_range_in_rig_yaml_passes(
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
 
 
-@pytest.mark.parametrize(("true", "told"), [(900e3, 500e3), pytest.param(900e3, 100e3, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("true", "stated"), [(900e3, 500e3), pytest.param(900e3, 100e3, marks=pytest.mark.long)])
 def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
-    start: Start, capsys: pytest.CaptureFixture[str], true: float, told: float
+    start: Start, capsys: pytest.CaptureFixture[str], true: float, stated: float
 ) -> None:
-    fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=told, max_pressure=100e3)
+    fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=stated, max_pressure=100e3)
     code, seen = checked(rig, capsys)
     assert code == 1 and any("delivers more than it reads; correct full_scale" in m.text for m in seen.values()), told(
         seen
