@@ -29,7 +29,7 @@ class ChamberMap:
                 self._check_number(chamber)
                 if chamber in self._channel_of:
                     raise ValueError(
-                        f"chamber {chamber} is named for channel {self._channel_of[chamber] + 1} and for channel "
+                        f"chamber {chamber} is listed for channel {self._channel_of[chamber] + 1} and for channel "
                         f"{channel + 1}; each chamber is fed by one channel"
                     )
                 self._channel_of[chamber] = channel
@@ -45,8 +45,8 @@ class ChamberMap:
                 self._check_number(chamber)
             if chamber not in self._channel_of and pressure != 0:
                 raise ValueError(
-                    f"chamber {chamber} is not connected to any channel, but {pressure:g} Pa are asked of it; "
-                    f"connected are {self._connected()}"
+                    f"chamber {chamber} is not connected to any channel, but {pressure:g} Pa is requested; connected are "
+                    f"{self._connected()}"
                 )
         result = []
         for channel, group in enumerate(self.channels):
@@ -55,7 +55,8 @@ class ChamberMap:
                 pattern = ", ".join(f"chamber {c}: {p:g} Pa" for c, p in wanted.items())
                 raise ValueError(
                     f"channel {channel + 1} feeds chambers {', '.join(map(str, group))} with one pressure, but the "
-                    f"pattern asks for {pattern} (a chamber not named means 0); ask the same of all of them, or rewire"
+                    f"pattern requires {pattern} (0 where a chamber is not named); give all of them the same pressure, or "
+                    "rewire"
                 )
             result.append(wanted[group[0]])
         return tuple(result)
@@ -67,7 +68,7 @@ class ChamberMap:
         """
         if len(channel_values) != len(self.channels):
             raise ValueError(
-                f"{len(channel_values)} values for {len(self.channels)} channels; give one value a channel"
+                f"{len(channel_values)} values for {len(self.channels)} channels; give one value per channel"
             )
         values = [0.0] * self.count
         for chamber, channel in self._channel_of.items():

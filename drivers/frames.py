@@ -58,6 +58,15 @@ def rotation_from_vector(vector: Sequence[float]) -> Array:
     return np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)
 
 
+def vector_from_rotation(matrix: Array) -> Array:
+    """Rotation vector, shape (3,), of length 0..pi, of a rotation matrix."""
+    w, *axis = quaternion_from_matrix(matrix)
+    sine = math.hypot(*axis)
+    if sine < 1e-9:
+        return 2.0 * np.array(axis)
+    return 2.0 * math.atan2(sine, w) / sine * np.array(axis)
+
+
 def compose(a: Quaternion, b: Quaternion) -> Quaternion:
     """The rotation b followed by a, as the matrix product A B."""
     aw, ax, ay, az = a

@@ -39,7 +39,7 @@ class PressureLimits:
         """
         if len(pressures) != len(self._allowed):
             raise LimitExceeded(
-                self.name, f"{len(pressures)} pressures for {len(self._allowed)} channels; give one a channel, in Pa"
+                self.name, f"{len(pressures)} pressures for {len(self._allowed)} channels; give one per channel, in Pa"
             )
         for channel, pressure in enumerate(pressures):
             if not math.isfinite(pressure):

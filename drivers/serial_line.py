@@ -161,7 +161,7 @@ class SerialLine:
         if time.monotonic() >= deadline or len(self._buffer) > LONGEST_ANSWER:
             got = self._take(len(self._buffer))
             if got:
-                raise BadReply(self.name, f"no answer {wanted} on {self.port}, only {show(got)}")
+                raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")
             raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
         self._buffer += port.read(max(1, port.in_waiting))
 
@@ -176,7 +176,7 @@ class SerialLine:
                 yield self._serial
             except serial.SerialTimeoutException as e:
                 raise NoReply(
-                    self.name, f"{self.port} does not take bytes within {self.timeout} s; check the cable"
+                    self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable"
                 ) from e
             except (OSError, termios.error) as e:
                 if isinstance(e, InstrumentError):

@@ -58,7 +58,9 @@ def faults(driver: object) -> str:
     if not (isinstance(driver.config, type) and issubclass(driver.config, base)):
         faults.append(f"config must be a subclass of drivers.configs.{base.__name__}")
     elif not {*configs.PORTS, *configs.HOSTS} & set(driver.config.model_fields):
-        faults.append(f"config must have one of {', '.join((*configs.PORTS, *configs.HOSTS))}, where it is reached")
+        faults.append(
+            f"config must have one of {', '.join((*configs.PORTS, *configs.HOSTS))}, the address of the instrument"
+        )
     if not callable(driver.make):
         faults.append("make must be callable")
     if driver.role == "arm" and not callable(driver.make_state):
@@ -73,7 +75,7 @@ def _not_quantities(quantities: object) -> list[str]:
     if not isinstance(quantities, Mapping) or not quantities:
         return ["a sensor must have quantities, name -> unit"]
     return [
-        f"quantity {name!r}: {unit!r} must be small letters, digits and _, 30 at most, and its unit text"
+        f"quantity {name!r}: {unit!r} must be lower-case letters, digits and _, at most 30, and its unit must be text"
         for name, unit in quantities.items()
         if not (isinstance(name, str) and QUANTITY.fullmatch(name) and name != "t" and isinstance(unit, str))
     ]

@@ -55,7 +55,7 @@ class StopFirst:
     def give_way(self) -> None:
         """Raises NoReply when a stop waits and the caller is not that stop."""
         if self._stops and self._stopping != threading.get_ident():
-            raise NoReply(self.name, "cancelled for a stop; ask again when the stop is done")
+            raise NoReply(self.name, "cancelled by a stop; repeat it when the stop is done")
 
     def sleep(self, duration: float) -> None:
         """Wait, host seconds; raises NoReply as soon as a stop wants the line."""

@@ -1,5 +1,5 @@
 """What every driver must do, tried on its fake: `pytest --pyargs lab.driver_contract`, the project's own drivers and those
-of installed packages alike. `-k NAME` tries one."""
+of installed packages too. `-k NAME` tries one."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _config(kind: type[Any], table: dict[str, Any], changes: dict[str, float]) -
     try:
         config = kind.model_validate(table)
     except ValidationError as error:
-        pytest.fail(f"the fake gives a table that its driver refuses: {error}")
+        pytest.fail(f"the driver rejects the rig.yaml table of its fake: {error}")
     for key in changes.keys() & kind.model_fields:
         with contextlib.suppress(ValidationError):
             config = kind.model_validate(config.model_dump() | {key: changes[key]})

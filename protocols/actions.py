@@ -74,8 +74,8 @@ def release(bench: Bench, jam: Jam) -> float:
         times, recent = zip(*recently(), strict=True)
         moved, lowest = max(recent) - min(recent), min(recent)
         return (
-            f"the gauge still moved {moved / 1e3:.2f} kPa in {times[-1] - times[0]:.3g} s (its drift must be below "
-            f"{jam.released_below / 5e3:.2f} kPa) and read {lowest / 1e3:.1f} kPa absolute (ambient is above "
+            f"the gauge still varied by {moved / 1e3:.2f} kPa in {times[-1] - times[0]:.3g} s (its drift must be below "
+            f"{jam.released_below / 5e3:.2f} kPa) and read {lowest / 1e3:.1f} kPa absolute (must be above "
             f"{LOWEST_AMBIENT / 1e3:.1f} kPa)"
         )
 

@@ -120,7 +120,7 @@ class Bench:
     def check_stop(self) -> None:
         """Raise Stopped between two steps when a person asked for it."""
         if self.stopping():
-            raise Stopped("stopped by the person at the rig; the steps finished until now are in the recording")
+            raise Stopped("stopped by the operator; the steps finished so far are in the recording")
 
     def say(self, text: str) -> None:
         """Tell the person, and write it to the recording's log."""

@@ -73,11 +73,11 @@ class Bending(Parameters):
     @model_validator(mode="after")
     def _orders(self) -> Bending:
         if sorted(set(self.pressures)) != self.pressures:
-            raise ValueError(f"pressures must rise without repeats, got {[p / 1e3 for p in self.pressures]} kPa")
+            raise ValueError(f"pressures must increase without repeats, got {[p / 1e3 for p in self.pressures]} kPa")
         if len(set(self.chambers)) != len(self.chambers):
-            raise ValueError(f"chambers {self.chambers} names one twice")
+            raise ValueError(f"chambers {self.chambers} lists a chamber twice")
         if sorted(set(self.hold_times)) != self.hold_times or any(h <= 0 for h in self.hold_times):
-            raise ValueError(f"hold_times must be above 0 and rise, got {self.hold_times} s")
+            raise ValueError(f"hold_times must be above 0 and increase, got {self.hold_times} s")
         return self
 
 

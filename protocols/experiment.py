@@ -165,7 +165,7 @@ class Trials:
             except NotSettled as e:
                 if not (left and repeatable and isinstance(e, TooFewSamples)):
                     raise NotReached(f"{e}; judged from {judged}") from e
-                self.bench.say(f"{e}. It is read again")
+                self.bench.say(f"{e}; the state is read again")
                 t_start = self.bench.clock.now()
             except Suspended:
                 self._step -= 1  # it will be read again after the pause

@@ -54,7 +54,7 @@ def faults(name: str, module: object) -> str:
     parameters, needs = getattr(module, "PARAMETERS", None), getattr(module, "NEEDS", None)
     faults = []
     if not isinstance(module, ModuleType):
-        faults.append(f"is of type {type(module).__name__}, not a module; name the module alone")
+        faults.append(f"is of type {type(module).__name__}, not a module; give the module's name without an attribute")
     if not PROTOCOL.fullmatch(name):
         faults.append(f"its name {name[:80]!r} {PROTOCOL_IS}")
     if not (isinstance(parameters, type) and issubclass(parameters, Parameters)):

@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from drivers.errors import StaleReading
+from drivers.frames import rotation_from_vector, vector_from_rotation
 from recordings.states.rules import Probe, Window
 from recordings.trials import TrialRow
 
@@ -196,7 +196,7 @@ class ProbeMotion:
                 force = math.hypot(*sample.wrench[:3])
         if inwards and force > self.p.max_force:
             self.arm.stop()
-            raise TooMuchForce(f"force: {force:.1f} N passed max_force {self.p.max_force:g} N; the arm was stopped")
+            raise TooMuchForce(f"force: {force:.1f} N exceeded max_force {self.p.max_force:g} N; the arm was stopped")
         return None if self.arm.moving() else True
 
     def come_back(self, along: float, depth: float) -> None:
@@ -217,8 +217,8 @@ class ProbeMotion:
             if len(newer) < samples:
                 return None
             force = (newer["raw"] - newer["zero"])[:, :3].mean(axis=0)
-            rotation = Rotation.from_rotvec(self.state.latest().tcp_pose[3:])
-            return -float(np.dot(rotation.apply(force), self.stand.push))
+            rotation = rotation_from_vector(self.state.latest().tcp_pose[3:])
+            return -float(np.dot(rotation @ force, self.stand.push))
 
         return self.bench.wait(f"force: {samples} samples", mean, 30.0 + samples / 10)
 
@@ -248,12 +248,15 @@ LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
 
 def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]]:
     """Poses (m, rotation vector rad) from start to goal in parts short enough for the arm's limits; the last is goal."""
-    first = Rotation.from_rotvec(start[3:])
-    turn = (Rotation.from_rotvec(goal[3:]) * first.inv()).as_rotvec()
+    first = rotation_from_vector(start[3:])
+    turn = vector_from_rotation(rotation_from_vector(goal[3:]) @ first.T)
     way = np.subtract(goal[:3], start[:3])
     parts = max(1, math.ceil(np.linalg.norm(way) / LONGEST_MOVE), math.ceil(np.linalg.norm(turn) / LARGEST_TURN))
     shares = [i / parts for i in range(1, parts)]
-    between = [[*(start[:3] + way * x), *(Rotation.from_rotvec(turn * x) * first).as_rotvec()] for x in shares]
+    between = [
+        [*(start[:3] + way * x), *vector_from_rotation(rotation_from_vector((turn * x).tolist()) @ first)]
+        for x in shares
+    ]
     return [*between, list(goal)]
 
 

@@ -32,6 +32,6 @@ def _check_depth(text: str) -> None:
         if sign in "[{":
             depth += 1
             if depth > DEEPEST:
-                raise ValueError(f"more than {DEEPEST} lists and tables within each other")
+                raise ValueError(f"more than {DEEPEST} levels of nested lists and tables")
         elif sign in "]}":
             depth -= 1

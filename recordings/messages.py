@@ -328,7 +328,7 @@ def sensor(name: str, quantities: Mapping[str, str]) -> MessageType:
     for text in (name, *quantities):
         if not NAME.fullmatch(text) or text == "t":
             raise BadMessage(
-                f"sensor {name[:80]!r}: {text[:80]!r} must be small letters, digits and _, 30 at most, and not t"
+                f"sensor {name[:80]!r}: {text[:80]!r} must be lower-case letters, digits and _, at most 30, and not t"
             )
     if not 1 <= len(quantities) <= MOST_QUANTITIES:
         raise BadMessage(f"sensor {name}: measures {len(quantities)} quantities, must be 1 to {MOST_QUANTITIES}")

@@ -71,7 +71,7 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
             if any(cell.strip() for cell in line):
                 rows.append(_row(f"{path} line {number}", header, known, line))
             if len(rows) > MOST_ROWS:
-                raise BadTable(f"{path}: has more than {MOST_ROWS} rows, no campaign has so many")
+                raise BadTable(f"{path}: has more than {MOST_ROWS} rows, the limit for a table of trials")
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadTable(f"{path}: is not a text table: {error}") from error
     if not rows:
@@ -94,7 +94,7 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     if not header:
         raise BadTable(f"{path}: is empty; the first line must name the columns ({', '.join(REQUIRED)}, ..)")
     if len(header) > MOST_COLUMNS:
-        raise BadTable(f"{path}: has {len(header)} columns, more than the {MOST_COLUMNS} of any table of trials")
+        raise BadTable(f"{path}: has {len(header)} columns, the limit for a table of trials is {MOST_COLUMNS}")
     twice = sorted(name for name, count in Counter(header).items() if count > 1)
     if twice:
         raise BadTable(f"{path}: column {', '.join(twice)[:200]} appears twice")
@@ -102,7 +102,7 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     for name in REQUIRED:
         if name not in header:
             near = difflib.get_close_matches(name, ignored, 1, 0.5)
-            hint = f"; is it the column {near[0]!r}" if near else ""
+            hint = f" (is it the column {near[0]!r}?)" if near else ""
             raise BadTable(f"{path}: no column {name}{hint}; required are {', '.join(REQUIRED)}")
     return ignored
 
@@ -110,7 +110,7 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
 def _row(where: str, header: list[str], known: frozenset[str], line: list[str]) -> TrialRow:
     if len(line) != len(header):
         split = (
-            "; a decimal comma makes two cells of one number: write points (0.40)" if len(line) > len(header) else ""
+            "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
         )
         raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
     cells: dict[str, Cell] = {}
@@ -152,7 +152,7 @@ def _value(where: str, name: str, text: str) -> Cell:
         raise BadTable(f"{where}, {name}: is {text[:80]}; leave the cell empty where nothing was measured")
     if name in INTEGERS:
         if abs(number) > LARGEST_INTEGER:
-            raise BadTable(f"{where}, {name}: {number:g} is beyond {LARGEST_INTEGER}")
+            raise BadTable(f"{where}, {name}: {number:g} exceeds {LARGEST_INTEGER}")
         if number != int(number):
             raise BadTable(f"{where}, {name}: {text} is not a whole number")
         return int(number)
@@ -171,8 +171,7 @@ def _check_limits(where: str, name: str, value: float) -> None:
         )
     if (place in (2, 4) or name in ("spine_length", "deflection")) and not abs(value) <= LONGEST:
         raise BadTable(
-            f"{where}: {value:g} m is more than {LONGEST:g} m away: looks like mm or cm; lengths are in m: "
-            "divide by 1000 or 100"
+            f"{where}: {value:g} m exceeds {LONGEST:g} m: looks like mm or cm; lengths are in m: divide by 1000 or 100"
         )
     if name == "vacuum" and not -5e3 <= value <= 110e3:
         looks = "looks like gauge pressure: change the sign; " if -110e3 <= value < 0 else ""

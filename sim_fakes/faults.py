@@ -55,7 +55,9 @@ class FaultSwitch:
         elif isinstance(part, UrFake) and part.process is not None:
             self._arm(part.process, fault)
         else:
-            raise ValueError(f"{instrument}: this rig has none, or a fake of an installed package that takes no faults")
+            raise ValueError(
+                f"{instrument}: this rig has none, or a fake of an installed package that supports no faults"
+            )
 
     def end(self) -> None:
         """All faults off, all cables in, all power on; ports may have new names."""

@@ -74,7 +74,8 @@ class PtyFake(threading.Thread):
         self.requests: deque[bytes] = deque(maxlen=10_000)
         """Complete requests in the order they came, for tests; each fake's `feed` appends its own."""
         self.lock = threading.RLock()
-        self._master = self._slave = -1
+        self._master = self._slave = self._kept = -1
+        """Ends of the line; the end kept from the last one that was unplugged."""
         self.port = ""
         self.plug()
         self._quiet_until = 0.0
@@ -96,11 +97,15 @@ class PtyFake(threading.Thread):
             self.port = os.ttyname(self._slave)
 
     def unplug(self) -> None:
-        """Pull the cable out of the computer: the port is gone, the device goes on."""
+        """Pull the cable out of the computer: the port is gone, the device goes on.
+
+        One end is kept, so that no other line of this computer gets the port's name while a driver may still ask for it.
+        """
         with self.lock:
-            for fd in (self._master, self._slave):
+            for fd in (self._master, self._kept):
                 with contextlib.suppress(OSError):
                     os.close(fd)
+            self._kept = self._slave
             self._master = self._slave = -1
             self.buffer = b""
 
@@ -195,3 +200,6 @@ class PtyFake(threading.Thread):
         if self.is_alive():
             self.join(1.0)
         self.unplug()
+        with contextlib.suppress(OSError):
+            os.close(self._kept)
+        self._kept = -1

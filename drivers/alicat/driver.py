@@ -68,10 +68,12 @@ class Config(RegulatorsConfig):
     def _fits_together(self) -> Config:
         ChamberMap(self.chambers)
         if len(self.units) != len(self.chambers):
-            raise ValueError(f"{len(self.units)} units but {len(self.chambers)} lists of chambers; give a list a unit")
+            raise ValueError(
+                f"{len(self.units)} units but {len(self.chambers)} lists of chambers; give one unit for each list"
+            )
         for unit in self.units:
             if not re.fullmatch("[A-Z]", unit) or self.units.count(unit) > 1:
-                raise ValueError(f"units {', '.join(self.units)}: {unit!r} must be a letter A to Z, named once")
+                raise ValueError(f"units {', '.join(self.units)}: {unit!r} must be one letter A to Z, used once")
         if self.max_pressure > self.full_scale:
             raise ValueError(
                 f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
@@ -148,7 +150,7 @@ class Alicat:
                 raise StaleReading(
                     self.name,
                     f"the reading of unit {self._units[0].letter} was {age:.2f} s old when the last one came, limit "
-                    f"{self.config.max_age:g} s; raise the baud rate, or see which unit answers late",
+                    f"{self.config.max_age:g} s; raise the baud rate, or find the unit that answers late",
                 )
             for unit, frame in zip(self._units, frames, strict=True):
                 self._raise_fault(unit, frame)
@@ -178,7 +180,7 @@ class Alicat:
                 if patience < self.config.timeout:
                     self._line.listen(self.config.timeout)  # a late answer must not be taken for the next unit's
             units = "; ".join(f"{self._units[channel].letter}: {why}" for channel, why in failed.items())
-            raise InstrumentError(self.name, f"did not vent {units}. Shut the supply and vent those by hand")
+            raise InstrumentError(self.name, f"did not vent {units}. Shut off the supply and vent these by hand")
 
     def close(self) -> None:
         """Vent, wait shortly for the pressure to fall, disconnect."""
@@ -204,7 +206,7 @@ class Alicat:
                 except BadReply as e:
                     raise WrongDevice(
                         self.name,
-                        f"what answers on {self.config.port} at {self.config.baud} Bd is no Alicat unit {unit.letter} "
+                        f"the device on {self.config.port} at {self.config.baud} Bd is not Alicat unit {unit.letter} "
                         f"({e.message}); check port and baud rate in rig.yaml",
                     ) from e
         silent = [unit.letter for unit in self._units if unit.letter not in firmwares]
@@ -272,12 +274,10 @@ class Alicat:
         frame = self._twice(lambda: unit.set(pressure, decimals))
         before, self._confirmed[channel] = self._confirmed[channel], frame.setpoint
         if abs(frame.setpoint - pressure) > 0.6 * digit:
-            asked = (
-                f"unit {unit.letter} was asked for {pressure / 1e3:.2f} kPa and holds {frame.setpoint / 1e3:.2f} kPa"
-            )
+            asked = f"unit {unit.letter} was set to {pressure / 1e3:.2f} kPa but holds {frame.setpoint / 1e3:.2f} kPa"
             if abs(frame.setpoint - before) <= 0.6 * digit:
                 raise DeviceFault(
-                    self.name, f"{asked} as before: it ignores the line; set its set-point source to serial"
+                    self.name, f"{asked} as before: it ignores the serial line; set its set-point source to serial"
                 )
             raise BadReply(self.name, f"{asked}: it was clamped or misread; check its set-point limits and the cable")
         self._raise_fault(unit, frame)

@@ -132,7 +132,7 @@ class AlicatUnit:
         text = raw.decode("ascii", "replace").strip()
         if text.lstrip(f"{self.letter} ") == "?":
             raise BadReply(
-                self.name, f"unit {self.letter} refuses {show(request)}; see whether its firmware knows that"
+                self.name, f"unit {self.letter} rejects {show(request)}; check whether its firmware supports that"
             )
         head, _, rest = text.partition(" ")
         if head != self.letter or not rest.strip():
@@ -142,6 +142,6 @@ class AlicatUnit:
     def _unexpected(self, wanted: str, got: str) -> BadReply:
         return BadReply(
             self.name,
-            f"unit {self.letter}: wanted {wanted}, got {got!r}; check the cable, the baud rate, and that no two "
+            f"unit {self.letter}: expected {wanted}, got {got!r}; check the cable, the baud rate, and that no two "
             "units share a letter",
         )

@@ -31,7 +31,7 @@ from ..stall import StallWatch
 from . import table
 from .bus import Servo
 
-RESTARTED = "the servo has restarted (power lost?) and forgot its turns; check its supply, then home()"
+RESTARTED = "the servo has restarted (power failure?) and lost its position; check its supply, then home()"
 REBOOT_TIME = 2.0
 """Longest wait for a restarted servo, s of host time."""
 
@@ -172,7 +172,8 @@ class DynamixelSpine:
                 raise NotReady(self.name, "length unknown; call home() and wait until read().homed")
             if not math.isfinite(length) or not (math.isfinite(speed) and speed > 0):
                 raise LimitExceeded(
-                    self.name, f"length {length} m at {speed} m/s is no motion; give a number and a speed above 0 m/s"
+                    self.name,
+                    f"length {length} m at {speed} m/s is not a valid motion; give a number and a speed above 0 m/s",
                 )
             self._fault = ""
             self._check(self._poll())
@@ -234,8 +235,8 @@ class DynamixelSpine:
             known = ", ".join(name for name, _ in table.MODELS.values())
             raise WrongDevice(
                 self.name,
-                f"id {self._config.id} on {self._config.port} is Dynamixel model number {model}, which has no "
-                f"current-based position mode known here; use one of {known}, or correct the id in rig.yaml",
+                f"id {self._config.id} on {self._config.port} is Dynamixel model number {model}, which is not supported; "
+                f"use one of {known}, or correct the id in rig.yaml",
             )
         name, self._ampere = table.MODELS[model]
         firmware = self._servo.read(table.FIRMWARE)
@@ -284,7 +285,7 @@ class DynamixelSpine:
         if echo != data:
             raise DeviceFault(
                 self.name,
-                f"asked for (velocity, goal) {table.PROFILE_AND_GOAL.unpack(data)} raw, the servo holds "
+                f"(velocity, goal) was set to {table.PROFILE_AND_GOAL.unpack(data)} raw, but the servo holds "
                 f"{table.PROFILE_AND_GOAL.unpack(echo)}; check that no other host writes to it",
             )
 
@@ -322,7 +323,7 @@ class DynamixelSpine:
         if bits := self._servo.read(table.HARDWARE_ERROR):
             raise DeviceFault(
                 self.name,
-                f"hardware error stays after a restart: {table.hardware_errors(bits)}; check supply and motor",
+                f"hardware error persists after a restart: {table.hardware_errors(bits)}; check supply and motor",
             )
         self._apply_modes()
         self._lost = False
@@ -349,7 +350,7 @@ class DynamixelSpine:
         elif watchdog != self._watchdog_raw:
             self._fault = (
                 f"its bus watchdog was set to {watchdog * table.WATCHDOG_UNIT:g} s by another host, it should be "
-                f"{self._config.watchdog:g} s; disconnect that one, then call stop() to reset it"
+                f"{self._config.watchdog:g} s; disconnect that host, then call stop() to reset it"
             )
         velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
         return _State(self._clock.now(), counts, velocity_counts, current * self._ampere)
@@ -404,7 +405,7 @@ class DynamixelSpine:
         longer *= self._config.metres_per_turn
         if longer > self._config.homing_tolerance:
             self._fault = (
-                f"held {longer:.3f} m before the end stop that was found earlier (tolerance "
+                f"blocked {longer:.3f} m before the end stop that was found earlier (tolerance "
                 f"{self._config.homing_tolerance} m); un-jam the spine, then home() again"
             )
         elif longer < -self._config.homing_tolerance:

@@ -108,7 +108,7 @@ class FT300S:
             self.close()
             raise Unreachable(
                 self.name,
-                f"{identity.model} {identity.serial} on {self.config.port} took the command to stream, but sent no "
+                f"{identity.model} {identity.serial} on {self.config.port} accepted the command to stream, but sent no "
                 f"complete frame within {FIRST_FRAME_WITHIN:g} s; power-cycle it and check the cable",
             )
         return identity
@@ -123,7 +123,7 @@ class FT300S:
             self._need_open()
             sample, age = self._newest, time.monotonic() - self._newest_at
         if sample is None or age > self.config.max_age:
-            what = "no frame has come" if sample is None else f"the newest frame is {age:.2f} s old"
+            what = "no frame has arrived" if sample is None else f"the newest frame is {age:.2f} s old"
             raise StaleReading(
                 self.name, f"{what}, limit {self.config.max_age:g} s; check power and cable, then open the sensor again"
             )
@@ -155,7 +155,7 @@ class FT300S:
             if not come:
                 raise StaleReading(
                     self.name,
-                    f"{len(readings)} of {samples} frames came for the zero within {within:.1f} s; check power and "
+                    f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; check power and "
                     "cable, then open the sensor again",
                 )
             mean = [sum(axis) / samples for axis in zip(*readings[:samples], strict=True)]
@@ -204,7 +204,7 @@ class FT300S:
             if not letters[0].startswith("F"):
                 raise WrongDevice(
                     self.name,
-                    f"device {DEVICE_ID} on {self.config.port} calls its firmware {letters[0]!r}, that of an FT 300-S "
+                    f"device {DEVICE_ID} on {self.config.port} reports firmware {letters[0]!r}, but that of an FT 300-S "
                     "begins with F; check the port in rig.yaml",
                 )
             if client.write_registers(REG_OUTPUT, [STREAM_ON], device_id=DEVICE_ID).isError():

@@ -202,8 +202,8 @@ class NatNetMocap:
             return
         self._elsewhere = address
         self._notice(
-            f"{self.name}: datagrams from {address} are not taken, only those of {self._config.server}; find out who "
-            "sends them, or correct server in rig.yaml"
+            f"{self.name}: datagrams from {address} are ignored, only those of {self._config.server} are accepted; find "
+            "out who sends them, or correct server in rig.yaml"
         )
 
     def _meet(self, client: ServerClient) -> Identity:
@@ -212,7 +212,7 @@ class NatNetMocap:
         try:
             client.connect(timeout=config.timeout)
         except TimeoutError as e:
-            other = f" (what {self._elsewhere} sent was not taken)" if self._elsewhere else ""
+            other = f" (datagrams from {self._elsewhere} were ignored)" if self._elsewhere else ""
             raise Unreachable(
                 self.name,
                 f"no NatNet server answers at {where} within {config.timeout} s{other}; check that Motive streams (Data "
@@ -221,15 +221,15 @@ class NatNetMocap:
         except (OSError, NatNetError) as e:
             raise Unreachable(
                 self.name,
-                f"cannot talk from {config.local or 'here'} to {where} ({e}); check both addresses in rig.yaml",
+                f"cannot communicate from {config.local or 'here'} to {where} ({e}); check both addresses in rig.yaml",
             ) from e
         except Exception as e:  # whatever the client makes of a datagram that is not NatNet
-            raise WrongDevice(self.name, f"what answers at {where} is not a NatNet server ({e!r})") from e
+            raise WrongDevice(self.name, f"the device at {where} is not a NatNet server ({e!r})") from e
         info = client.server_info
         version = info.nat_net_protocol_version.components[:2]
         speaks = f"NatNet {version[0]}.{version[1]}"
         if version < OLDEST_VERSION:
-            raise WrongDevice(self.name, f"{where} speaks {speaks}; 3.0 is the oldest understood: update Motive")
+            raise WrongDevice(self.name, f"{where} speaks {speaks}; 3.0 is the oldest supported version: update Motive")
         self._ids = self._find_bodies(client, where)
         self._wait(client, lambda: bool(self._frames), "frames; set Motive to live, and its transmission to unicast")
         return Identity("OptiTrack", f"{info.application_name}, {speaks}", firmware=str(info.server_version))
@@ -257,7 +257,7 @@ class NatNetMocap:
             now = time.monotonic()
             if now > deadline:
                 raise Unreachable(
-                    self.name, f"{self._config.server} answers but sends within {self._config.timeout} s no {what}"
+                    self.name, f"{self._config.server} answers, but within {self._config.timeout} s sent no {what}"
                 )
             if ask is not None and now >= ask_at:
                 ask_at = now + ASK_AGAIN

@@ -92,7 +92,7 @@ class PfeifferGauge:
                 raise Unreachable(self.name, e.message) from e
             except BadReply as e:
                 self._line.close()
-                raise WrongDevice(self.name, f"no Pfeiffer gauge known here: {e.message}") from e
+                raise WrongDevice(self.name, f"not a supported Pfeiffer gauge: {e.message}") from e
             except InstrumentError:
                 self._line.close()
                 raise
@@ -134,7 +134,7 @@ class PfeifferGauge:
         code = self._query("error code", protocol.read_error_code)
         if code is not protocol.ErrorCode.NO_ERROR:
             what = code.name.lower().replace("_", " ")
-            raise DeviceFault(self.name, f"reports a {what}; power-cycle it, then replace it when the error stays")
+            raise DeviceFault(self.name, f"reports a {what}; power-cycle it, and replace it if the error persists")
 
     def _query(self, what: str, query: Query[T]) -> T:
         """Ask, once more after silence or noise."""
@@ -157,7 +157,7 @@ class PfeifferGauge:
                 ) from e
             raise BadReply(
                 self.name,
-                f"{where} answered {show(self._wire.heard)} to a request for its {what} ({e}); check the line",
+                f"{where} answered {show(self._wire.heard)} to a request for its {what} ({e}); check the cable",
             ) from e
 
 

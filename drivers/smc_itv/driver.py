@@ -51,7 +51,7 @@ class Config(RegulatorsConfig):
         le=1e6,
         json_schema_extra={
             "unit": "Pa",
-            "write": "the units cannot be asked: by their label ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
+            "write": "the units cannot report it; see their label: ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
         },
     )
     """Pressure at 1023 counts: without a default, because a wrong one is not seen in the readings."""
@@ -66,9 +66,11 @@ class Config(RegulatorsConfig):
     def _fits_together(self) -> Config:
         ChamberMap(self.chambers)
         if len(self.ports) != len(self.chambers):
-            raise ValueError(f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give a list a port")
+            raise ValueError(
+                f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give one port for each list"
+            )
         if len(set(self.ports)) != len(self.ports):
-            raise ValueError(f"ports {', '.join(self.ports)}: one is named twice")
+            raise ValueError(f"ports {', '.join(self.ports)}: a port is listed twice")
         if self.max_pressure > self.full_scale:
             raise ValueError(
                 f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
@@ -189,7 +191,7 @@ class SmcItv:
                 self._limits.sent(channel, 0.0)
             if errors:
                 ports = "; ".join(f"channel {channel + 1}: {e.message}" for channel, e in sorted(errors.items()))
-                raise InstrumentError(self.name, f"did not vent {ports}. Shut the supply and vent those by hand")
+                raise InstrumentError(self.name, f"did not vent {ports}. Shut off the supply and vent these by hand")
 
     def close(self) -> None:
         """Vent, wait shortly for the pressure to fall, disconnect."""
@@ -211,8 +213,8 @@ class SmcItv:
         for channel, what in found.items():
             raise WrongDevice(
                 self.name,
-                f"what answers on {self.config.ports[channel]} is no ITV: an unknown command should give "
-                f"{UNKNOWN_COMMAND!r}, it gave {what}; check the port in rig.yaml",
+                f"the device on {self.config.ports[channel]} is not an ITV: it should answer an unknown command with "
+                f"{UNKNOWN_COMMAND!r}, but gave {what}; check the port in rig.yaml",
             )
         silent = [self.config.ports[channel] for channel in errors]
         if silent:
@@ -246,10 +248,12 @@ class SmcItv:
         for channel, answer in answers.items():
             before, self._counts[channel] = self._counts[channel], answer
             if answer != counts[channel]:
-                same = " as before: it ignores the line, take it out of local operation" if answer == before else ""
+                same = (
+                    " as before: it ignores the serial line, take it out of local operation" if answer == before else ""
+                )
                 errors[channel] = DeviceFault(
                     self.name,
-                    f"{self.config.ports[channel]} was asked for {counts[channel] * self.step / 1e3:.2f} kPa and holds "
+                    f"{self.config.ports[channel]} was set to {counts[channel] * self.step / 1e3:.2f} kPa but holds "
                     f"{answer * self.step / 1e3:.2f} kPa{same}; check its set-point limits",
                 )
         return [channel for channel in answers if channel not in errors], errors
@@ -335,8 +339,8 @@ class SmcItv:
     def _refusal(self, channel: int, request: bytes, answer: bytes) -> BadReply:
         hint = {
             OUT_OF_RANGE: "the unit allows less than full_scale in rig.yaml",
-            UNKNOWN_COMMAND: "it did not understand; check the cable",
-        }.get(answer, f"wanted a number of 0 to {STEPS}; check the cable and the port")
+            UNKNOWN_COMMAND: "it did not understand the request; check the cable",
+        }.get(answer, f"expected a number from 0 to {STEPS}; check the cable and the port")
         return BadReply(self.name, f"{self.config.ports[channel]} answers {show(request)} with {show(answer)}; {hint}")
 
 

@@ -146,7 +146,7 @@ class Axis:
         what = f"{TMCLCommand.get_name(command)} {kind}, {value}"
         where = f"module {self._address} on {self._path} at {self._baud} Bd"
         failure: InstrumentError = NoReply(
-            self.name, f"no answer of {where} before {what}; check its power, address and baud rate"
+            self.name, f"no answer from {where} before {what}; check its power, address and baud rate"
         )
         with self._guarded() as (tmcl, line):
             for _ in range(ATTEMPTS):
@@ -158,8 +158,8 @@ class Axis:
                         return int(to_signed_32(reply.value))
                     failure = BadReply(
                         self.name,
-                        f"to {what}, {where}, came an answer of module {reply.module_address} to command "
-                        f"{reply.command}; check the addresses on the bus",
+                        f"{where} was sent {what}, but module {reply.module_address} answered command {reply.command}; "
+                        "check the addresses on the bus",
                     )
                 except TMCLReplyStatusError as e:
                     reason = TMCLStatus.get_name(e.status_code)
@@ -167,10 +167,10 @@ class Axis:
                     if e.status_code != TMCLStatus.WRONG_CHECKSUM:
                         break
                 except TMCLReplyChecksumError:
-                    failure = BadReply(self.name, f"damaged answer of {where} to {what}; check cable and baud rate")
+                    failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
                 except RuntimeError:  # how pytrinamic tells a time-out
                     failure = NoReply(
-                        self.name, f"no answer of {where} to {what}; check its power, address and baud rate"
+                        self.name, f"no answer from {where} to {what}; check its power, address and baud rate"
                     )
                 self._behind = True
                 time.sleep(self._timeout)

@@ -30,7 +30,7 @@ from ..spec import Driver
 from .bus import Axis
 
 MODULE = 1260
-RESTARTED = "the module has restarted (power lost?) and forgot its position; check its supply"
+RESTARTED = "the module has restarted (power failure?) and lost its position; check its supply"
 TARGET_POSITION, ACTUAL_POSITION, ACTUAL_SPEED, MAX_SPEED = 0, 1, 3, 4
 SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
 ERROR_FLAGS, DRIVER_STATUS, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
@@ -155,7 +155,8 @@ class TmclSpine:
                 raise NotReady(self.name, "length unknown; call home() and wait until read().homed")
             if not math.isfinite(length) or not (math.isfinite(speed) and speed > 0):
                 raise LimitExceeded(
-                    self.name, f"length {length} m at {speed} m/s is no motion; give a number and a speed above 0 m/s"
+                    self.name,
+                    f"length {length} m at {speed} m/s is not a valid motion; give a number and a speed above 0 m/s",
                 )
             if self._fault:
                 self._follow_encoder()
@@ -222,8 +223,8 @@ class TmclSpine:
         if module != MODULE:
             raise WrongDevice(
                 self.name,
-                f"module {self._config.address} on {self._config.port} is a TMCM-{module}; this driver knows the "
-                f"parameters of the TMCM-{MODULE} only",
+                f"module {self._config.address} on {self._config.port} is a TMCM-{module}; this driver supports the "
+                f"TMCM-{MODULE} only",
             )
         self._prepare()
         self._axis.stop()
@@ -256,7 +257,7 @@ class TmclSpine:
         if echo != (speed, goal):
             raise DeviceFault(
                 self.name,
-                f"asked for (speed, goal) {(speed, goal)} microsteps, the module holds {echo}; check its limits and "
+                f"(speed, goal) was set to {(speed, goal)} microsteps, but the module holds {echo}; check its limits and "
                 "that no other host writes to it",
             )
 
@@ -276,7 +277,7 @@ class TmclSpine:
         elif found != deviation:
             self._fault = (
                 f"its deviation stop was set to {found} microsteps by another host, it should be {deviation}; disconnect "
-                "that one, then call stop() to reset it"
+                "that host, then call stop() to reset it"
             )
         elif damage:
             self._lose_zero(f"motor driver: {', '.join(damage)}; check motor and cable")
@@ -307,7 +308,7 @@ class TmclSpine:
             if abs(zeroed) > self._microsteps(self._config.tolerance):
                 self._axis.stop()
                 self._fault = (
-                    f"the search ended without the switch: the host was silent for {self._config.heartbeat} s "
+                    f"the search ended without reaching the switch: the host was silent for {self._config.heartbeat} s "
                     "(heartbeat), or another host stopped it; home() again"
                 )
                 return
@@ -328,7 +329,7 @@ class TmclSpine:
             self._standing_since = state.t
         elif state.t - self._standing_since > self._config.settle_time:
             self._fault = (
-                f"stands at {length:.4f} m, short of {self._goal:.4f} m: the host was silent for "
+                f"stopped at {length:.4f} m, short of {self._goal:.4f} m: the host was silent for "
                 f"{self._config.heartbeat} s (heartbeat) or a limit switch is pressed. Call stop(), then move again"
             )
 

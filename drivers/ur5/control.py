@@ -97,7 +97,7 @@ class ControlThread:
         if self._broken is None:
             self._broken = NoReply(
                 self.name,
-                f"lost control of {self.host} ({why}); its watchdog stops the arm. Check it, close it, open it",
+                f"lost control of {self.host} ({why}); its watchdog stops the arm. Check the arm, then close and open it again",
             )
             self._jobs.put(None)
         return self._broken

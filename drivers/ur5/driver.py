@@ -109,7 +109,9 @@ class UR5:
         Raises Unreachable, WrongDevice, DeviceFault (stopped), NotReady (powered off, local mode, another in control).
         """
         if self._control is not None and self._control.alive:
-            raise NotReady(self.name, "is open, or its last connection has not ended; close it, or restart its process")
+            raise NotReady(
+                self.name, "is already open, or its last connection has not ended; close it, or restart its process"
+            )
         config = self.config
         seen = ur5_wire.snapshot(self.name, config.host, config.timeout)
         identity = ur5_wire.identify(self.name, config.host, config.timeout)
@@ -232,7 +234,7 @@ class UR5:
         try:
             return _still(self._state.latest())
         except StaleReading as error:
-            raise NoReply(self.name, f"{error.message}; look whether the arm stands") from error
+            raise NoReply(self.name, f"{error.message}; check that the arm stands still") from error
 
     def glance(self) -> bool:
         """True when one look at the controller's state shows the arm standing; needs no `open` and takes no control.
@@ -330,7 +332,7 @@ class UR5:
             self._healthy(control)
             if time.monotonic() > give_up:
                 raise NoReply(
-                    self.name, "the controller took the motion but does not start it; see the log on the pendant"
+                    self.name, "the controller accepted the motion but did not start it; see the log on the pendant"
                 )
             time.sleep(LOOK_INTERVAL)
         return number
@@ -340,7 +342,7 @@ class UR5:
             self.stop()
         raise DeviceFault(
             self.name,
-            f"motion to {_millimetres(move.goal)} not done after {move.deadline.rig_allowed:.1f} s and was stopped; "
+            f"motion to {_millimetres(move.goal)} not finished after {move.deadline.rig_allowed:.1f} s and was stopped; "
             "is the speed slider at 100 %?",
         )
 
@@ -360,7 +362,7 @@ def _millimetres(pose: Vector6) -> str:
 
 def _state(name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> UR5State:
     """The arm's stream of states."""
-    return UR5State(name, StateConfig(host=config.host, max_age=config.max_age), clock, sink)
+    return UR5State(name, StateConfig(host=config.host, max_age=config.max_age, timeout=config.timeout), clock, sink)
 
 
 DRIVER = Driver("arm", Config, UR5, make_state=_state, own_process=True)

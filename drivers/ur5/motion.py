@@ -60,17 +60,18 @@ def check_request(name: str, limits: Limits, pose: Sequence[float], speed: float
     goal = [float(x) for x in pose]
     if len(goal) != 6 or not all(math.isfinite(x) for x in (*goal, speed, acceleration)):
         raise LimitExceeded(
-            name, f"pose {goal}, speed {speed}, acceleration {acceleration}: six finite numbers and two more are needed"
+            name,
+            f"pose {goal}, speed {speed}, acceleration {acceleration}: the pose needs six numbers, and all must be finite",
         )
     if not 0 < speed <= limits.max_speed:
         raise LimitExceeded(
-            name, f"speed {speed:g} m/s outside 0..{limits.max_speed:g} m/s; ask for less or raise max_speed"
+            name, f"speed {speed:g} m/s outside 0..{limits.max_speed:g} m/s; reduce it or raise max_speed"
         )
     if not 0 < acceleration <= limits.max_acceleration:
         raise LimitExceeded(
             name,
-            f"acceleration {acceleration:g} m/s^2 outside 0..{limits.max_acceleration:g} m/s^2; "
-            "ask for less or raise max_acceleration",
+            f"acceleration {acceleration:g} m/s^2 outside 0..{limits.max_acceleration:g} m/s^2; reduce it or raise "
+            "max_acceleration",
         )
     for axis, value, low, high in zip("xyz", goal, limits.workspace_min, limits.workspace_max, strict=False):
         if not low <= value <= high:
@@ -87,7 +88,7 @@ def check_step(name: str, limits: Limits, here: Sequence[float], goal: Sequence[
     if distance > limits.max_step:
         raise LimitExceeded(
             name,
-            f"target is {distance:.4f} m away, limit {limits.max_step:g} m; go there in steps or raise max_step",
+            f"target is {distance:.4f} m away, limit {limits.max_step:g} m; move in steps or raise max_step",
         )
     if turn > limits.max_turn:
         raise LimitExceeded(

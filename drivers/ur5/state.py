@@ -104,7 +104,7 @@ class UR5State:
         if self._thread is not None and self._thread.is_alive():
             if self._identity is not None and not self._stopping.is_set():
                 return self._identity
-            raise NotReady(self.name, "the library has not let go of the last connection; restart the program")
+            raise NotReady(self.name, "the library has not released the last connection; restart the program")
         ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
         identity = ur5_wire.identify(self.name, self.config.host, self.config.timeout)
         try:
@@ -200,12 +200,13 @@ class UR5State:
 def check_plausible(name: str, host: str, sample: ArmSample) -> None:
     """Raises BadReply for numbers that no arm can have: the protocol has no checksum."""
     numbers = (*sample.joints, *sample.tcp_pose, *sample.tcp_speed)
-    far = any(abs(x) > FARTHEST for x in sample.tcp_pose[:3]) or any(abs(q) > LARGEST_ANGLE for q in sample.joints)
+    angles = (*sample.joints, *sample.tcp_pose[3:])
+    far = any(abs(x) > FARTHEST for x in sample.tcp_pose[:3]) or any(abs(q) > LARGEST_ANGLE for q in angles)
     if not all(map(math.isfinite, numbers)) or far or not any(numbers):
         raise BadReply(
             name,
-            f"the state says joints {sample.joints} rad, TCP {sample.tcp_pose[:3]} m, which cannot be; check the network "
-            f"to {host}, then restart the controller",
+            f"the state reports joints {sample.joints} rad, TCP {sample.tcp_pose} m and rad, which is impossible; check the "
+            f"network to {host}, then restart the controller",
         )
 
 

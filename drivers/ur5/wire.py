@@ -41,7 +41,7 @@ def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
     except OSError as error:
         raise Unreachable(
             name,
-            f"nothing listens at {host}:{port} ({error}); is it on, the cable in, and this the address of the arm?",
+            f"nothing listens at {host}:{port} ({error}); is the arm on, its cable plugged in, and the address right?",
         ) from error
 
 
@@ -110,12 +110,12 @@ class _Rtde:
             except OSError as error:
                 raise self._wrong(f"an error ({error})") from error
             if not piece:
-                raise self._wrong("the end of the connection")
+                raise self._wrong("an end of the connection")
             data += piece
         return data
 
     def _wrong(self, instead: str) -> WrongDevice:
-        return WrongDevice(self.name, f"{self.where} is no RTDE server: {instead} came; check the address")
+        return WrongDevice(self.name, f"{self.where} is not an RTDE server: it sent {instead}; check the address")
 
 
 def identify(name: str, host: str, timeout: float) -> Identity:

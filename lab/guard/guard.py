@@ -117,7 +117,7 @@ class Guard:
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
         """One command of the program."""
         own: dict[str, Callable[[], Any]] = {
-            "make_safe": lambda: self.make_safe("asked for by the program", self.rig.safe.keep_vacuum),
+            "make_safe": lambda: self.make_safe("requested by the program", self.rig.safe.keep_vacuum),
             "pause": lambda: self.make_safe("pause", keep_vacuum=True),
             "resume": self.resume,
             "unlock": self.unlock,
@@ -168,11 +168,11 @@ class Guard:
             raise self._refusal()
         if not self.energised:
             if self.latch is not None and not self.despite_latch:
-                self.latch.write("a run was cut off before its safe state was confirmed")
+                self.latch.write("a run was interrupted before its safe state was confirmed")
             self.energised = True
 
     def _refusal(self) -> Exception:
-        return self._cause or RigLanded(f"the guard has landed the rig: {self.landed}")
+        return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
         allowed = self.monitor.setpoints(pressures)
@@ -233,7 +233,7 @@ class Guard:
 
     def hand_over(self, by: str) -> SafeReport:
         """Land for somebody else, and for good: no command is taken any more, whatever a person confirms."""
-        why = f"asked for by {by}"
+        why = f"requested by {by}"
         with self._deciding:
             self.handed_over = by
             self.landed = self.landed or why
@@ -305,7 +305,7 @@ class Guard:
         self.tell(Event("waiting", text))
 
     def _not_stopped(self, error: InstrumentError) -> None:
-        self.land(f"no force samples, and the arm does not take its stop: {error}", error)
+        self.land(f"no force samples, and the arm does not accept the stop: {error}", error)
 
     # -- the end
     def close(self) -> None:
@@ -324,6 +324,8 @@ class Guard:
             thread.start()
         for thread in closing:
             thread.join(8.0)
+        if self.under_force is not None:
+            self.under_force.finish()
         if self.latch is not None:
             self.latch.disown()
 

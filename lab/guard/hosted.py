@@ -45,7 +45,6 @@ class Hosted:
         self._sending = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._line: Connection | None = None
-        threading.Thread(target=self._ping, name=f"ping-{name}", daemon=True).start()
 
     def open(self) -> Any:
         """Start the process if there is none, and connect."""
@@ -91,11 +90,12 @@ class Hosted:
             theirs.close()
             ours.send(self._setup)
             self._line = ours
+            threading.Thread(target=self._ping, args=(ours,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
         if not self._lock.acquire(timeout=within):
             self._end()
-            raise NoReply(self.name, f"{method}: an earlier call does not come back; its process was ended")
+            raise NoReply(self.name, f"{method}: an earlier call has not returned; its process was killed")
         try:
             line = self._line
             if line is None:
@@ -107,7 +107,7 @@ class Hosted:
                     self._end()
                     raise NoReply(
                         self.name,
-                        f"{method} did not come back within {within:g} s; its process was ended and the controller's watchdog "
+                        f"{method} did not return within {within:g} s; its process was killed and the controller's watchdog "
                         "stops the arm: check that it stands still, then open it again",
                     )
                 ok, answer = line.recv()
@@ -128,8 +128,8 @@ class Hosted:
         how = f"signal {-code} ({signal.Signals(-code).name})" if code is not None and code < 0 else f"code {code}"
         return NoReply(
             self.name,
-            f"its process ended with {how} during {method}; the controller's watchdog stops the arm: look whether it "
-            "stands, then open it again",
+            f"its process ended with {how} during {method}; the controller's watchdog stops the arm: check that it stands "
+            "still, then open it again",
         )
 
     def _end(self) -> None:
@@ -147,17 +147,18 @@ class Hosted:
         process.kill()
         process.wait(2.0)
 
-    def _ping(self) -> None:
-        while True:
-            time.sleep(PING_PERIOD)
-            line = self._line
-            if line is not None and self._sending.acquire(blocking=False):
+    def _ping(self, line: Connection) -> None:
+        """Between the calls, as long as this is the line to the process."""
+        time.sleep(PING_PERIOD)
+        while self._line is line:
+            if self._sending.acquire(blocking=False):
                 try:
                     line.send(("ping", ()))
                 except (OSError, ValueError):
                     pass
                 finally:
                     self._sending.release()
+            time.sleep(PING_PERIOD)
 
 
 # ------------------------------------------------------------------ the process

@@ -101,7 +101,7 @@ class Landing:
         give_up = time.monotonic() + reach + self._within + LEAST_TIME
         for thread in threads:
             thread.join(max(0.0, give_up - time.monotonic()))
-        hung = "its driver does not return; stop it by hand"
+        hung = "its driver does not respond; stop it by hand"
         return SafeReport(tuple(results.get(name, SafeStep(name, False, hung)) for name in order))
 
     def _open_gauge(self) -> None:
@@ -141,7 +141,7 @@ class Landing:
                     closed, deadline = False, time.monotonic() + self._within
                 confirmed, text = is_safe()
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
-                failed = "not reached" if not self._is_open(name) else "did not take the stop"
+                failed = "cannot be reached" if not self._is_open(name) else "did not accept the stop"
                 text = str(e) if taken else f"{failed}: {e}"
             if overtook and confirmed:
                 confirmed, text = False, f"{text}, but an earlier command has not returned"
@@ -187,14 +187,14 @@ class Landing:
         if valve.read().on:
             return False, "vacuum on"
         if not self._is_open(GAUGE) and time.monotonic() < self._gauge_until:
-            return False, "vacuum off by its relay; the gauge is being opened"
+            return False, "vacuum off according to its relay; the gauge is being opened"
         gauge = self._rig.drivers.get(GAUGE)
         try:
             absolute = gauge.read().absolute if gauge is not None else None
         except InstrumentError:
             absolute = None
         if absolute is None:
-            return True, "vacuum off by its relay; no gauge to confirm it"
+            return True, "vacuum off according to its relay; no gauge to confirm it"
         return absolute > RELEASED_ABOVE, f"vacuum off, {absolute / 1e3:.0f} kPa absolute in the spine"
 
     def _stop_arm(self, driver: Any) -> None:

@@ -73,7 +73,7 @@ class Latch:
         entry = self.read()
         if entry is not None:
             raise RigLocked(
-                f"{self.rig.name} is locked: {entry}. Look at the rig, vent it and free the arm by hand if need be, then run "
+                f"{self.rig.name} is locked: {entry}. Inspect the rig, vent it and free the arm by hand if necessary, then run "
                 f"`lab safe --clear --rig {self.rig}`"
             )
 

@@ -87,8 +87,8 @@ class LimitMonitor:
             if not math.isfinite(sample.absolute) or sample.absolute < lowest:
                 return _landing(
                     name,
-                    f"{sample.absolute / 1e3:.1f} kPa absolute is beyond limits.max_vacuum (lowest {lowest / 1e3:.1f} kPa); "
-                    "turn the supply down",
+                    f"{sample.absolute / 1e3:.1f} kPa absolute is below {lowest / 1e3:.1f} kPa, the lowest by "
+                    "limits.max_vacuum; turn the supply down",
                 )
         if isinstance(sample, SpineSample) and sample.homed:
             most = self._rig.instruments.spine.max_length + SLACK if self._rig.instruments.spine else math.inf
@@ -138,8 +138,8 @@ class LimitMonitor:
         channel, confirmed, held = off[0]
         return _landing(
             name,
-            f"channel {channel} was set to {confirmed / 1e3:.1f} kPa but its set-point is {held / 1e3:.1f} kPa: it restarted "
-            "(power lost?) or something else sets it (front panel, second program); check its supply",
+            f"channel {channel} was set to {confirmed / 1e3:.1f} kPa but its set-point is {held / 1e3:.1f} kPa: it "
+            "restarted (power failure?) or something else set it (front panel, second program); check its supply",
         )
 
     def _holds(self, name: str, sample: PressureSample) -> Finding | None:
@@ -150,12 +150,12 @@ class LimitMonitor:
             return None
         p, asked, channel = max(deviating, key=lambda found: found[0] - found[1])  # one too high calls for more
         text = (
-            f"channel {channel} measures {p / 1e3:.1f} kPa at a set-point of {asked / 1e3:.1f} kPa and has not followed for "
+            f"channel {channel} measures {p / 1e3:.1f} kPa instead of its set-point of {asked / 1e3:.1f} kPa for more than "
             f"{self._limits.pressure_error_time:g} s"
         )
         if p < asked:
-            return Finding("pause", NotHeld(name, f"{text}; supply low, leak or burst chamber: check and repair"))
-        return _landing(name, f"{text}; the regulator does not vent: shut the supply and vent by hand")
+            return Finding("pause", NotHeld(name, f"{text}; check for low supply pressure, a leak or a burst chamber"))
+        return _landing(name, f"{text}; the regulator does not vent: shut off the supply and vent by hand")
 
 
 def _landing(name: str, text: str) -> Finding:

@@ -101,7 +101,7 @@ class ProgramWatch(threading.Thread):
         elif text := overload(kind, value, guard.rig):
             self._overloaded(text)
         elif kind == BEAT and guard.energised and value > guard.rig.safe.hang:
-            guard.land(f"the experiment has not moved on for {value:.1f} s (safe.hang)")
+            guard.land(f"the experiment has made no progress for {value:.1f} s (safe.hang)")
 
     def _overloaded(self, text: str) -> None:
         if self._guard.energised:

@@ -54,6 +54,7 @@ class UnderForce:
         self._stood = 0.0
         """Host seconds that motions stood still for, less those they moved for."""
         self._under_way = threading.Event()
+        self._finished = False
         threading.Thread(target=self._watch, name="under-force", daemon=True).start()
 
     def sampled(self, at: float) -> None:
@@ -85,7 +86,7 @@ class UnderForce:
                 self._end()
                 raise StaleReading(
                     "force",
-                    f"the arm stood still for {self._stood:.1f} s on its way, since samples came later than "
+                    f"the arm was held for {self._stood:.1f} s during a motion, because samples came later than "
                     f"limits.max_age_in_motion = {self._limits.max_age_in_motion:g} s; check the sensor's cable and "
                     "adapter, and the load on the computer",
                 )
@@ -116,6 +117,11 @@ class UnderForce:
         self._end()
         self._arm.close()
 
+    def finish(self) -> None:
+        """Watch no more, for good."""
+        self._finished = True
+        self._under_way.set()
+
     def _drive(self, call: Callable[[], Any]) -> Any:
         """A call to the arm; when it fails there is no motion to go on with."""
         try:
@@ -144,7 +150,7 @@ class UnderForce:
     def _watch(self) -> None:
         """Stop a motion whose samples stay away; a thread of its own, since a stop takes its time."""
         failed = 0
-        while True:
+        while not self._finished:
             self._under_way.wait()
             began = time.monotonic()
             if not self._waits and self._age() > self._limits.max_age_in_motion:
@@ -180,5 +186,5 @@ class UnderForce:
             self._reported = True
             self._log(
                 f"force: no sample for {late * 1e3:.0f} ms, limits.max_age_in_motion is "
-                f"{self._limits.max_age_in_motion * 1e3:.0f} ms: the arm waits until samples flow again"
+                f"{self._limits.max_age_in_motion * 1e3:.0f} ms: the arm waits until samples arrive again"
             )

@@ -89,6 +89,7 @@ class Actuators:
             self._heard = self.pulse.awake.now
         except BaseException:
             self._end()
+            self._samples.close()
             raise
         self._reader = threading.Thread(target=self._forward, name="guard-messages", daemon=True)
         self._reader.start()
@@ -143,7 +144,7 @@ class Actuators:
 
     def _forward(self) -> None:
         """Take what the guard sends until its end."""
-        with contextlib.suppress(EOFError, OSError):
+        with self._samples, contextlib.suppress(EOFError, OSError):
             while True:
                 message = self._samples.recv()
                 self._heard = self.pulse.awake.now

@@ -124,7 +124,7 @@ class HostedArmState:
         how = signal.Signals(-code).name if code < 0 else f"code {code}"
         self._error = StaleReading(
             self.name,
-            f"the process that reads the state ended ({how}): the stream was damaged or the controller went away; check "
+            f"the process that reads the state ended ({how}): the stream was damaged or the controller disconnected; check "
             "the network to the arm, then open it again",
         )
         opened.put(self._error)

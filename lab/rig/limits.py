@@ -82,7 +82,7 @@ def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
         further = len(several) - 1
         others = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
         lines.append(
-            f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): asks for {worst.subject}{worst.value:g} "
+            f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.subject}{worst.value:g} "
             f"{worst.unit}, {where} {worst.limit}; {worst.remedy}{others}"
         )
     return lines
@@ -104,16 +104,18 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
             yield from _above(value, unit, f"instruments.{key}", most, path)
     if robot.spine is None and ask.spine_length:
         remedy = "write spine_lengths: [0], or describe the spine there"
-        yield Excess(ask.spine_length, "m", f"what {rig.robot} has: it has no spine", math.inf, remedy, "a spine of ")
+        yield Excess(
+            ask.spine_length, "m", f"what {rig.robot} allows: it has no spine", math.inf, remedy, "a spine of "
+        )
     if ask.vacuum is not None:
-        yield from _above(ask.vacuum, "Pa", "limits.max_vacuum", rig.limits.max_vacuum, path, "vacuum of ")
+        yield from _above(ask.vacuum, "Pa", "limits.max_vacuum", rig.limits.max_vacuum, path, "a vacuum of ")
     if rig.stand is not None and instruments.arm is not None:
         yield from _probe(ask.probe, rig.stand, instruments.arm.workspace_min, instruments.arm.workspace_max, path)
     if ask.push is not None:
         yield from _push(ask.push, rig, path, robot)
 
 
-RAISE = "ask for less, or raise the limit if the rig can take it"
+RAISE = "reduce it, or raise the limit if the rig allows"
 
 
 def _above(
@@ -126,20 +128,20 @@ def _above(
 def _pressures(pressures: Sequence[float], rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
     highest = max(pressures)
     if robot.max_pressure is not None:
-        remedy = "ask for less: the robot withstands no more"
+        remedy = "reduce it: the robot withstands no more"
         yield from _above(highest, "Pa", "max_pressure", robot.max_pressure, rig.robot, remedy=remedy)
     regulators = rig.instruments.pressure
     if regulators is None:
         return
     yield from _above(highest, "Pa", "instruments.pressure.max_pressure", regulators.max_pressure, path)
     total = sum(max(0.0, p) for p in pressures)
-    remedy = "inflate fewer chambers or less, or raise the limit if the robot can take it"
+    remedy = "inflate fewer chambers or to less, or raise the limit if the robot allows"
     limit = "limits.max_total_pressure"
-    yield from _above(total, "Pa", limit, rig.limits.max_total_pressure, path, "a sum over the chambers of ", remedy)
+    yield from _above(total, "Pa", limit, rig.limits.max_total_pressure, path, "a total over the chambers of ", remedy)
     try:
         wiring(rig, robot).setpoints(dict(enumerate(pressures, 1)))
     except ValueError as e:
-        channels = f"what instruments.pressure.chambers of {path} can make"
+        channels = f"what instruments.pressure.chambers of {path} can deliver"
         yield Excess(highest, "Pa", channels, 1.0, str(e), outside=True)
 
 
@@ -166,8 +168,8 @@ def _push(push: Push, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess
     force = expected_force(robot, push)
     if force is None:
         return
-    remedy = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm can take it"
-    subject = f"{push.deflection * 1e3:.2g} mm of a specimen that should push back with "
+    remedy = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm allow"
+    subject = f"a deflection of {push.deflection * 1e3:.2g} mm, for which the specimen should need "
     yield from _above(force, "N", "limits.max_force", rig.limits.max_force, path, subject, remedy)
     yield from _above(force, "N", "max_force", push.max_force, "the protocol", subject, remedy)
     moment = force * push.length

@@ -14,7 +14,7 @@ HEAD = [
     "generated",
     "written",
     "dropped",
-    "lost on the way",
+    "lost in transit",
     "gaps",
     "rate, Hz",
     "jitter p99, ms",
@@ -39,7 +39,9 @@ def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
                 total += stream.timing.count + (stream.dropped or 0) + missing
     said = f"{gone} of {total} samples were lost" if gone else f"No sample was lost; {total} were recorded"
     if anew:
-        said += f"; streams began anew {anew} times (their numbers went back), what was lost then is not known"
+        said += (
+            f"; streams restarted {anew} times (their sample numbers went back), losses at those moments are not known"
+        )
     return f"{said}. A gap is an interval longer than 2.5 times the usual one.", HEAD, rows
 
 

@@ -101,7 +101,7 @@ def _valve(bench: Bench) -> str:
     if gauge is None:
         valve.set(True)
         valve.set(False)
-        return "switched on and off, by its own read-back; without a gauge the vacuum in the spine is unknown"
+        return "switched on and off, according to its own read-back; without a gauge the vacuum in the spine is unknown"
     ambient = release(bench, Jam())
     valve.set(True)
 
@@ -134,9 +134,7 @@ def _arm(bench: Bench, rig: RigFile) -> str:
     low, high = (config.workspace_min, config.workspace_max) if config is not None else ((-9.0,) * 3, (9.0,) * 3)
     outside = [f"{a} = {x:.3f} m" for a, x, lo, hi in zip("xyz", start, low, high, strict=False) if not lo <= x <= hi]
     if outside:
-        raise NotAsCommanded(
-            f"arm: its tool is at {', '.join(outside)}, outside its workspace; bring it inside by hand"
-        )
+        raise NotAsCommanded(f"arm: its tool is at {', '.join(outside)}, outside its workspace; move it inside by hand")
     middle = [(lo + hi) / 2 for lo, hi in zip(low, high, strict=True)]
     goal = list(start)
     goal[2] += math.copysign(ARM_TRAVEL, middle[2] - start[2])
@@ -148,7 +146,7 @@ def _arm(bench: Bench, rig: RigFile) -> str:
         bench.wait("arm: at its target", lambda: None if arm.moving() else True, WITHIN)
         aim = target[:3]
         bench.wait(
-            "arm: its state shows it there",
+            "arm: target confirmed by its state",
             lambda aim=aim: True if math.dist(state.latest().tcp_pose[:3], aim) < ARRIVED else None,  # type: ignore[misc]
             WITHIN,
         )
@@ -187,7 +185,7 @@ def _channel(bench: Bench, rig: RigFile, displacements: Expected, channel: int) 
         if displacement is not None and rest is not None:
             _compare(_tip(bench) - rest, displacement * pressure, pressure, least=0.0)
     _inflate(bench, channel, STEP, before)
-    seen = "its own reading agrees, the others stay"
+    seen = "its own reading agrees, the other channels do not change"
     if displacement is None or rest is None:
         seen += "; without cameras, or without a model of these chambers, range and hoses are not checked"
     elif math.hypot(*displacement[:2]) * STEP < LEAST_VISIBLE:
@@ -216,8 +214,8 @@ def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None
     for other, by in enumerate(off, 1):
         if abs(by) > AGREE:
             raise NotAsCommanded(
-                f"pressure: channel {other} moves by {by / 1e3:.1f} kPa when channel {channel + 1} is set to "
-                f"{pressure / 1e3:.1f} kPa, limit {AGREE / 1e3:g} kPa; look for a hose between them"
+                f"pressure: channel {other} changes by {by / 1e3:.1f} kPa when channel {channel + 1} is set to "
+                f"{pressure / 1e3:.1f} kPa, limit {AGREE / 1e3:g} kPa; look for a hose that connects them"
             )
 
 
@@ -249,7 +247,7 @@ def _compare(moved: Array, expected: Array, pressure: float, least: float) -> No
         raise NotAsCommanded(
             f"pressure: the tip moves towards {math.degrees(math.atan2(moved[1], moved[0])):.0f} deg about the axis, "
             f"{math.degrees(math.atan2(expected[1], expected[0])):.0f} deg expected: other chambers are inflated; look for "
-            "exchanged hoses, ports or unit letters, or correct chambers (or mocap_to_base) in rig.yaml"
+            "swapped hoses, ports or unit letters, or correct chambers (or mocap_to_base) in rig.yaml"
         )
 
 

@@ -51,7 +51,7 @@ class Console:
         """See Operator.confirm; where nobody can type, nobody can confirm."""
         out.print(f"Paused, vented and stopped: {trouble}")
         if not sys.stdin.isatty():
-            raise Stopped(f"paused: {trouble}; nobody can fix it (not a terminal)")
+            raise Stopped(f"paused: {trouble}; nobody can confirm that it is fixed (not a terminal)")
         if input("Enter when it is fixed and nobody is in the cell, q to stop: ").strip().lower() == "q":
             raise Stopped(f"stopped during a pause: {trouble}")
 
@@ -103,8 +103,8 @@ class Program:
         mode = stat.S_IMODE(found.st_mode)
         if found.st_uid != os.getuid():
             raise ProtocolError(
-                f"{self._where}: its folder belongs to user {found.st_uid}, not to you ({os.getuid()}); have the socket in "
-                "a folder of your own of mode 0700"
+                f"{self._where}: its folder belongs to user {found.st_uid}, not to you ({os.getuid()}); put the socket in "
+                "a folder of your own with mode 0700"
             )
         if mode & 0o077:
             raise ProtocolError(

@@ -46,7 +46,7 @@ def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:
     try:
         demand_fakes(rig)
     except ConfigError as e:
-        told = f"{e}\nlanding at speed 1 all the same"
+        told = f"{e}\nmaking the rig safe at speed 1 all the same"
         return rig.model_copy(update={"clock": ClockConfig(speed=1.0)}), told
     return rig, ""
 
@@ -61,12 +61,12 @@ def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
                 if not isinstance(address, str) or not address:
                     continue  # TMCL has a `host` that is a number on its bus
                 if not (_fake_line(address) if key in PORTS else _fake_host(address)):
-                    kind = "no pseudo-terminal of a fake" if key in PORTS else "not an address of this machine alone"
+                    kind = "not the pseudo-terminal of a fake" if key in PORTS else "not a loopback address"
                     yield (
                         name,
                         (
-                            f"instruments.{name}.{key} = {address} is {kind}, and only fakes run faster or slower than real; "
-                            "write speed: 1"
+                            f"instruments.{name}.{key} = {address} is {kind}, and only fakes run faster or slower than "
+                            "real time; write speed: 1"
                         ),
                     )
 

@@ -57,7 +57,7 @@ class Recovery:
         except InstrumentError as e:
             raise e from cause
         self._await_health(cause)
-        self._say("Going on")
+        self._say("Resuming")
 
     def _await_health(self, cause: InstrumentError) -> None:
         """Wait until nothing has been wrong for a while."""
@@ -70,9 +70,7 @@ class Recovery:
                 self._watch.look(strict=True)
             except (InstrumentError, Suspended) as e:
                 if time.monotonic() > give_up:
-                    still = (
-                        f"{self._limits.resume_within:g} s (limits.resume_within) after it was confirmed as put right"
-                    )
+                    still = f"{self._limits.resume_within:g} s (limits.resume_within) after it was confirmed as fixed"
                     raise _with(cause, f"{still}, still {e}") from e
                 self._watch.forget()
                 well_since = time.monotonic()

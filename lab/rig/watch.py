@@ -28,7 +28,7 @@ GRACE = 0.5
 SAFEGUARD = 1 << 4
 """Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
 OWN_SLEEP, CATCH_UP = 0.5, 0.2
-"""Host seconds between two looks after which the looking itself was late; time to make up for it."""
+"""Host seconds that this program may have stood still between two looks; time to make up for more."""
 STUCK = 1.0
 """Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
 HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
@@ -77,9 +77,13 @@ class Watch:
         self._hidden_since = math.inf
         self._late: dict[str, tuple[float, float]] = {}
         """Host seconds for which a stream was late, less those for which it was not; when that was counted."""
+        self._excused: dict[str, float] = {}
+        """When the first command since a polled instrument was last heard ended: no reading comes while it works. Later commands
+        excuse nothing, lest an instrument that takes commands need never be read."""
         self._values: dict[str, Shown] = {}
         """What a stream showed last."""
-        self._began = self._looked = time.monotonic()
+        self._began = time.monotonic()
+        self._looked = self._began, actuators.pulse.awake.now
 
     def over(self, needed: Sequence[str]) -> None:
         """Watch these instruments from now on."""
@@ -100,15 +104,15 @@ class Watch:
         """
         if self._stop_now():
             raise KeyboardInterrupt
-        if time.monotonic() - self._looked > OWN_SLEEP:
-            time.sleep(CATCH_UP)  # this program itself stood still: let its threads read what has come meanwhile
+        if self._stood_still() > OWN_SLEEP:
+            time.sleep(CATCH_UP)  # let the threads of this program read what has come meanwhile
             self._excuse()
             self._began = time.monotonic()
-        self._looked = time.monotonic()
+        self._looked = time.monotonic(), self._actuators.pulse.awake.now
         self._actuators.look()
         vital = self._vital
         if vital.landed is not None:
-            raise vital.landed.error or RigLanded(f"the guard has landed the rig: {vital.landed.text}")
+            raise vital.landed.error or RigLanded(f"the guard has made the rig safe: {vital.landed.text}")
         if vital.pause is not None and vital.pause.error is not None:
             raise Suspended(vital.pause.error)
         now = time.monotonic()
@@ -117,6 +121,11 @@ class Watch:
                 self._polled(name, now)
             elif name in self._streams:
                 self._stream(name, now, strict)
+
+    def _stood_still(self) -> float:
+        """Host seconds since the last look for which this program was not awake; a command that takes long is no sleep."""
+        looked, awake = self._looked
+        return (time.monotonic() - looked) - (self._actuators.pulse.awake.now - awake)
 
     def recoverable(self, error: InstrumentError) -> bool:
         """Whether a person can put right what an instrument complains of: an arm that its own safety system holds, a
@@ -136,10 +145,13 @@ class Watch:
         error = self._vital.errors.get(name)
         if isinstance(error, DeviceFault):
             raise error
-        age = now - max(self._began, self._vital.heard.get(name, 0.0), self._actuators.last_command.get(name, 0.0))
+        heard = self._vital.heard.get(name, 0.0)
+        if self._excused.get(name, 0.0) <= heard:
+            self._excused[name] = self._actuators.last_command.get(name, 0.0)
+        age = now - max(self._began, heard, self._excused[name])
         if age > self._limits.max_age:
             raise error or StaleReading(
-                name, f"no reading for {age:.1f} s, limits.max_age is {self._limits.max_age:g} s; check its line"
+                name, f"no reading for {age:.1f} s, limits.max_age is {self._limits.max_age:g} s; check its cable"
             )
 
     def _stream(self, name: str, now: float, strict: bool) -> None:
@@ -165,12 +177,14 @@ class Watch:
     def _lateness(self, name: str, now: float, late: bool) -> float:
         """Host seconds of lateness until now; a stream that drips is late most of the time, though never for long."""
         before, at = self._late.get(name, (0.0, now))
-        count = before + (now - at) if late else max(0.0, before - (now - at))
+        took = min(now - at, OWN_SLEEP)  # of a command that took long nothing is known but its end
+        count = before + took if late else max(0.0, before - took)
         self._late[name] = count, now
         return count
 
     def _excuse(self) -> None:
         self._late.clear()
+        self._excused.clear()
         self._hidden_since = math.inf
 
     def _moves_on(self, name: str, sample: Any, now: float) -> None:

@@ -92,7 +92,7 @@ def export_case(recording: Recording, folder: str | os.PathLike[str], table: Tab
     """
     table = table_of(recording) if table is None else table
     if not len(table):
-        raise BadTable(f"{recording.path} has no concluded state; try `lab replay` to read its states again")
+        raise BadTable(f"{recording.path} has no concluded state; try `lab replay` to compute its states again")
     if "robot.yaml" not in recording.attachments:
         raise MissingStream(
             f"{recording.path} has no attachment robot.yaml; add the robot's file to the folder by hand"

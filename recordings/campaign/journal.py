@@ -122,7 +122,7 @@ def read(path: Path) -> Progress:
         for line in _lines(path):
             if "journal" in line:
                 if line["journal"] != VERSION:
-                    raise BadJournal(f"{path}: is of version {line['journal']}, this software reads {VERSION}")
+                    raise BadJournal(f"{path}: has version {line['journal']}, this software reads {VERSION}")
                 campaign, protocol = str(line["campaign"]), str(line["protocol"])
             elif "recording" in line:
                 recordings.append((str(line["recording"]), _whole(line["first_trial"])))
@@ -131,7 +131,7 @@ def read(path: Path) -> Progress:
                 done[_whole(line["trial"])] = _whole(line["done"])
     except (ValueError, KeyError, TypeError) as error:
         raise BadJournal(
-            f"{path}: a line makes no sense ({repr(error)[:200]}); without it the run cannot be resumed"
+            f"{path}: a line cannot be understood ({repr(error)[:200]}); without it the run cannot be resumed"
         ) from error
     if not campaign or not recordings:
         raise BadJournal(f"{path}: does not name a campaign and a recording; it is not the journal of a run")

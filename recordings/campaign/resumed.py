@@ -25,9 +25,7 @@ def first_trial(recording: Recording) -> int:
     """The number of the first trial that was done in a recording."""
     text = recording.metadata.get("campaign", {}).get("first_trial", "1")
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise Damaged(
-            f"{recording.path}: its metadata 'campaign' give the first trial {text[:40]!r}, which is not a number"
-        )
+        raise Damaged(f"{recording.path}: its metadata 'campaign' has first_trial {text[:40]!r}, which is not a number")
     return int(text)
 
 

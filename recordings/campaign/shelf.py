@@ -88,7 +88,7 @@ def runs(
             continue
         return [run for run in out if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)]
     raise RecordingError(
-        f"{folder / INDEX}: no index can be made, not even in memory; check the installation of SQLite"
+        f"{folder / INDEX}: no index can be created, not even in memory; check the installation of SQLite"
     )
 
 
@@ -108,7 +108,7 @@ def _run(row: tuple[Any, ...]) -> Run:
 def _opened(path: Path | None) -> sqlite3.Connection:
     """The index at a path, or None: in memory; made anew when it is of another version. Raises sqlite3.DatabaseError."""
     if path is not None and (path.is_symlink() or (path.exists() and not path.is_file())):
-        raise RecordingError(f"{path}: is a symbolic link or no file, which is not followed here; remove it")
+        raise RecordingError(f"{path}: is a symbolic link or not a regular file, and is not followed; remove it")
     index = sqlite3.connect(":memory:" if path is None else path, timeout=10.0)
     try:
         index.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)

@@ -64,6 +64,6 @@ class Budget:
             what, free, share = cost.value
             most = min(int(free + share * self.size), MAX_TOTAL)
             raise Oversized(
-                f"{self.name}: says that it holds more than {most} {what}, the most that is read of a file of "
-                f"{self.size} bytes; it is damaged, or was made to do harm"
+                f"{self.name}: claims to hold more than {most} {what}, the limit for a file of {self.size} bytes; it is "
+                "damaged or malicious"
             )

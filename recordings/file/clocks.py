@@ -120,7 +120,7 @@ def aligned(recording: Recording, topic: str) -> Numbers:
     short for a model, keep the host's stamp. Raises `MissingStream` for a stream without device stamps.
     """
     if not has_stamp(topic):
-        raise MissingStream(f"{topic} carries no stamp of its instrument; use its field t")
+        raise MissingStream(f"{topic} has no time stamp of its instrument; use its field t")
     samples = recording.stream(topic)
     device: Numbers = samples[STAMP]
     host: Numbers = samples["t"]

@@ -106,7 +106,7 @@ def walk(data: memoryview, name: str) -> Contents:
             _take(contents, data, head, budget)
         except _UNPARSABLE as error:
             raise Damaged(
-                f"{name}: the record at byte {head.start} makes no sense ({error}); run `lab verify`"
+                f"{name}: the record at byte {head.start} cannot be parsed ({error}); run `lab verify`"
             ) from error
         contents.end = head.end
         if head.opcode == Opcode.FOOTER:

@@ -74,7 +74,7 @@ def check_chunk(data: memoryview, chunk: ChunkPlace, name: str) -> None:
     where = f"{name}: chunk at byte {chunk.start}"
     packed, most = data[chunk.data_start : chunk.data_end], largest_chunk(len(data))
     if chunk.size > most:
-        raise Oversized(f"{where} says it holds {chunk.size} bytes, {most} are read at most; run `lab verify`")
+        raise Oversized(f"{where} claims to hold {chunk.size} bytes, limit {most}; run `lab verify`")
     if chunk.compression not in ("", "lz4", "zstd"):
         raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
     size = len(packed)
@@ -85,7 +85,7 @@ def check_chunk(data: memoryview, chunk: ChunkPlace, name: str) -> None:
         except zstandard.ZstdError as error:
             raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
     if chunk.compression != "lz4" and size not in (chunk.size, -1):
-        raise Damaged(f"{where} fails its checksum: its compressed data have another size; run `lab verify`")
+        raise Damaged(f"{where} fails its checksum: its compressed data have a different size; run `lab verify`")
 
 
 def decompress(data: memoryview, chunk: ChunkPlace, name: str) -> bytes:
@@ -140,7 +140,7 @@ def find_channels(data: memoryview, contents: Contents, name: str) -> None:
 
 
 def _senseless(name: str, chunk: ChunkPlace, error: Exception) -> Damaged:
-    return Damaged(f"{name}: the chunk at byte {chunk.start} holds what makes no sense ({error}); run `lab recover`")
+    return Damaged(f"{name}: the chunk at byte {chunk.start} cannot be parsed ({error}); run `lab recover`")
 
 
 def pick(data: memoryview, contents: Contents, name: str) -> Iterator[Picked]:

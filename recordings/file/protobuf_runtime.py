@@ -46,7 +46,7 @@ def _class(schema: Schema) -> type[Any]:
 def parse(kind: type[Any], payload: bytes, topic: str) -> Any:
     """One message; raises `Damaged` when the bytes are not one, `Oversized` for one that is longer than any of ours."""
     if len(payload) > MAX_MESSAGE:
-        raise Oversized(f"{topic}: a message of {len(payload)} bytes, {MAX_MESSAGE} are read at most")
+        raise Oversized(f"{topic}: a message of {len(payload)} bytes, limit {MAX_MESSAGE}")
     try:
         return kind.FromString(payload)
     except DecodeError as error:
@@ -64,11 +64,11 @@ def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], coun
     known = [field for field in message.fields if field.name in there]
     if "t" not in there or len(known) < 2:
         raise OtherVersion(
-            f"{message.topic}: the file's schema {schema.name} is another message: it has {sorted(there)[:50]}"
+            f"{message.topic}: the file's schema {schema.name} describes another message, with the fields {sorted(there)[:50]}"
         )
     for field in known:
         if there[field.name].type != field.type or there[field.name].is_repeated != bool(field.shape):
-            raise OtherVersion(f"{message.topic}: field {field.name} is of another type in the file")
+            raise OtherVersion(f"{message.topic}: field {field.name} has another type in the file")
     out = None
     for row, payload in enumerate(payloads):
         parsed = parse(kind, payload, message.topic)
@@ -99,5 +99,7 @@ def _shape(like: tuple[int, ...], count: int, topic: str) -> tuple[int, ...]:
     """The first dimension is free."""
     width = int(np.prod(like[1:], dtype=int))
     if count > MAX_NUMBERS or count % width:
-        raise OtherVersion(f"{topic}: an array of {count} numbers, none of ours has so many")
+        raise OtherVersion(
+            f"{topic}: an array of {count} numbers, must be a multiple of {width} and at most {MAX_NUMBERS}"
+        )
     return (count // width, *like[1:])

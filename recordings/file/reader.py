@@ -161,8 +161,8 @@ class Recording:
         """Raises `Foreign` when the file does not have these topics as this software writes them."""
         if not all(map(self.knows, topics)):
             raise Foreign(
-                f"{self.path} was not recorded by this software: needed are {', '.join(map(_name, topics))}, "
-                f"it has {self._described()}; write its states into a case folder (robot.yaml and trials.csv) instead"
+                f"{self.path} was not recorded by this software: it needs {', '.join(map(_name, topics))}, but has "
+                f"{self._described()}; write its states into a case folder (robot.yaml and trials.csv) instead"
             )
 
     def knows(self, topic: str) -> bool:
@@ -292,7 +292,7 @@ class Recording:
     def _decode(self, topic: str) -> NDArray[np.void]:
         channel = self._channel(topic)
         if not is_stream(topic):
-            raise MissingStream(f"{topic} is no stream of numbers; those are {', '.join(STREAMS)}")
+            raise MissingStream(f"{topic} is not a stream of numbers; these are {', '.join(STREAMS)}")
         self.need(topic)
         self._check_version(channel)
         self._need(channel)
@@ -329,9 +329,7 @@ class Recording:
         except ValueError as error:
             raise Damaged(f"{self.path}: {channel.topic} has an invalid array shape: {error}") from error
         if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
-            raise Oversized(
-                f"{self.path}: {channel.topic} has arrays of shape {shapes}, read are {MAX_NUMBERS} numbers at most"
-            )
+            raise Oversized(f"{self.path}: {channel.topic} has arrays of shape {shapes}, limit {MAX_NUMBERS} numbers")
         message = self._stream_message(channel)
         usual = {field.name: field.shape for field in message.fields}
         for name, shape in shapes.items():
@@ -414,7 +412,7 @@ def _text(message: Any) -> str:
     try:
         return str(message.json)
     except UnicodeDecodeError as error:
-        raise Damaged(f"a state or row is no text ({error}); run `lab verify`") from error
+        raise Damaged(f"a state or row is not text ({error}); run `lab verify`") from error
 
 
 def _seconds(contents: Contents) -> float:

@@ -45,11 +45,11 @@ def check_summary(data: memoryview, found: Found, start: int) -> Iterator[tuple[
         elif head.opcode == Opcode.CHANNEL:
             channel = Channel.read(stream(data, head))
             if found.channels.get(channel.id) != channel:
-                yield head.start, f"the summary describes channel {channel.topic} otherwise than the data section"
+                yield head.start, f"the summary describes channel {channel.topic} differently from the data section"
         elif head.opcode == Opcode.SCHEMA:
             schema = Schema.read(stream(data, head))
             if found.schemas.get(schema.id) != schema:
-                yield head.start, f"the summary describes schema {schema.name} otherwise than the data section"
+                yield head.start, f"the summary describes schema {schema.name} differently from the data section"
         indexed.setdefault(head.opcode, []).append(head.start)
     for opcode, there in (
         (Opcode.CHUNK_INDEX, len(found.chunks)),

@@ -110,7 +110,7 @@ class _Check:
                 else:
                     self.found.summary.append(head)
             except _UNPARSABLE as error:
-                self.problem(head.start, f"the record of kind {head.opcode} makes no sense: {error}")
+                self.problem(head.start, f"the record of kind {head.opcode} cannot be parsed: {error}")
             data_section = data_section and head.opcode != Opcode.DATA_END
         self._close_chunk()
         self.problem(
@@ -160,11 +160,11 @@ class _Check:
         if self.data[head.end :] != MAGIC:
             self.problem(head.end, "the end mark is missing, or something follows it")
         if head.end - head.body != 20:
-            raise struct.error("a footer of another length than 20 bytes")
+            raise struct.error("the footer is not 20 bytes long")
         (start, _, crc) = struct.unpack_from("<QQI", self.data, head.body)
         begin = start or head.start
         if begin > head.start:
-            raise struct.error("the footer points behind itself")
+            raise struct.error("the footer points past itself")
         self._compare(head.start, zlib.crc32(self.data[begin : head.end - 4]), crc, "summary")
         for at, text in check_summary(self.data, self.found, start):
             self.problem(at, text)
@@ -192,7 +192,7 @@ class _Check:
         try:
             raw = decompress(self.data, chunk, self.name)
         except RecordingError as error:
-            self.problem(head.start, str(error).removeprefix(f"{self.name}: "))
+            self.problem(head.start, str(error))
             self.chunk = None
             return
         self.checksums += chunk.crc != 0
@@ -208,7 +208,7 @@ class _Check:
         for channel, pairs in self.expected.items():
             self.found.messages[channel] = self.found.messages.get(channel, 0) + len(pairs)
             if channel not in self.found.channels:
-                self.problem(head.start, f"the chunk holds messages of channel {channel}, which nothing describes")
+                self.problem(head.start, f"the chunk holds messages of channel {channel}, which is not described")
         times = [pairs[:, 0] for pairs in self.expected.values()]
         if times and (min(t.min() for t in times), max(t.max() for t in times)) != (chunk.first_time, chunk.last_time):
             self.problem(head.start, "the times of the chunk differ from those of its messages")

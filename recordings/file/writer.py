@@ -229,7 +229,7 @@ class Recorder:
         """A driver knows that so many samples of its stream never arrived; raises `BadMessage` for fewer than none."""
         if count < 0:
             raise BadMessage(
-                f"{topic}: {count} samples cannot have been lost; give the number since the recording began"
+                f"{topic}: {count} lost samples, must not be below 0; give the number since the recording began"
             )
         entry = self._topics[topic]
         with entry.lock:

@@ -81,10 +81,10 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
     chambers = pressure["measured"].shape[1]
     if isinstance(rule, Crossing):
         if max(rule.chambers) >= chambers:
-            raise NotSettled(f"chamber {max(rule.chambers) + 1} is asked for, /pressure has {chambers}")
+            raise NotSettled(f"chamber {max(rule.chambers) + 1} is requested, but /pressure has {chambers}")
         return crossing_window(pressure, rule, start, state.ramp_end, watermark)
     if len(state.targets) != chambers:
-        raise NotSettled(f"{len(state.targets)} pressures are asked for, /pressure has {chambers}")
+        raise NotSettled(f"{len(state.targets)} pressures are requested, but /pressure has {chambers}")
     further = [topic for topic in state.topics if topic not in ("/pressure", "/tip") and not of_sensor(topic)]
     others = {topic: streams.window(topic, start, until)["t"] for topic in further}
     tip = streams.window("/tip", start, until)
@@ -173,7 +173,7 @@ def _demand_numbers(topic: str, samples: Samples) -> None:
         if bad.any():
             raise NotSettled(
                 f"{topic}: {name} is not a number in {int(bad.sum())} of {len(samples)} samples, first at "
-                f"{samples['t'][bad][0]:.2f} s; check the instrument and its line"
+                f"{samples['t'][bad][0]:.2f} s; check the instrument and its connection"
             )
 
 

@@ -23,7 +23,7 @@ from ..json_text import read_json
 from ..messages import STREAMS, is_stream
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
-PROTOCOL_IS = "must be letters, digits, _ and -, 40 at most"
+PROTOCOL_IS = "must be letters, digits, _ and -, at most 40"
 """The name of a protocol; which there are is not known here."""
 BRANCHES = ("load", "unload")
 SPECIMENS = ("spine", "body")

@@ -141,7 +141,7 @@ def _best(mean: Numbers, rule: Crossing) -> str:
     finite = mean[np.isfinite(mean)]
     if not len(finite):
         return ""
-    return f", {finite.max() if rule.rising else finite.min():.0f} Pa was the {'most' if rule.rising else 'least'}"
+    return f", {'highest' if rule.rising else 'lowest'} {finite.max() if rule.rising else finite.min():.0f} Pa"
 
 
 def _bounds(times: Numbers, begins: Numbers, ends: Numbers) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -206,7 +206,7 @@ def _why_not(
                 f"the tip still moved {moved * 1e3:.2f} mm in {lasting:g} s, limit {rule.still_distance * 1e3:.2f} mm"
             )
     if not parts:
-        parts.append(f"all were at rest at the end, but not yet for {lasting:g} s in a row: raise the time-out")
+        parts.append(f"all were at rest at the end, but for less than {lasting:g} s: raise the time-out")
     return f"not settled within {rule.timeout:g} s: {'; '.join(parts)}"
 
 
@@ -234,7 +234,7 @@ def _why_off(pressure: Samples, targets: Sequence[float], rule: Settled) -> list
     parts = [
         f"channel {c + 1} is {off[c] / 1e3:.1f} kPa from its set-point {targets[c] / 1e3:.1f} kPa, band {rule.band / 1e3:.1f} kPa"
         if np.isfinite(off[c])
-        else f"channel {c + 1} gives no number; check the regulator and its line"
+        else f"channel {c + 1} gives no number; check the regulator and its cable"
         for c in wrong[:MOST_CHANNELS]
     ]
     return parts + ([f"{len(wrong) - MOST_CHANNELS} further channels are off"] if len(wrong) > MOST_CHANNELS else [])

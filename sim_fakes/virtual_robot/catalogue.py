@@ -38,7 +38,7 @@ _INFO = (
         "viscoelastic", "creep of two Kelvin elements (4 s, 30 s), total relative to the elastic strain", 0.05, "1", "+"
     ),
     EffectInfo("chamber_ballooning", "growth of the effective area at 250 kPa, as P^1.5", 0.15, "1"),
-    EffectInfo("pressure_deadband", "pressure that is spent before a chamber acts, smooth", 10e3, "Pa", "+"),
+    EffectInfo("pressure_deadband", "pressure needed before a chamber acts, smooth", 10e3, "Pa", "+"),
     EffectInfo(
         "pressure_offset",
         "pressure in every chamber beyond what its sensor reads (never below ambient)",
@@ -62,11 +62,11 @@ _INFO = (
     EffectInfo("force_bias", "the force sensor's zero moves when it is loaded", 0.1, "N"),
     EffectInfo("arm_compliance", "arm and probe give under the contact force", 5e-5, "m/N", "+"),
     EffectInfo("contact_offset", "a soft layer is squeezed before the probe meets the specimen", 0.001, "m", "+"),
-    EffectInfo("weak_chamber", "one chamber pulls less than the others", 0.2, "1", "+", False),
+    EffectInfo("weak_chamber", "one chamber acts less than the others", 0.2, "1", "+", False),
     EffectInfo(
         "graded_modulus", "modulus rises along the body, base to tip, around its mean", 0.25, "1", "both", False
     ),
-    EffectInfo("eccentric_spine", "the spine lies beside the axis", 0.006, "m", "+", False),
+    EffectInfo("eccentric_spine", "the spine lies off the axis", 0.006, "m", "+", False),
     EffectInfo(
         "pressure_jamming",
         "inflated chambers squeeze the spine stiffer (at 250 kPa in three chambers)",
@@ -86,7 +86,7 @@ _INFO = (
         "blend",
         False,
     ),
-    EffectInfo("bad_trial", "one jamming of the campaign comes out soft", 0.3, "1", "+", False),
+    EffectInfo("bad_trial", "the spine is too soft in one trial of the campaign", 0.3, "1", "+", False),
 )
 
 

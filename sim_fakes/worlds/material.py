@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 REFERENCE = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 ARM = 0.03
-"""m: axial strain over this is a curvature that slips alike."""
+"""m: axial strain over this is the curvature at which the same slip begins."""
 SUBSTEPS = 6
 """Of the elements without a closed form."""
 STRIPS = 12

@@ -261,7 +261,7 @@ def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(
         time.sleep(0.001)
     regulators.connect()
     reading.join(10.0)
-    assert len(ended) == 1 and "cancelled for a stop" in ended[0]
+    assert len(ended) == 1 and "cancelled by a stop" in ended[0]
 
 
 def test_a_unit_that_fails_once_is_vented_in_the_second_round(
@@ -295,7 +295,7 @@ def test_a_unit_that_ignores_set_points_is_a_fault_naming_both_values(
 ) -> None:
     fake.faults.extra["ignore"] = "B"
     clock.sleep(1.0)
-    with pytest.raises(DeviceFault, match="unit B was asked for 12.00 kPa and holds 0.00 kPa.*serial"):
+    with pytest.raises(DeviceFault, match="unit B was set to 12.00 kPa but holds 0.00 kPa.*serial"):
         regulators.set((5e3, 12e3, 5e3))
 
 
@@ -304,7 +304,7 @@ def test_a_unit_that_clamps_a_set_point_is_a_bad_reply_naming_both_values(
 ) -> None:
     fake.device["B"].full_scale = 10e3
     clock.sleep(1.0)
-    with pytest.raises(BadReply, match="unit B was asked for 12.00 kPa and holds 10.00 kPa"):
+    with pytest.raises(BadReply, match="unit B was set to 12.00 kPa but holds 10.00 kPa"):
         regulators.set((5e3, 12e3, 5e3))
 
 
@@ -348,7 +348,7 @@ def test_a_single_lost_answer_is_made_good_by_asking_again(regulators: Alicat, f
 
 def test_garbage_in_front_of_an_answer_is_shown(regulators: Alicat, fake: AlicatFake) -> None:
     fake.faults.garbage = b"\xfe\x01"
-    with pytest.raises(BadReply, match="wanted an answer"):
+    with pytest.raises(BadReply, match="expected an answer"):
         regulators.read()
 
 
@@ -508,11 +508,11 @@ def test_a_force_sensor_on_the_port_is_told_at_opening(plant: Plant, clock: SimC
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"units": ("A", "A", "B")}, "named once"),
+        ({"units": ("A", "A", "B")}, "used once"),
         ({"units": ("A", "B")}, "2 units but 3 lists of chambers"),
-        ({"units": ("A", "B", "c")}, "'c' must be a letter"),
+        ({"units": ("A", "B", "c")}, "'c' must be one letter"),
         ({"max_pressure": 500e3}, "above the units' full_scale"),
-        ({"chambers": ((1,), (1,), (2,))}, "chamber 1 is named"),
+        ({"chambers": ((1,), (1,), (2,))}, "chamber 1 is listed"),
         ({"baud": 4800}, "19200"),
         ({"prot": "x"}, "Extra inputs"),
     ],

@@ -47,8 +47,8 @@ def test_a_wrong_number_of_channel_values_is_refused() -> None:
 @pytest.mark.parametrize(
     ("chambers", "message"),
     [
-        ([[1, 2], [2, 3]], "chamber 2 is named for channel 1 and for channel 2"),
-        ([[1, 1]], "chamber 1 is named for channel 1 and for channel 1"),
+        ([[1, 2], [2, 3]], "chamber 2 is listed for channel 1 and for channel 2"),
+        ([[1, 1]], "chamber 1 is listed for channel 1 and for channel 1"),
         ([[0]], "0 is not a chamber"),
         ([[10]], "10 is not a chamber"),
         ([[1], []], "channel 2 feeds no chamber"),

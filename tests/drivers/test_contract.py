@@ -19,6 +19,7 @@ from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from recordings.campaign.replay import replay, table_of
 from recordings.file.reader import Recording
 from recordings.table_file import read_csv, write_csv
+from tests.lab.commands import Done, run_there
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "tests/drivers/bench_arm")
@@ -45,34 +46,6 @@ def install(folder: Path, package: Path) -> None:
         for group, entries in project["entry-points"].items()
     )
     (about / "entry_points.txt").write_text("\n".join(groups))
-
-
-COMMANDS = """
-import contextlib, io, json, sys
-from lab.cli import main
-
-done = []
-for words in json.load(sys.stdin):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(words)
-    done.append((code, out.getvalue(), err.getvalue()))
-json.dump(done, sys.__stdout__)
-"""
-
-
-def on(machine: dict[str, str], *commands: tuple[str, ...]) -> list[tuple[int, str, str]]:
-    """Exit code, output and errors of the command there: once for each, in one process."""
-    done = subprocess.run(
-        [sys.executable, "-c", COMMANDS],
-        env=machine,
-        input=json.dumps(commands),
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return [(code, out, err) for code, out, err in json.loads(done.stdout)]
 
 
 @pytest.mark.parametrize(
@@ -117,7 +90,7 @@ def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
     def lab(
         *commands: tuple[str, ...], codes: tuple[int, ...] = (0, 3)
     ) -> list[str]:  # 3: samples lost on a busy computer
-        done = on(installed, *commands)
+        done = run_there(commands, installed)
         assert all(code in codes for code, _, _ in done), done
         return [out for _, out, _ in done]
 
@@ -175,11 +148,11 @@ BROKEN = {
     "unreachable": (
         "from drivers.registry import Driver\nfrom drivers.configs import SensorConfig\n"
         "DRIVER = Driver('sensor', SensorConfig, print, quantities={'T': 'K'})",
-        "config must have one of port, ports, host, server, local, where it is reached; quantity 'T': 'K' must be",
+        "config must have one of port, ports, host, server, local, the address of the instrument; quantity 'T': 'K' must be",
     ),
 }
 """Packages whose driver is none, all of them installed: what their module says, and what is said of it."""
-Said = dict[tuple[str, str], tuple[int, str, str]]
+Said = dict[tuple[str, str], Done]
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +173,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> Said:
         asked["plan", name] = ("plan", "bending", "--rig", str(rig))
         if name in BROKEN:
             asked["safe", name] = ("safe", "--rig", str(rig), "--json")
-    done = on({**os.environ, "PYTHONPATH": str(folder)}, *asked.values())
+    done = run_there(list(asked.values()), {**os.environ, "PYTHONPATH": str(folder)})
     return dict(zip(asked, done, strict=True))
 
 

@@ -196,7 +196,7 @@ def test_a_jam_met_while_homing_again_is_not_taken_for_the_end_stop(make: Make, 
     watch(spine, lambda s: not s.moving)
     plant.spine_blocked = True
     spine.home()
-    with pytest.raises(DeviceFault, match=r"held 0\.1"):
+    with pytest.raises(DeviceFault, match=r"blocked 0\.1"):
         watch(spine, lambda s: s.homed)
     plant.spine_blocked = False
     spine.home()

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.frames import apply, compose, matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
+from drivers.frames import (
+    apply,
+    compose,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 
 HALF = math.sqrt(0.5)
 parts = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1)
@@ -48,6 +55,14 @@ def test_a_rotation_vector_is_its_own_axis_and_angle(vector: tuple[float, float,
     angle = math.hypot(*vector)
     assert np.trace(matrix) == pytest.approx(1 + 2 * math.cos(angle), abs=1e-9)
     assert matrix @ np.array(vector) == pytest.approx(np.array(vector), abs=1e-9)
+
+
+@given(vectors)
+def test_a_rotation_s_vector_is_the_shortest_that_gives_it(vector: tuple[float, float, float]) -> None:
+    matrix = rotation_from_vector(vector)
+    found = vector_from_rotation(matrix)
+    assert rotation_from_vector(found) == pytest.approx(matrix, abs=1e-9)
+    assert np.linalg.norm(found) <= math.pi + 1e-9
 
 
 def test_apply_adds_the_position_after_turning() -> None:

@@ -200,7 +200,7 @@ def test_what_is_no_motion_is_refused_before_anything_is_sent(bench: Bench, leng
     fake = bench.fake()
     unit = bench.homed(fake)
     before = len(fake.requests)
-    with pytest.raises(LimitExceeded, match="no motion"):
+    with pytest.raises(LimitExceeded, match="not a valid motion"):
         unit.move_to(length, speed)
     assert len(fake.requests) == before
 

@@ -231,7 +231,7 @@ def test_a_unit_that_keeps_its_set_point_is_a_fault_naming_both_values(
 ) -> None:
     fakes[2].faults.extra["ignore"] = True
     clock.sleep(1.0)
-    with pytest.raises(DeviceFault, match=rf"{fakes[2].port} was asked for 20.04 kPa and holds 0.00 kPa"):
+    with pytest.raises(DeviceFault, match=rf"{fakes[2].port} was set to 20.04 kPa but holds 0.00 kPa"):
         regulators.set((20e3,) * CHANNELS)
 
 
@@ -275,7 +275,7 @@ def test_another_instrument_on_a_port_is_told_at_opening(
     ("changes", "message"),
     [
         ({"ports": ["a"]}, "1 ports but 9 lists"),
-        ({"ports": ["a"] * 9}, "named twice"),
+        ({"ports": ["a"] * 9}, "listed twice"),
         ({"max_pressure": 600e3}, "above the units' full_scale"),
     ],
 )

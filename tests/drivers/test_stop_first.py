@@ -29,7 +29,7 @@ def test_an_exchange_under_way_gives_way_to_a_stop() -> None:
     thread.start()
     assert begun.wait(LONG)
     with lock.stopping():
-        assert ended == ["pressure: cancelled for a stop; ask again when the stop is done"]
+        assert ended == ["pressure: cancelled by a stop; repeat it when the stop is done"]
     thread.join(LONG)
 
 

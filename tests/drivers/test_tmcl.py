@@ -78,7 +78,7 @@ def test_an_answer_to_somebody_elses_question_is_not_taken(make: Make, fault: st
     spine, module = make()
     spine.open()
     module.faults.extra[fault] = True
-    with pytest.raises(BadReply, match="came an answer"):
+    with pytest.raises(BadReply, match="answered command"):
         spine.read()
 
 
@@ -127,7 +127,7 @@ def test_a_search_that_was_cut_short_is_not_taken_for_homed(make: Make) -> None:
     spine.open()
     spine.home()
     time.sleep(0.3)
-    with pytest.raises(DeviceFault, match="without the switch"):
+    with pytest.raises(DeviceFault, match="without reaching the switch"):
         watch(spine, lambda s: s.homed)
     with pytest.raises(NotReady):
         spine.move_to(0.1, 0.02)

@@ -9,9 +9,11 @@ from collections.abc import Iterator
 import pytest
 from ur5_rig import Rig, a_rig, needs_the_fake, wait_until
 
-from drivers.errors import NotReady, StaleReading
+from drivers.errors import BadReply, NotReady, StaleReading
 from drivers.interfaces import ArmSample
-from drivers.ur5.state import Config, CycleCounter, UR5State
+from drivers.ur5.driver import DRIVER
+from drivers.ur5.state import Config, CycleCounter, UR5State, check_plausible
+from sim_fakes.clock import SimClock
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +94,7 @@ def stale(stream: Stream) -> str:
 @needs_the_fake
 def test_a_frozen_controller_makes_the_reading_stale_and_its_gap_is_counted(rig: Rig, stream: Stream) -> None:
     before = stream.driver.lost
-    rig.fake.backdoor("freeze", seconds=1.5)
+    rig.fake.backdoor("freeze", seconds=1.8)  # the stream of a busy computer is late by some of it
     wait_until(lambda: "limit 0.2 s" in stale(stream))
     wait_until(lambda: stream.driver.lost > before)
     assert stream.driver.lost - before >= 1.4 / 0.008
@@ -117,6 +119,21 @@ def test_reading_before_opening_is_refused(rig: Rig) -> None:
 
 
 @needs_the_fake
+@pytest.mark.parametrize(
+    ("joint", "shift", "turn"),
+    [(1e9, 0.3, 3.1), (1.0, 4.0, 3.1), (1.0, 0.3, 1e200), (1.0, 0.3, 7.5), (math.nan, 0.3, 3.1), (0.0, 0.0, 0.0)],
+)
+def test_numbers_that_no_arm_can_have_are_refused(joint: float, shift: float, turn: float) -> None:
+    sample = ArmSample(0.0, 0.0, (joint, *[0.0] * 5), (shift, 0.0, 0.0, turn, 0.0, 0.0), (0.0,) * 6, 1, True)
+    with pytest.raises(BadReply, match="which is impossible"):
+        check_plausible("arm state", "127.0.0.1", sample)
+
+
+def test_a_full_turn_is_no_wonder() -> None:
+    sample = ArmSample(0.0, 0.0, (6.2,) * 6, (0.3, 0.1, 0.4, -3.2, 0.1, 0.0), (0.0,) * 6, 1, True)
+    check_plausible("arm state", "127.0.0.1", sample)
+
+
 def test_a_sped_up_e_series_shows_its_own_cycle() -> None:
     with a_rig(speed=10.0, version="5.12.4.1101661") as rig:
         stream = Stream(rig)
@@ -144,3 +161,11 @@ def test_the_counter_takes_a_restarted_controller_for_no_loss() -> None:
     counter = CycleCounter()
     stamps = [100 + 0.002 * i for i in range(40)] + [0.002 * i for i in range(5)]
     assert sum(counter.add(stamp) for stamp in stamps) == 0
+
+
+def test_the_arms_timeout_is_also_that_of_its_states() -> None:
+    assert DRIVER.make_state is not None
+    arm = DRIVER.config(host="127.0.0.1", timeout=3.0, max_age=0.7)
+    stream = DRIVER.make_state("arm_state", arm, SimClock(), lambda sample: None)
+    assert isinstance(stream, UR5State)
+    assert (stream.config.timeout, stream.config.max_age) == (3.0, 0.7)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Message = tuple[str, float, tuple[object, ...]]
+SIGNS = (-1, 1)
 TARGETS = (80e3, 80e3, 80e3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -58,7 +59,7 @@ class Run:
             seen = not (self.hidden[0] <= t <= self.hidden[1]) and random.random() >= self.dropout
             place = tuple(c + random.normal(0, 0.3e-3) for c in self.tip(t))
             turn = np.array([1.0, 0.0, 0.3 * self.level(t), 0.0]) + random.normal(0, 1e-3, 4)
-            turn = tuple((turn / np.linalg.norm(turn) * random.choice([-1, 1])).tolist())
+            turn = tuple((turn / math.sqrt(turn @ turn) * SIGNS[random.integers(2)]).tolist())
             markers = ((0.0, 0.0, 0.1), (math.nan,) * 3 if k % 7 == 0 else (0.01, 0.0, 0.2))
             return (t, k, place, turn, 1e-4, bool(seen), markers)
         if topic == "/spine":
@@ -67,5 +68,5 @@ class Run:
             return (21e3 + random.normal(0, 50),)
         if topic == "/force":
             return (tuple(random.normal(0, 0.05, 6) + [0.0, 0.0, 2.5, 0.0, 0.0, 0.0]), (0.0, 0.0, 0.5, 0.0, 0.0, 0.0))
-        pose = (0.4, 0.1, 0.305 + random.normal(0, 1e-5), math.pi * random.choice([-1, 1]), 0.0, 0.0)
+        pose = (0.4, 0.1, 0.305 + random.normal(0, 1e-5), math.pi * SIGNS[random.integers(2)], 0.0, 0.0)
         return (t, (0.0,) * 6, pose, (0.0,) * 6, 1, True)

@@ -101,7 +101,7 @@ def test_another_schema_version_is_refused_by_name(whole: Path, tmp_path: Path) 
 def test_a_missing_stream_is_told_with_those_there_are(whole: Path) -> None:
     with pytest.raises(MissingStream, match="/pressure"):
         Recording.open(whole).stream("/temperature")
-    with pytest.raises(MissingStream, match="no stream of numbers"):
+    with pytest.raises(MissingStream, match="not a stream of numbers"):
         Recording.open(whole).stream("/log")
 
 

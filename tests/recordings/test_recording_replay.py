@@ -59,14 +59,21 @@ RAMP = state(Crossing(level=40e3, chambers=(0, 1, 2), rising=True), t_start=0.5)
 STATES = {"settled": state(REST), "window": state(Window(delay=2.0)), "push": PUSH, "crossing": RAMP}
 
 
-def filled(messages: Iterable[Message], until: float = math.inf) -> Buffers:
-    """Buffers as the recorder fills them."""
-    kinds = streams(markers=2)
-    buffers = Buffers(kinds)
+KINDS = streams(markers=2)
+
+
+def fill(buffers: Buffers, messages: Iterable[Message], after: float = -math.inf, until: float = math.inf) -> None:
+    """Append what came later than `after`, and not later than `until`, as the recorder does."""
     for topic, t, values in messages:
-        if t <= until:
+        if after < t <= until:
             stamp = round(t * 1e9) / 1e9
-            buffers[topic].append(stamp, kinds[topic].encode(stamp, values))
+            buffers[topic].append(stamp, KINDS[topic].encode(stamp, values))
+
+
+def filled(messages: Iterable[Message]) -> Buffers:
+    """Buffers as the recorder fills them, of the whole run."""
+    buffers = Buffers(KINDS)
+    fill(buffers, messages)
     return buffers
 
 
@@ -91,9 +98,11 @@ def test_what_is_concluded_does_not_depend_on_when_one_asks(
 ) -> None:
     messages = list(Run(seed=seed, lag=lag, dropout=dropout).messages())
     final = outcome(filled(messages), STATES[name])
-    concluded = False
+    buffers, filled_until, concluded = Buffers(KINDS), -math.inf, False
     for until in sorted(looks):
-        now = outcome(filled(messages, until), STATES[name])
+        fill(buffers, messages, filled_until, until)
+        filled_until = until
+        now = outcome(buffers, STATES[name])
         assert now is None or now == final
         assert not (concluded and now is None)
         concluded = now is not None

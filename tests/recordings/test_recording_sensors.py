@@ -26,9 +26,9 @@ def test_its_samples_are_numbers_by_name() -> None:
 @pytest.mark.parametrize(
     ("name", "quantities", "words"),
     [
-        ("Skin", {"x": "m"}, "'Skin' must be small letters"),
-        ("skin", {"": "m"}, "'' must be small letters"),
-        ("skin", {"t": "s"}, "'t' must be small letters"),
+        ("Skin", {"x": "m"}, "'Skin' must be lower-case letters"),
+        ("skin", {"": "m"}, "'' must be lower-case letters"),
+        ("skin", {"t": "s"}, "'t' must be lower-case letters"),
         ("skin", {}, "measures 0 quantities"),
         ("skin", {f"q{i}": "1" for i in range(101)}, "measures 101 quantities"),
     ],

@@ -1,4 +1,4 @@
-"""One rig of fakes for the tests of safety, made sound again after each."""
+"""The rig of fakes for the tests of safety, made sound again after each."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from sim_fakes.rig import FakeRig
 
 
 @pytest.fixture(scope="session")
-def one_house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
-    folder = tmp_path_factory.mktemp("safety")
-    with FakeRig(speed=20.0, seed=2) as fakes:
-        yield House(fakes, folder / "rig.yaml")
+def one_house(whole_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> House:
+    return House(whole_rig, tmp_path_factory.mktemp("safety") / "rig.yaml")
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from sim_fakes.faults import FAULTS
 
 SHORT = (
     Cell("pressure/alicat", "disconnect", "hold"),
+    Cell("pressure/alicat", "replay", "sweep"),
     Cell("spine/dynamixel", "nak", "approach"),
     Cell("valve/numato", "stuck", "shutdown"),
     Cell("gauge/pfeiffer", "over_range", "sweep"),

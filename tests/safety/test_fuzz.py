@@ -57,7 +57,7 @@ def test_a_journal_names_no_recording_elsewhere(tmp_path: Path, name: str) -> No
     journal.write_text(
         f'{{"journal": 1, "campaign": "c", "protocol": "bending"}}\n{{"recording": "{name}", "first_trial": 1}}\n'
     )
-    with pytest.raises(ConfigError, match="not a file beside it"):
+    with pytest.raises(ConfigError, match="not a file in the same folder"):
         find(journal)
 
 

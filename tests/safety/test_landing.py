@@ -27,6 +27,8 @@ def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: Any = 
     return Landing(policy, Instruments(drivers, list(drivers), refuse, busy), speed)
 
 
+PATIENCE = 5.0
+"""Host seconds for those that stop; only one that fails uses them up, so a busy computer may take its time."""
 SUBSETS = [s for n in range(5) for s in itertools.combinations(ACTUATORS, n)]
 
 
@@ -57,14 +59,14 @@ def drivers(one_house: House) -> Iterator[dict[str, Any]]:
 def test_the_others_stop(
     house: House, drivers: dict[str, Any], failing: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
+    monkeypatch.setattr(landing, "LEAST_TIME", PATIENCE)
     drivers["pressure"].set((30e3, 30e3, 30e3))
     drivers["valve"].set(True)
     for name in failing:
         house.fakes.switch.begin(name, "silence")
     if "arm" in failing:
         assert until(lambda: stale(drivers["arm"]))
-    report = landing_of(drivers, Safe(within=1.0), 20.0).make_safe(ACTUATORS, keep_vacuum=False)
+    report = landing_of(drivers, Safe(within=PATIENCE), 20.0).make_safe(ACTUATORS, keep_vacuum=False)
     house.fakes.switch.end()
     assert {s.instrument: s.confirmed for s in report.steps} == {n: n not in failing for n in ACTUATORS}, report
     assert report.confirmed is (not failing)
@@ -122,7 +124,7 @@ def test_stops_are_sent_in_the_order_of_the_policy(monkeypatch: pytest.MonkeyPat
         names, False
     )
     assert tuple(dict.fromkeys(told)) == names
-    assert not report.confirmed and all("did not take the stop" in s.text for s in report.steps)
+    assert not report.confirmed and all("did not accept the stop" in s.text for s in report.steps)
 
 
 def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:

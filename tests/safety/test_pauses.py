@@ -12,7 +12,7 @@ from house import House, until
 
 from lab.cli import main
 from lab.files.inputs import read_case
-from lab.verbs.fakes import PATIENT_SETTLE
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 
 BENDING = [
     word
@@ -42,7 +42,7 @@ def lab(house: House, folder: Path, protocol: str, *settings: str) -> int:
 def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     house: House, tmp_path: Path, accident: str, word: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("arm", "force"), limits={"max_hidden": 0.5})
+    house.change(without=("arm", "force"), limits={"max_hidden": 0.5}, safe=PATIENT["safe"])
     vented: list[float] = []
 
     def repair(trouble: str) -> None:
@@ -71,7 +71,7 @@ STOPS = {"safeguard_stop": "safeguard stop", "emergency_stop": "emergency stop"}
 def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str], stop: str
 ) -> None:
-    house.change(without=("mocap",))
+    house.change(without=("mocap",), safe=PATIENT["safe"])
     ur, plant = house.fakes.ur, house.fakes.plant
     assert ur is not None
     ur.backdoor("forget")
@@ -95,7 +95,7 @@ def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
 def test_what_is_not_put_right_ends_the_run_with_its_cause(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("arm", "force"), limits={"max_hidden": 0.5, "resume_within": 1.0})
+    house.change(without=("arm", "force"), limits={"max_hidden": 0.5, "resume_within": 1.0}, safe=PATIENT["safe"])
     plant = house.fakes.plant
     during(lambda: float(plant.regulator.max()) > 50e3, lambda: house.fakes.accidents.begin("marker_lost"))
     assert lab(house, tmp_path, "bending", *BENDING) == 1

@@ -44,7 +44,7 @@ def test_a_channel_that_fails_in_a_sweep_of_the_others_is_told_in_time(house: Ho
         actuators.close()
     told = next((i for i, h in enumerate(heard) if isinstance(h, Event) and h.kind != "clipped"), len(heard) - 1)
     assert isinstance(heard[told], Event) and heard[told].kind == "pause", heard[-20:]
-    assert "channel 1" in heard[told].text and "not followed" in heard[told].text
+    assert "channel 1" in heard[told].text and "instead of its set-point" in heard[told].text
     before = [h for h in heard[:told] if isinstance(h, PressureSample)]
     decisive = next(h for h in heard[told:] if isinstance(h, PressureSample))
     away = [abs(s.setpoint[0] - s.measured[0]) > rig.limits.pressure_error for s in before]

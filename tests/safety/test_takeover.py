@@ -54,10 +54,10 @@ def test_a_run_that_is_going_is_landed_at_once_and_for_good(house: House, capsys
         assert told["confirmed"] and {s["instrument"] for s in told["steps"]} == {"pressure", "spine", "valve"}
         assert house.highest() < 5e3 and not house.fakes.plant.valve_on
         assert until(lambda: rig.vital.landed is not None, 30.0)
-        assert rig.vital.landed is not None and "asked for by lab safe" in rig.vital.landed.text
-        with pytest.raises(RigLanded, match="asked for by lab safe"):
+        assert rig.vital.landed is not None and "requested by lab safe" in rig.vital.landed.text
+        with pytest.raises(RigLanded, match="requested by lab safe"):
             rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
-        with pytest.raises(RigLanded, match="asked for by lab safe"):
+        with pytest.raises(RigLanded, match="requested by lab safe"):
             rig.actuators.resume()
     assert not house.latch.exists()
 
@@ -68,5 +68,5 @@ def test_the_run_ends_and_says_who_asked(house: House, tmp_path: Path) -> None:
     assert main(["safe", "--rig", str(house.rig)]) == 0
     assert house.highest() < 5e3
     output, _ = program.communicate(timeout=120)
-    assert program.returncode == 1 and "asked for by lab safe" in " ".join(output.split())
+    assert program.returncode == 1 and "requested by lab safe" in " ".join(output.split())
     assert not house.latch.exists()

@@ -104,3 +104,18 @@ def test_answers_that_nobody_reads_do_not_stop_the_fake(echo: Echo) -> None:
         echo.send(b"0123456789", line_time=False)
     with serial.Serial(echo.port, 115200, timeout=1) as port:
         assert ask(port, b"still here\n") == b"still here\n"
+
+
+def test_no_other_line_gets_the_name_of_an_unplugged_port() -> None:
+    pulled = Echo()
+    name = pulled.port
+    pulled.unplug()
+    others = [Echo() for _ in range(3)]
+    try:
+        with pytest.raises(OSError, match=name):
+            serial.Serial(name)
+        pulled.plug()
+        assert name not in {pulled.port, *(other.port for other in others)}
+    finally:
+        for line in (pulled, *others):
+            line.stop()

@@ -102,14 +102,16 @@ class Pr4:
         answer = self._line.ask(b"ID?\n", b"\n")
         parts = answer.decode("ascii", "replace").split(",")
         if len(parts) != 3 or parts[0] != "PR4":
-            raise WrongDevice(self.name, f"what answers on {self._port} is no PR-4: {show(answer)}; check the port")
+            raise WrongDevice(
+                self.name, f"the device on {self._port} is not a PR-4: it answered {show(answer)}; check the port"
+            )
         return parts[0], parts[1], parts[2]
 
     def _send(self, pressures: Sequence[float]) -> None:
         counts = [int(p / COUNT) for p in pressures]
         self._held = self._numbers(b"SP " + ",".join(map(str, counts)).encode(), b"SP ")
         if any(held != count * COUNT for held, count in zip(self._held, counts, strict=True)):
-            raise DeviceFault(self.name, f"was asked for {counts} x {COUNT:g} Pa and holds {self._held} Pa")
+            raise DeviceFault(self.name, f"was set to {counts} x {COUNT:g} Pa but holds {self._held} Pa")
 
     def _numbers(self, request: bytes, head: bytes) -> tuple[float, ...]:
         """Ask, once more where the first answer fails."""
@@ -122,7 +124,7 @@ class Pr4:
         parts = answer.removeprefix(head).split(b",")
         if not answer.startswith(head) or len(parts) != self.channels or not all(p.isdigit() for p in parts):
             raise BadReply(
-                self.name, f"{self._port} answers {show(answer)}, wanted {self.channels} numbers; check the cable"
+                self.name, f"{self._port} answers {show(answer)}, expected {self.channels} numbers; check the cable"
             )
         return tuple(int(p) * COUNT for p in parts)
 
