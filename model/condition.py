@@ -66,7 +66,7 @@ class Condition:
         if self.pressure.shape[1] != chambers:
             raise BadCondition(
                 f"pressure: {self.pressure.shape[1]} columns, robot {robot.name!r} has {chambers} chambers: "
-                "give one column a chamber"
+                "give one column per chamber"
             )
         limit = robot.length if robot.spine is not None else 0.0
         reason = "the robot's length" if robot.spine is not None else "this robot has no spine"

@@ -59,10 +59,10 @@ class _Loader(yaml.SafeLoader):
             raise BadYaml(f"uses the YAML tag {str(tag)[:40]!r}; write the plain value", line)
         self._values += 1
         if self._values > MOST_VALUES:
-            raise BadYaml(f"has more than {MOST_VALUES} keys and values; no sensible file has so many", line)
+            raise BadYaml(f"has more than {MOST_VALUES} keys and values", line)
         self._depth += 1
         if self._depth > DEEPEST:
-            raise BadYaml(f"has more than {DEEPEST} tables and lists within each other", line)
+            raise BadYaml(f"has more than {DEEPEST} levels of nested tables and lists", line)
         node: yaml.Node | None = super().compose_node(parent, index)  # type: ignore[no-untyped-call]
         self._depth -= 1
         return node
@@ -71,7 +71,7 @@ class _Loader(yaml.SafeLoader):
 def parse(text: str) -> tuple[object, yaml.Node | None]:
     """The values of a text, and its nodes (they know their lines); raises `BadYaml`, and nothing else."""
     if len(text) > MOST_CHARACTERS:
-        raise BadYaml(f"has {len(text)} characters, more than the {MOST_CHARACTERS} of any sensible file")
+        raise BadYaml(f"has {len(text)} characters, more than the limit of {MOST_CHARACTERS}")
     loader = None
     try:
         loader = _Loader(text)
@@ -94,9 +94,9 @@ def _value(loader: _Loader, node: yaml.Node) -> object:
         for key_node, value_node in node.value:
             key = _value(loader, key_node)
             if not isinstance(key, Hashable):
-                raise BadYaml("a table or list is no key", _line(key_node))
+                raise BadYaml("a table or list cannot be a key", _line(key_node))
             if key in table:
-                raise BadYaml(f"the key {str(key)[:40]!r} stands twice in one table", _line(key_node))
+                raise BadYaml(f"the key {str(key)[:40]!r} appears twice in one table", _line(key_node))
             table[key] = _value(loader, value_node)
         return table
     return _scalar(loader, yaml.ScalarNode(node.tag, node.value, node.start_mark))
@@ -107,7 +107,7 @@ def _scalar(loader: _Loader, node: yaml.ScalarNode) -> object:
     kind = node.tag.rpartition(":")[2]
     if kind == "str":
         if found := _UNSAYABLE.search(text):
-            raise BadYaml(f"a text holds the character {found[0]!r}, which cannot be part of it", _line(node))
+            raise BadYaml(f"a text contains the character {found[0]!r}, which is not allowed", _line(node))
         return text
     if kind == "null":
         return None
@@ -119,11 +119,11 @@ def _scalar(loader: _Loader, node: yaml.ScalarNode) -> object:
         make = loader.construct_yaml_int if kind == "int" else loader.construct_yaml_float
         number = make(node)  # type: ignore[no-untyped-call]
     except (ValueError, IndexError, OverflowError) as error:
-        raise BadYaml(f"{text[:LONGEST_NUMBER]!r} is no number that can be used", _line(node)) from error
+        raise BadYaml(f"{text[:LONGEST_NUMBER]!r} is not a usable number", _line(node)) from error
     if isinstance(number, int) and abs(number) > LARGEST_INTEGER:
-        raise BadYaml(f"{text[:LONGEST_NUMBER]} is beyond {LARGEST_INTEGER}; write a float", _line(node))
+        raise BadYaml(f"{text[:LONGEST_NUMBER]} exceeds {LARGEST_INTEGER}; write a float", _line(node))
     if isinstance(number, float) and math.isinf(number) and "inf" not in text.lower():
-        raise BadYaml(f"{text[:LONGEST_NUMBER]} is larger than any number", _line(node))
+        raise BadYaml(f"{text[:LONGEST_NUMBER]} is too large for a number", _line(node))
     return number
 
 

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, T
 
 from model.errors import BadRobot
 from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
+from model.stated import AREA_FACTOR, Noise, Posterior, Stated, Table, named, problems
 
 Array = NDArray[np.float64]
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -116,12 +117,24 @@ class Robot(BaseModel):
     base_to_world: Pose | None = None
     max_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) that its chambers may hold: no part of the model, but nothing is inflated without it."""
+    effects: Table = Field(default={})
+    """Causes that are part of this robot: effect -> parameter -> value, sd, unit; `lab fit --with` writes them."""
+    tolerances: Table = Field(default={})
+    """How the set-up differed from its drawing when the effects were fitted (tilt, camera frame, length ..)."""
+    obstacle_azimuth_deg: FiniteFloat | None = Field(default=None, ge=-360, le=360, json_schema_extra={"unit": "deg"})
+    """Where the obstacle of the effect `contact` stands, seen from the base; where the campaign bends to unless given."""
+    posterior: Posterior | None = None
+    """How uncertain area factor, effects and tolerances are together."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:
-        problems = [*self._section_problems(), *self._length_problems()]
-        if problems:
-            raise ValueError("; ".join(problems))
+        found = [
+            *self._section_problems(),
+            *self._length_problems(),
+            *problems(self.effects, self.tolerances, self.posterior, not isinstance(self.area_factor, dict)),
+        ]
+        if found:
+            raise ValueError("; ".join(found))
         return self
 
     def _section_problems(self) -> list[str]:
@@ -165,6 +178,43 @@ class Robot(BaseModel):
         factor = self.area_factor
         table = factor if isinstance(factor, dict) else {0.0: factor}
         return np.interp(np.asarray(spine_length, float), *_sorted(table))
+
+    @property
+    def stated(self) -> dict[str, Stated]:
+        """EFFECT.PARAMETER -> value, sd and unit, of effects and tolerances."""
+        return named(self.effects, self.tolerances)
+
+    @property
+    def plain(self) -> Robot:
+        """The same robot without effects, tolerances and their posterior: what the paper's model knows of it."""
+        return self.model_copy(
+            update={"effects": {}, "tolerances": {}, "posterior": None, "obstacle_azimuth_deg": None}
+        )
+
+    def uncertainty(self) -> tuple[tuple[str, ...], Array]:
+        """Names (k) of all parameters that are not exact, and their covariance (k, k) in the units in which they are stated.
+
+        Those that are not in `posterior` are independent.
+        """
+        stated, posterior = self.stated, self.posterior
+        first = posterior.parameters if posterior is not None else ()
+        names = (*first, *(n for n, p in stated.items() if p.sd > 0 and n not in first))
+        sd = np.array([stated[n].sd if n in stated else posterior.area_factor_sd if posterior else 0.0 for n in names])
+        correlation = np.eye(len(names))
+        if posterior is not None:
+            correlation[: len(first), : len(first)] = posterior.matrix
+        return names, correlation * np.outer(sd, sd)
+
+    def with_values(self, values: Mapping[str, float]) -> Robot:
+        """One robot of which these parameters are known exactly: EFFECT.PARAMETER or area_factor -> value in its unit."""
+        data = self.model_dump(exclude={"posterior"})
+        for name, value in values.items():
+            id, _, parameter = name.partition(".")
+            if name == AREA_FACTOR:
+                data["area_factor"] = value
+            else:
+                data["effects" if id in self.effects else "tolerances"][id][parameter] |= {"value": value, "sd": 0.0}
+        return robot_from_dict(data)
 
     def with_area_factor(self, factor: float | Mapping[float, float]) -> Robot:
         """The same robot with another area factor (number, or table spine length in m -> factor), checked again."""
@@ -221,7 +271,13 @@ def _line(error: Any) -> str:
 
 def _unit_of(loc: tuple[int | str, ...]) -> str:
     """The unit of the field an error points at, followed through the nested models."""
-    nested: dict[str, type[BaseModel]] = {"chambers": Chambers, "spine": Spine, "base_to_world": Pose}
+    nested: dict[str, type[BaseModel]] = {
+        "chambers": Chambers,
+        "spine": Spine,
+        "base_to_world": Pose,
+        "posterior": Posterior,
+        "noise": Noise,
+    }
     owner: type[BaseModel] = Robot
     if "[key]" in loc:
         return "m"

@@ -8,13 +8,16 @@ modulus of the part with spine keeps the ratio to Young's modulus that the body 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.condition import Condition
 from model.robot import Robot
-from model.rods import Form, Rods, blank
+
+if TYPE_CHECKING:
+    from model.rods import Rods
 
 Array = NDArray[np.float64]
 
@@ -79,6 +82,8 @@ def actuation_wrench(robot: Robot, condition: Condition) -> tuple[Array, Array]:
 
 def rods_of(robot: Robot, condition: Condition) -> Rods:
     """The rods of all states, after checking that the conditions fit the robot; raises `BadCondition`."""
+    from model.rods import Form, blank  # the compiler comes with it; who asks for a section alone waits for neither
+
     condition.check(robot)
     n = len(condition)
     modulus = np.empty((n, 2))

@@ -38,7 +38,7 @@ def full() -> None:
     one = _one(layout.FORM)
     rows, arcs = one.values.copy(), np.array([0.1])
     solved = solver.solve(rows, arcs, solver.integration_steps(rows))
-    solver.differentiate(solved, np.zeros((1, *rows.shape)))
+    solver.differentiate(solved, np.zeros((1, layout.WIDTH)))
     solve(one, replace(solver.METHOD, least_margin=BUCKLING))
 
 

@@ -54,6 +54,8 @@ class Design:
     """(n,) Pa/s, magnitude."""
     hold: Array
     """(n,) s; 0 = read while ramping."""
+    progress: Array
+    """(n,) part of the campaign that has passed, 0 to 1: by time where it is known throughout, else by trials."""
     spine_length: Array
     """(n,) m."""
     vacuum: Array
@@ -121,6 +123,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         t=_numbers(columns, "t", np.nan, n),
         rate=np.abs(_numbers(columns, "rate", RATE, n)),
         hold=_numbers(columns, "hold", HOLD, n),
+        progress=_progress(_numbers(columns, "t", np.nan, n), trial, ~stiffness),
         spine_length=spine_length,
         vacuum=vacuum,
         nominal_vacuum=_usual(vacuum[spined]) if spined.any() else NOMINAL_VACUUM,
@@ -131,6 +134,20 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         deflection=np.where(stiffness, _numbers(columns, "deflection", 0.0, n), 0.0),
         channels=observed,
     )
+
+
+def _progress(t: Array, trial: NDArray[np.int64], own: Flags) -> Array:
+    """(n,) from times (n,) s, where they are known and no trial begins before the one before it; else from trials (n,).
+
+    Of the states marked `own`, those of the robot; 0 at all others.
+    """
+    out = np.zeros(len(t))
+    if own.any():
+        first = np.array([t[own & (trial == k)][0] for k in np.unique(trial[own])])
+        known = np.isfinite(t[own]).all() and bool((np.diff(first) > 0).all())
+        passed = t[own] if known else trial[own].astype(float)
+        out[own] = (passed - passed.min()) / max(float(np.ptp(passed)), 1e-9)
+    return out
 
 
 def with_rest(design: Design) -> tuple[Design, NDArray[np.int64]]:

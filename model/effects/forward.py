@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -11,15 +12,16 @@ from numpy.typing import NDArray
 
 from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
-from model.effects.compose import INNER, OUTER, rows, silicone_share
+from model.effects.compose import INNER, OUTER, RodColumns, directions, rod_columns
 from model.effects.design import Columns, Design, with_rest
-from model.effects.history import DRIVES, History, add_rest, drive, loading_path
+from model.effects.history import DRIVES, REST, drive, history_of, loading_path
+from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction
 from model.effects.observation import Noise, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
-from model.effects.solver import Solved, differentiate, integration_steps, solve
-from model.effects.spec import EffectSpec
+from model.effects.solver import Solved, differentiate, integration_steps, look_inside, nudged, solve
+from model.effects.spec import EffectSpec, Law, Values
 from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import sources
 from model.errors import BadCondition
@@ -29,7 +31,11 @@ from model.rods import Solution
 Array = NDArray[np.float64]
 
 NUDGE = 1e-5
-"""Prior widths by which assembly, history and readings are differenced."""
+"""By which assembly and history are differenced, in prior widths, and readings, in m and rad."""
+ROUNDING = 1e-9
+"""By which a bound may be missed, in prior widths: where robot.yaml has an effect, bounds are counted from it."""
+KEPT = 3
+"""Latest points that are kept: a search predicts where it then linearises."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +44,8 @@ class _At:
 
     theta: Array
     quantities: Quantities
-    built: Array
-    """(1, full, WIDTH) rods without memory."""
+    built: RodColumns
+    """Rods of all states without memory."""
     bare: Solved
     """The same solved, rest states included."""
     driven: Array
@@ -49,13 +55,38 @@ class _At:
     final: Solved
     """With memory, without the rest states."""
     remembers: bool
+    predicted: Array
+    """(1, observations)."""
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Variants close to a point, one for each of some slots; all before the rod."""
+
+    slots: tuple[int, ...]
+    spread: Spread
+    by_row: Array
+    """(v, full) their steps, in the parameters' units; 1 where a row has no such parameter."""
+    quantities: Quantities
+    built: RodColumns
+    columns: list[int]
+    """The a columns of the rods that change."""
+    change: Array
+    """(full, v, a) by how much, per unit of the parameter."""
+    moves: bool
+    """Whether any of them enters before the rod."""
+    remembers: bool
+    """Whether any of them adds memory of its own."""
+    reads: bool
+    """Whether any of them changes what is read of the same rods."""
 
 
 class ForwardModel:
     """Readings of a campaign as a function of all parameters; see the package's docstring for how to use it.
 
     `parameters` is the ordered table; a parameter vector holds their values in their units, and the zero vector is the
-    baseline. States without equilibrium give NaN.
+    baseline: the robot as its robot.yaml describes it, the effects that stand there included. A parameter of such an effect
+    is what is added to the value stated. States without equilibrium give NaN.
     """
 
     def __init__(
@@ -69,49 +100,65 @@ class ForwardModel:
     ) -> None:
         """`area_factor` is what area = 0 means: by default the robot's, its mean over the states with area "one".
 
-        `plane_direction` (2,) is the way sideways to the plane that may be touched: by default where the campaign bends to.
+        `plane_direction` (2,) is the way sideways to the plane that may be touched: by default the robot's, or where the
+        campaign bends to. Raises `BadRobot` for an effect in robot.yaml that neither the project nor `catalogue` knows.
         """
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         self.robot, self.design, self.area, self.catalogue = robot, design, area, catalogue
         self._full, self._rest_of = with_rest(design)
-        self._moved = np.flatnonzero(~design.stiffness)
+        self._moved_rows = np.flatnonzero(~design.stiffness)
         self._in_bare = np.flatnonzero(~self._full.stiffness)
         self._path = loading_path(design, self._rest_of)
         self._table = parameter_table(self._full, sources(design, tuple(catalogue.values()), area))
-        self.parameters: tuple[ParameterInfo, ...] = self._table.infos
+        self._fixed = fixed_laws(robot, catalogue)
+        self._nominal = nominal_values(robot, self._table.infos)
+        self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
         self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
         factor = robot.area_factor_at(self._full.spine_length)
         if area_factor is not None:
             factor = np.full(len(self._full), area_factor)
-        elif area == "one" and self._moved.size:
-            factor = np.full(len(self._full), factor[self._moved].mean())
+        elif area == "one" and self._moved_rows.size:
+            factor = np.full(len(self._full), factor[self._moved_rows].mean())
         self.area_factor = factor[: len(design)]
         """(n,) A_effect / A_norm of each state at zero parameters."""
         self._arcs = np.array(robot.markers[: design.markers])
         self._baseline = baseline(robot, self._full, factor, np.array([1.0, 0.0]))
         self._sd = np.array([p.sd for p in self.parameters])
-        low, high = np.array([[p.low, p.high] for p in self.parameters]).T
+        low, high = np.array([[p.low, p.high] for p in self._table.infos]).T
         self._low, self._high = low, high
         self._memory_sizes = {
             k
-            for k, p in enumerate(self.parameters)
+            for k, p in enumerate(self._table.infos)
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         }
         self._start: Solution | None = None
-        nominal = rows(self._baseline, self._shear, 1)[0, self._in_bare]
+        self._points: tuple[_At, ...] = ()
+        if plane_direction is None:
+            plane_direction = obstacle_direction(robot)
+        nominal = self._rows(rod_columns(self._baseline, self._shear))
         self._steps = integration_steps(nominal)
-        first = self._solved(np.zeros(len(self.parameters)))
-        self._start = first.bare.solution
-        side = first.final.result[first.final.converged, :2].sum(axis=0) if plane_direction is None else plane_direction
+        first = solve(nominal, self._arcs, self._steps, inside=False)
+        self._start = first.solution
+        tips = first.result[: self._moved_rows.size]
+        side = (
+            tips[first.converged[: self._moved_rows.size], :2].sum(axis=0)
+            if plane_direction is None
+            else plane_direction
+        )
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)
-        reference = self._every_row(first.final.result[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
+        reference = self._every_row(tips[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
         self.observations = observations(design, np.where(np.isfinite(reference), reference, [1.0, 0.0, 0.0, 0.0]))
         self.labels: tuple[tuple[int, str], ...] = tuple(
             zip(self.observations.row.tolist(), self.observations.channel.tolist(), strict=True)
         )
         """(row of the design, channel) of each observation."""
+
+    @property
+    def plane_direction(self) -> Array:
+        """(2,) unit vector sideways to the plane that may be touched."""
+        return self._baseline.plane_direction
 
     def __len__(self) -> int:
         return len(self.observations)
@@ -131,7 +178,7 @@ class ForwardModel:
 
     def predict(self, theta: Array) -> Array:
         """(observations,) at parameters (p,); NaN where a state has no equilibrium."""
-        return self._prediction(self._solved(self._checked(theta)))[0]
+        return self._solved(self._checked(theta)).predicted[0].copy()
 
     def shapes(self, theta: Array, arcs: Array) -> Array:
         """Backbones (n, k, 3) m at parameters (p,) and arc lengths (k,) m, base frame, as motion capture would read them.
@@ -160,104 +207,189 @@ class ForwardModel:
         theta = self._checked(theta)
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
         here = self._solved(theta, bool(self._memory_sizes & set(wanted)))
-        predicted = self._prediction(here)
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
-        by_slot = self._slopes(here, predicted, slots)
-        jacobian = np.zeros((len(self), len(wanted)))
-        for column, k in enumerate(wanted):
-            slot = self.parameters[k].slot
-            own = self._table.of_row[slot][self.observations.row] == k
-            jacobian[own, column] = by_slot[slots.index(slot), own]
-        return predicted[0], jacobian
+        of_row = self._table.of_row[list(slots)][:, self.observations.row]
+        place = np.full(len(self.parameters) + 1, len(wanted))
+        place[wanted] = np.arange(len(wanted))
+        # Each row takes one parameter for a slot; what is not wanted, or does not exist (-1), goes to a last column.
+        jacobian = np.zeros((len(self), len(wanted) + 1))
+        jacobian[np.arange(len(self)), place[of_row]] = self._slopes(here, slots)
+        return here.predicted[0].copy(), jacobian[:, :-1]
 
     def respond(self, change: Array) -> Array:
-        """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa."""
-        baseline = np.zeros(len(self.parameters))
-        spread = self._table.at(baseline)
+        """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa; what the robot
+        remembers stays."""
+        spread = self._table.at(self._nominal)
         q = self._quantities(spread)
         q.pressure = q.pressure + np.pad(change, ((0, len(self._full) - len(change)), (0, 0)))
-        built = rows(q, self._shear, 1)[0, self._in_bare]
-        moved = solve(built, self._arcs, self._steps, self._start, inside=False).take(slice(0, self._moved.size))
-        return np.asarray(self._read(q, moved.result[None], spread)[0] - self.predict(baseline))
+        built = self._rows(rod_columns(q, self._shear))
+        own = slice(0, self._moved_rows.size)
+        moved = solve(built, self._arcs, self._steps, self._start, inside=False).take(own)
+        here = self._solved(self._nominal)
+        still = self._read(here.quantities, here.bare.take(own).result[None], spread)
+        return np.asarray(self._read(q, moved.result[None], spread)[0] - still[0])
 
     def _checked(self, theta: Array) -> Array:
+        """Values of the laws' parameters from what is added to those of robot.yaml."""
         values = np.asarray(theta, float)
         if values.shape != (len(self.parameters),):
             raise BadCondition(f"theta: shape {values.shape}, must be ({len(self.parameters)},)")
-        wrong = ~((values >= self._low) & (values <= self._high))
+        values = values + self._nominal
+        slack = ROUNDING * self._sd
+        wrong = ~((values >= self._low - slack) & (values <= self._high + slack))
         if wrong.any():
             info = self.parameters[int(np.flatnonzero(wrong)[0])]
             raise BadCondition(
-                f"{info.name} = {values[wrong][0]:g} {info.unit}: must be within {info.low:g} and {info.high:g}"
+                f"{info.name} = {theta[wrong][0]:g} {info.unit}: must be within {info.low:g} and {info.high:g}"
             )
-        return values
+        return np.clip(values, self._low, self._high)
+
+    def _laws(self, spread: Spread) -> Iterator[tuple[Law, Callable[[], Values]]]:
+        """Every law and what makes its values, first the robot's own that are not varied."""
+        for law, values in self._fixed:
+            yield law, partial(dict, values)
+        for i, source in enumerate(self._table.sources):
+            yield source.spec.law, partial(self._table.values, i, spread)
 
     def _quantities(self, spread: Spread) -> Quantities:
         """All laws before the rod."""
         q = Quantities(**vars(self._baseline))
-        for i, source in enumerate(self._table.sources):
-            if source.spec.law.before is not None:
-                source.spec.law.before(q, self._table.values(i, spread))
+        for law, values in self._laws(spread):
+            if law.before is not None:
+                law.before(q, values())
         return q
 
     def _solved(self, theta: Array, moving: bool = False) -> _At:
         """`moving`: what drives memory is wanted even where nothing remembers."""
+        points = self._points  # another thread may put others in its place
+        same = [bool(np.array_equal(point.theta, theta)) for point in points]
+        here = points[same.index(True)] if any(same) else self._solve(theta)
+        if moving and not here.bare.inside:
+            bare = look_inside(here.bare)
+            here = replace(here, bare=bare, driven=self._drive(here.built, bare.result[None]))
+        others = [point for point, known in zip(points, same, strict=True) if not known]
+        self._points = (here, *others)[:KEPT]
+        return here
+
+    def _solve(self, theta: Array) -> _At:
         spread = self._table.at(theta)
         q = self._quantities(spread)
-        built = rows(q, self._shear, 1)
-        remembers = any(theta[k] for k in self._memory_sizes)
-        bare = solve(built[0, self._in_bare], self._arcs, self._steps, self._start, remembers or moving)
-        driven = self._drive(built, bare.result[None]) if bare.inside else np.zeros((1, len(self._full), DRIVES))
-        rest = self._memory(q, built, driven, spread)
-        final = bare.take(slice(0, self._moved.size))
+        built = rod_columns(q, self._shear)
+        remembers = any(theta[k] for k in self._memory_sizes) or any(law.path is not None for law, _ in self._fixed)
+        bare = solve(self._rows(built), self._arcs, self._steps, self._start, remembers)
+        final = bare.take(slice(0, self._moved_rows.size))
+        driven = rest = np.zeros((1, len(self._full), DRIVES))
         if remembers:
-            changed = final.rows.copy()
-            add_rest(changed[None], rest[:, self._moved])
-            final = solve(changed, self._arcs, final.steps, final.solution, inside=False)
-        return _At(theta, q, built, bare, driven, rest, final, remembers)
+            driven = self._drive(built, bare.result[None])
+            rest = self._memory(q, built, driven, spread)
+            rows = final.rows.copy()
+            rows[:, REST] += rest[0, self._moved_rows]
+            final = solve(rows, self._arcs, final.steps, final.solution, inside=False)
+        predicted = self._read(q, final.result[None], spread)
+        return _At(theta.copy(), q, built, bare, driven, rest, final, remembers, predicted)
 
-    def _prediction(self, here: _At) -> Array:
-        """(1, observations)."""
-        return self._read(here.quantities, here.final.result[None], self._table.at(here.theta))
+    def _rows(self, built: RodColumns) -> Array:
+        """(m, WIDTH) rods of one variant that are solved."""
+        return built.rows(len(self._full))[self._in_bare]
 
-    def _drive(self, built: Array, results: Array) -> Array:
-        return drive(built[:, self._in_bare], results, self._in_bare, len(self._full))
+    def _drive(self, built: RodColumns, results: Array) -> Array:
+        """(v, full, DRIVES) from results (v, m, columns)."""
+        n = len(self._full)
+        lengths = [
+            np.broadcast_to(built[part + at.LENGTH], (len(built[part + at.LENGTH]), n)) for part in (INNER, OUTER)
+        ]
+        return drive([long[:, self._in_bare] for long in lengths], results, self._in_bare, n)
 
-    def _memory(self, q: Quantities, built: Array, driven: Array, spread: Spread) -> Array:
+    def _memory(self, q: Quantities, built: RodColumns, driven: Array, spread: Spread) -> Array:
         """(v, full, DRIVES) rest curvature and strain of all laws with memory."""
-        silicone, whole = silicone_share(q, built[..., INNER + at.BEND]), np.ones((*built.shape[:2], 4))
-        history = History(
-            q, self._path, driven,
-            np.stack([built[..., INNER + at.BEND], built[..., OUTER + at.BEND]], axis=-1),
-            np.stack([built[..., INNER + at.STRETCH + 2], built[..., OUTER + at.STRETCH + 2]], axis=-1),
-            np.concatenate([np.repeat(np.broadcast_to(silicone, built.shape[:2])[..., None], 4, axis=2), whole], axis=2),
-            np.zeros((1, len(self._full), DRIVES)),
-        )  # fmt: skip
-        for i, source in enumerate(self._table.sources):
-            if source.spec.law.path is not None:
-                source.spec.law.path(history, self._table.values(i, spread))
+        history = history_of(q, self._path, built, driven)
+        for law, values in self._laws(spread):
+            if law.path is not None:
+                law.path(history, values())
         return history.rest
 
-    def _slopes(self, here: _At, predicted: Array, slots: tuple[int, ...]) -> Array:
-        """(slots, observations) derivatives in the parameters' units, by differences of all but the equilibria."""
-        chosen = list(slots)
+    def _slopes(self, here: _At, slots: tuple[int, ...]) -> Array:
+        """(slots, observations) derivatives in the parameters' units, by the chain rule.
+
+        Rods by parameters and readings by equilibria are differenced, equilibria by rods are not. Slots that enter at the same
+        stage are varied together: what none of them changes is computed once.
+        """
         step = NUDGE * self._sd * np.where(here.theta + NUDGE * self._sd <= self._high, 1.0, -1.0)
+        batches = [self._beside(here, step, part) for part in self._by_stage(slots)]
+        out = np.empty((len(slots), len(self)))
+        for b, moved in zip(batches, self._moved(here, batches), strict=True):
+            slope = self.observations.pick(moved)
+            if b.reads:
+                read = self._read(b.quantities, here.final.result[None], b.spread)
+                slope = slope + (read - here.predicted) / b.by_row[:, self.observations.row]
+            out[[slots.index(k) for k in b.slots]] = slope
+        return out
+
+    def _by_stage(self, slots: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Slots that enter at the same stage; those that change readings alone by themselves."""
+        found: dict[tuple[bool, str], list[int]] = {}
+        for k in slots:
+            spec = self._table.source_of(k).spec
+            found.setdefault((_moves(spec), spec.stage), []).append(k)
+        return [tuple(own) for own in found.values()]
+
+    def _beside(self, here: _At, step: Array, slots: tuple[int, ...]) -> _Beside:
+        """Variants of `here`, one for each slot, that is a step away."""
         spread = self._table.beside(here.theta, here.theta + step, slots)
-        q = self._quantities(spread)
-        built = rows(q, self._shear, len(slots))
-        # Directions are one prior width long, in every row that the slot reaches.
-        by_row = self._by_slot(step / self._sd)[chosen, :, None]
-        directions = (built - here.built) / by_row
-        if here.remembers:
-            moved = differentiate(here.bare, directions[:, self._in_bare])
-            driven = self._drive(built, here.bare.result + by_row[:, self._in_bare] * moved)
-        else:
+        by_row = self._by_slot(step)[list(slots)]
+        laws = [self._table.source_of(k).spec.law for k in slots]
+        q, built = here.quantities, here.built
+        moves = any(law.before is not None for law in laws)
+        if moves:
+            q = self._quantities(spread)
+            built = rod_columns(q, self._shear)
+        changed, change = built.changes(here.built, by_row)
+        remembers = any(law.path is not None for law in laws)
+        reads = bool(self.design.stiffness.any()) or any(law.after is not None for law in laws)
+        return _Beside(slots, spread, by_row, q, built, changed, change, moves, remembers, reads)
+
+    def _moved(self, here: _At, batches: Sequence[_Beside]) -> list[Array]:
+        """(v, full, channels) of each batch: derivatives of readings by what the slots do to rods, in the parameters' units."""
+        rests = self._rests(here, batches)
+        changed = sorted({c for b in batches for c in b.columns} | {c for r in rests if r is not None for c in REST})
+        by_column = np.zeros((len(self._full), len(changed), self.observations.channels))
+        if changed:
+            spread = self._table.at(here.theta)
+
+            def every(results: Array) -> Array:
+                return self.observations.every(self._readings(here.quantities, results, spread))[:, self._moved_rows]
+
+            by_column[self._moved_rows] = _by_columns(here.final, changed, every)
+        out = []
+        for b, rest in zip(batches, rests, strict=True):
+            moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
+            if rest is not None:
+                moved = moved + rest @ by_column[:, [changed.index(c) for c in REST]]
+            out.append(moved.swapaxes(0, 1))
+        return out
+
+    def _rests(self, here: _At, batches: Sequence[_Beside]) -> list[Array | None]:
+        """(full, v, DRIVES) of each batch: derivatives of what memory adds, in the parameters' units; None where it stays."""
+        changed = sorted({c for b in batches for c in b.columns})
+        by_column = np.zeros((len(self._full), len(changed), DRIVES))
+        if here.remembers and changed:
+
+            def driven_by(results: Array) -> Array:
+                return self._drive(here.built, results)[:, self._in_bare]
+
+            by_column[self._in_bare] = np.nan_to_num(_by_columns(here.bare, changed, driven_by))
+        out: list[Array | None] = []
+        for b in batches:
             driven = here.driven
-        rest = self._memory(q, built, driven, spread)
-        add_rest(directions, (rest - here.rest) / by_row)
-        moved = differentiate(here.final, directions[:, self._moved])
-        read = self._read(q, here.final.result + by_row[:, self._moved] * moved, spread)
-        return (read - predicted) / self._by_slot(step)[chosen][:, self.observations.row]
+            if here.remembers and b.columns:
+                moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
+                driven = self._drive(b.built, here.bare.result[None]) + b.by_row[..., None] * moved.swapaxes(0, 1)
+            elif not b.remembers and not (here.remembers and b.moves):
+                out.append(None)
+                continue
+            rest = self._memory(b.quantities, b.built, driven, b.spread)
+            out.append(((rest - here.rest) / b.by_row[..., None]).swapaxes(0, 1))
+        return out
 
     def _by_slot(self, per_parameter: Array) -> Array:
         """(slots, full) the value of the parameter that each row takes for a slot; 1 where it takes none."""
@@ -270,14 +402,26 @@ class ForwardModel:
     def _readings(self, q: Quantities, results: Array, spread: Spread) -> Readings:
         """What instruments read of results (v, moved, columns): all laws after the rod."""
         r = readings(q, self._shear, self._every_row(results))
-        for i, source in enumerate(self._table.sources):
-            if source.spec.law.after is not None:
-                source.spec.law.after(r, self._table.values(i, spread))
+        for law, values in self._laws(spread):
+            if law.after is not None:
+                law.after(r, values())
         return r
 
     def _every_row(self, results: Array) -> Array:
         """(v, full, columns): results of the moved rows in their places, an unbent rod elsewhere."""
         out = np.zeros((len(results), len(self._full), results.shape[2]))
         out[:, :, at.ORIENTATION] = 1.0
-        out[:, self._moved] = results
+        out[:, self._moved_rows] = results
         return out
+
+
+def _moves(spec: EffectSpec) -> bool:
+    """Whether a source changes the rod, not its readings alone."""
+    return spec.law.before is not None or spec.law.path is not None
+
+
+def _by_columns(solved: Solved, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
+    """(n, a, outputs) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
+    made = made_of(nudged(solved, NUDGE))
+    by_motion = ((made[1:] - made[0]) / NUDGE).swapaxes(0, 1)
+    return np.asarray(differentiate(solved, directions(changed)) @ by_motion)

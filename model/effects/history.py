@@ -8,6 +8,7 @@ readings the drive stays, ramps linearly for |dP| / rate and stays again for the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects import layout as at
+from model.effects.compose import INNER, OUTER, RodColumns, silicone_share
 from model.effects.design import Design
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
@@ -28,6 +30,13 @@ SHORTEST = 1e-4
 
 DRIVES = 8
 """Curvature x, y, z (1/m) and axial strain of the part with spine, then of the part beyond it."""
+
+REST = [
+    at.ELEMENTS + part * at.ELEMENT_WIDTH + column
+    for part in range(2)
+    for column in (*range(at.REST_CURVATURE, at.REST_CURVATURE + 3), at.REST_STRAIN + 2)
+]
+"""Columns of a rod to which memory adds, in the order of the drive."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,7 @@ class History:
     axial_stiffness: Array
     """(v, n, 2) N of the two parts."""
     silicone: Array
-    """(v, n, DRIVES) share of each part's stiffness that is the silicone's; the spine does not creep."""
+    """(v, n, DRIVES) share of each part's stiffness that is the silicone's."""
     rest: Array
     """(v, n, DRIVES) what is added to the rest curvatures and strains, in the order of the drive."""
 
@@ -131,29 +140,31 @@ class History:
         return self.path.sliding(drive, yields)
 
 
-def drive(rows: Array, results: Array, places: Order, states: int) -> Array:
-    """(v, states, DRIVES) mean curvature and strain of both parts from results (v, m, columns) of rods (v, m, WIDTH).
+def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> History:
+    """What laws with memory see of rods of n states that are driven so (v, n, DRIVES); nothing is remembered yet."""
+    n = driven.shape[1]
+    bend, stretch = (
+        np.stack(np.broadcast_arrays(rods[INNER + k], rods[OUTER + k], np.empty((1, n)))[:2], axis=-1)
+        for k in (at.BEND, at.STRETCH + 2)
+    )
+    silicone = np.ones((len(bend), n, DRIVES))
+    silicone[..., : DRIVES // 2] = silicone_share(q, rods[INNER + at.BEND])[..., None]
+    return History(q, path, driven, bend, stretch, silicone, np.zeros((1, n, DRIVES)))
+
+
+def drive(lengths: Sequence[Array], results: Array, places: Order, states: int) -> Array:
+    """(v, states, DRIVES) mean curvature and strain of both parts, `lengths` (v or 1, m) m, from results (v, m, columns).
 
     `places` (m,) says which states the rods are; the others stay 0, and so do rods without equilibrium, lest they
     spoil the states that come after them.
     """
     base, joint, tip = (results[..., k : k + 4] for k in (at.BASE, at.JOINT, at.ORIENTATION))
-    out = np.zeros((len(results), states, DRIVES))
-    for part, (start, end) in enumerate(((base, joint), (joint, tip))):
-        long = rows[..., at.ELEMENTS + part * at.ELEMENT_WIDTH + at.LENGTH]
+    out = np.zeros((max(len(results), *map(len, lengths)), states, DRIVES))
+    for part, (long, start, end) in enumerate(zip(lengths, (base, joint), (joint, tip), strict=True)):
         bent = rotation_vector(multiply(start * CONJUGATE, end)) / np.maximum(long, SHORTEST)[..., None]
         out[:, places, 4 * part : 4 * part + 3] = np.where(long[..., None] > SHORTEST, bent, 0.0)
         out[:, places, 4 * part + 3] = np.where(long > SHORTEST, results[..., at.STRAIN + part], 0.0)
     return np.nan_to_num(out, copy=False)
-
-
-def add_rest(rows: Array, rest: Array) -> None:
-    """Add rest curvatures and strains (v, n, DRIVES) to rods (v, n, WIDTH) in place."""
-    for part in range(2):
-        element = at.ELEMENTS + part * at.ELEMENT_WIDTH
-        for k in range(3):
-            rows[..., element + at.REST_CURVATURE + k] += rest[..., 4 * part + k]
-        rows[..., element + at.REST_STRAIN + 2] += rest[..., 4 * part + 3]
 
 
 @numba.njit(cache=True)

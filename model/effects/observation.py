@@ -41,16 +41,30 @@ class Observations:
     """(n or more, 4) orientations that rx, ry, rz are counted from."""
     states: int
     """n, rows of the design."""
+    markers: int
 
     def __len__(self) -> int:
         return len(self.row)
 
+    @property
+    def channels(self) -> int:
+        """Columns of `every`."""
+        return len(TIP) + len(TURN) + 1 + 3 * self.markers
+
     def of(self, r: Readings) -> Array:
         """(v, observations) from readings."""
-        v, n = r.force.shape
+        return self.pick(self.every(r))
+
+    def every(self, r: Readings) -> Array:
+        """(v, n, all channels) of readings."""
         turn = rotation_vector(multiply(r.orientation, self.reference[None] * CONJUGATE))
-        every = np.concatenate([r.tip, turn, r.force[..., None], r.markers.reshape(v, n, -1)], axis=-1)
-        return every.reshape(v, -1)[:, self.picked]
+        parts = (r.tip, turn, r.force[..., None], r.markers.reshape(*r.markers.shape[:2], -1))
+        v = max(len(part) for part in parts)
+        return np.concatenate([np.broadcast_to(part, (v, *part.shape[1:])) for part in parts], axis=-1)
+
+    def pick(self, every: Array) -> Array:
+        """(v, observations) of (v, n, all channels)."""
+        return every.reshape(len(every), -1)[:, self.picked]
 
 
 def observations(design: Design, reference: Array) -> Observations:
@@ -65,7 +79,7 @@ def observations(design: Design, reference: Array) -> Observations:
                 picked.append(row * len(every) + column)
     if not rows:
         raise BadCondition("channels: the table has neither tip positions, orientations, markers nor forces")
-    return Observations(np.array(rows), np.array(names), np.array(picked), reference, len(design))
+    return Observations(np.array(rows), np.array(names), np.array(picked), reference, len(design), design.markers)
 
 
 def measured(o: Observations, columns: Columns, noise: Noise) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from model.effects.design import Design
 from model.effects.spec import EffectSpec, Sign, Values
-from model.effects.tolerance import Group, Source, mounts
+from model.effects.tolerance import Group, Scope, Source, mounts
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,8 @@ class ParameterInfo:
 
     name: str
     """spine_slip.moment, area.excess, area.excess[spine_length=0.1], spine_length.excess[trial=3] .."""
+    quantity: str
+    """The same of all copies: spine_length.excess .."""
     source: str
     """Id of the effect, or of the tolerance or calibration."""
     group: Group
@@ -40,9 +42,20 @@ class ParameterInfo:
     slot: int
     """Column of the derivative it shares with its copies."""
     trial: int | None = None
-    """The trial whose own it is, as the table numbers it; None for one that is common to all."""
+    """The trial whose own it is, as the table numbers it; None for one of several trials."""
+    scope: Scope = "all"
     tolerated: bool = True
     """See `spec.EffectSpec`."""
+
+    @property
+    def recurs(self) -> bool:
+        """Drawn anew with each trial or repeat of the sweep: what it was once says nothing of the next."""
+        return self.scope in ("trial", "push", "repeat")
+
+    @property
+    def lasts(self) -> bool:
+        """The same in another campaign."""
+        return not self.recurs and self.scope != "campaign"
 
 
 @dataclass(frozen=True)
@@ -57,13 +70,12 @@ class Spread:
     """The slots that have a variant."""
 
     def slot(self, k: int) -> Array:
-        """(v, n)."""
-        if self.there is None:
+        """(v, n), or (1, n) where no variant has another value."""
+        if self.there is None or k not in self.chosen:
             return self.base[k][None]
         out = np.empty((len(self.chosen), self.base.shape[1]))
         out[:] = self.base[k]
-        if k in self.chosen:
-            out[self.chosen.index(k)] = self.there[k]
+        out[self.chosen.index(k)] = self.there[k]
         return out
 
 
@@ -122,6 +134,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
                 infos.append(
                     ParameterInfo(
                         f"{source.spec.id}.{p.name}{label}",
+                        f"{source.spec.id}.{p.name}",
                         source.spec.id,
                         source.group,
                         p.unit,
@@ -133,6 +146,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
                         p.starts,
                         len(of_row),
                         trial,
+                        source.scope,
                         source.spec.tolerated,
                     )  # fmt: skip
                 )
@@ -142,7 +156,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
 
 def _copies(design: Design, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
     """What is added to the name of each copy of a parameter, the trial whose own it is, and the rows it is for."""
-    if source.scope == "all":
+    if source.scope in ("all", "campaign"):
         return [("", None, np.ones(len(design), bool))]
     if source.scope == "spine_length":
         rounded = np.round(design.spine_length, 4)
@@ -151,9 +165,14 @@ def _copies(design: Design, source: Source) -> list[tuple[str, int | None, NDArr
     if source.scope == "mount":
         turned = np.round(np.degrees(design.roll))
         return [(f"[roll={x:g} deg]", None, (turned == x) & ~design.stiffness) for x in mounts(design)[1:]]
+    if source.scope == "repeat":
+        numbers = np.unique(design.repeat[~design.stiffness])
+        return [(f"[repeat={k}]", None, (design.repeat == k) & ~design.stiffness) for k in numbers]
     has = design.stiffness if source.scope == "push" else design.spine_length > 0
     trials = [k for k in range(len(design.trial_id)) if has[design.trial == k].any()]
-    labels = [f"[trial={design.trial_id[k]}]" for k in trials]
-    if len(set(labels)) < len(labels):
-        labels = [f"[trial={design.trial_id[k]}, part {k}]" for k in trials]
-    return [(label, int(design.trial_id[k]), design.trial == k) for label, k in zip(labels, trials, strict=True)]
+    ids = [int(design.trial_id[k]) for k in trials]
+    parted = len(set(ids)) < len(ids)
+    return [
+        (f"[trial={trial}, part {k}]" if parted else f"[trial={trial}]", trial, design.trial == k)
+        for trial, k in zip(ids, trials, strict=True)
+    ]

@@ -33,7 +33,7 @@ def prove(robot: Robot, specs: Iterable[EffectSpec]) -> None:
         if moved > 0.0 or (np.isnan(zero) != np.isnan(still)).any():
             raise BadEffect(
                 f"effect {spec.id}: moves readings by up to {moved:.3g} (m or rad) at zero sizes; "
-                "a law must do exactly nothing there"
+                "a law must have exactly no effect there"
             )
         if not np.isfinite(large).any():
             raise BadEffect(

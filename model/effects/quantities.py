@@ -54,7 +54,7 @@ class Quantities:
     area_moments: Array
     """Blend 0..1 from moduli mixed by volume to E_c I_c + E_s I_s."""
     area_moments_in_bending: Array
-    """0: tension and shear blend alike; 1: bending alone does."""
+    """0: all stiffnesses blend; 1: bending alone."""
     shear_blend: Array
     """Blend 0..1 from the spine's table of moduli to one modulus with low shear stiffness."""
     shear_lag: Array

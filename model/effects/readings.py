@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Readings:
-    """Arrays (v, n, ...) in the base frame; laws replace them, never change them in place."""
+    """Arrays (v or 1, n, ...) in the base frame; laws replace them, never change them in place."""
 
     design: Design
     tip: Array
@@ -48,7 +48,7 @@ def readings(q: Quantities, shear: ShearSpine, solved: Array) -> Readings:
     markers = solved[..., at.MARKERS :].reshape(v, n, (wide - at.MARKERS) // 3, 3)
     force = np.zeros((v, n))
     if q.design.stiffness.any():
-        force[...] = cantilever_force(q, shear)
+        force = force + cantilever_force(q, shear)
     return Readings(
         q.design, solved[..., :3].copy(), solved[..., at.ORIENTATION : at.ORIENTATION + 4].copy(), markers.copy(), force
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from model import rods as rod
 from model.effects import layout as at
-from model.rotation import multiply
+from model.rotation import from_vector, multiply
 
 Array = NDArray[np.float64]
 Steps = NDArray[np.int64]
@@ -74,20 +74,34 @@ def solve(rows: Array, arcs: Array, steps: Steps, start: rod.Solution | None = N
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
+    solved = Solved(rows, arcs, steps, solution, result, False)
     if inside or len(arcs):
-        places = _places(rods, arcs, base=True)
-        marked = places.shape[1]
-        if inside:  # in the same pass
-            within, weights = rod.gauss_points(rods, STRAIN_POINTS)
-            places = np.concatenate([places, within], axis=1)
-        found = rod.stations(rods, solution, places, method)
-        result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
-        result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
-        result[:, at.MARKERS :] = found.position[:, 2:marked].reshape(len(rows), 3 * len(arcs))
-        if inside:
-            strain = found.strain[:, marked:].reshape(len(rows), at.FORM.elements, STRAIN_POINTS)
-            result[:, at.STRAIN : at.STRAIN + 2] = strain @ weights
-    return Solved(rows, arcs, steps, solution, result, inside)
+        _fill_stations(solved, inside)
+    return replace(solved, inside=inside)
+
+
+def look_inside(solved: Solved) -> Solved:
+    """The same, with what is within the rods."""
+    found = replace(solved, result=solved.result.copy(), inside=True)
+    _fill_stations(found, True)
+    return found
+
+
+def _fill_stations(solved: Solved, inside: bool) -> None:
+    """Fill the results that are not at the tip, in one pass."""
+    rods, result = _rods(solved.rows), solved.result
+    places = _places(rods, solved.arcs, base=True)
+    marked = places.shape[1]
+    if inside:
+        within, weights = rod.gauss_points(rods, STRAIN_POINTS)
+        places = np.concatenate([places, within], axis=1)
+    found = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
+    result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
+    result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
+    result[:, at.MARKERS :] = found.position[:, 2:marked].reshape(len(result), 3 * len(solved.arcs))
+    if inside:
+        strain = found.strain[:, marked:].reshape(len(result), at.FORM.elements, STRAIN_POINTS)
+        result[:, at.STRAIN : at.STRAIN + 2] = strain @ weights
 
 
 def _go_on(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
@@ -104,26 +118,40 @@ def _go_on(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
 
 
 def differentiate(solved: Solved, directions: Array) -> Array:
-    """(p, n, columns) change of the results along `directions` (p, n, WIDTH)."""
-    rods, result = _rods(solved.rows), solved.result
-    along = np.ascontiguousarray(directions.transpose(1, 0, 2))
-    places = _places(rods, solved.arcs, base=False)
+    """(n, a, motions) derivatives of the results along `directions` (a, WIDTH) of the rows.
+
+    Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
+    and the strains, in this order.
+    """
+    rods = _rods(solved.rows)
+    own = int(solved.inside)
+    places = _places(rods, solved.arcs, base=False)[:, 1 - own :]
     method = replace(METHOD, steps=solved.steps)
-    d = rod.sensitivities(rods, solved.solution, along, method, arc_lengths=places, strain=solved.inside, attached=1)
-    out = np.full((len(directions), *result.shape), np.nan)
-    out[..., at.TIP : at.TIP + 3] = d.tip.swapaxes(0, 1)
-    for column, turn in ((at.ORIENTATION, d.rotation), (at.JOINT, d.turn[:, :, 0]), (at.BASE, d.base_rotation)):
-        out[..., column : column + 4] = _turned(result[:, column : column + 4], turn.swapaxes(0, 1))
+    d = rod.sensitivities(
+        rods, solved.solution, directions[None], method, arc_lengths=places, strain=solved.inside, attached=own
+    )
+    marked = d.position[:, :, own:].reshape(len(rods), len(directions), 3 * len(solved.arcs))
+    within = (d.base_rotation, d.turn[:, :, 0], d.strain) if solved.inside else ()
+    return np.concatenate([d.tip, d.rotation, marked, *within], axis=-1)
+
+
+def nudged(solved: Solved, step: float) -> Array:
+    """(1 + motions, n, columns) the results, and the same a step along each motion of `differentiate`."""
+    shifts = [at.TIP, at.TIP + 1, at.TIP + 2]
+    markers = list(range(at.MARKERS, solved.result.shape[1]))
+    motions: list[tuple[int, int | None]] = [(k, None) for k in shifts]
+    motions += [(at.ORIENTATION, k) for k in range(3)] + [(k, None) for k in markers]
     if solved.inside:
-        out[..., at.STRAIN : at.STRAIN + 2] = d.strain.swapaxes(0, 1)
-    out[..., at.MARKERS :] = d.position[:, :, 1:].swapaxes(0, 1).reshape(*out.shape[:2], 3 * len(solved.arcs))
+        motions += [(column, k) for column in (at.BASE, at.JOINT) for k in range(3)]
+        motions += [(at.STRAIN, None), (at.STRAIN + 1, None)]
+    out = np.repeat(solved.result[None], 1 + len(motions), axis=0)
+    for moved, (column, axis) in zip(out[1:], motions, strict=True):
+        if axis is None:
+            moved[:, column] += step
+        else:
+            turn = from_vector(step * np.eye(3)[axis])
+            moved[:, column : column + 4] = multiply(turn, moved[:, column : column + 4])
     return out
-
-
-def _turned(q: Array, turn: Array) -> Array:
-    """Change of quaternions q (n, 4) with small turns (p, n, 3) from the left."""
-    whole = np.concatenate([np.zeros((*turn.shape[:-1], 1)), 0.5 * turn], axis=-1)
-    return multiply(whole, np.broadcast_to(q, whole.shape))
 
 
 def _rods(rows: Array) -> rod.Rods:

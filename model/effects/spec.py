@@ -53,7 +53,7 @@ class Parameter:
         if not (self.scale > 0 and self.low <= 0 <= self.high and self.low < self.high):
             raise BadEffect(
                 f"parameter {self.name}: scale {self.scale:g} {self.unit} must be positive and "
-                f"the bounds {self.low:g}..{self.high:g} must hold zero, where the effect is absent"
+                f"the bounds {self.low:g}..{self.high:g} must include zero, where the effect is absent"
             )
 
 
@@ -99,10 +99,10 @@ class EffectSpec:
         if not self.id.isidentifier():
             raise BadEffect(f"effect id {self.id!r}: letters, digits and _ only")
         if self.stage not in STAGES:
-            raise BadEffect(f"effect {self.id}: stage {self.stage!r} is none of {', '.join(STAGES)}")
+            raise BadEffect(f"effect {self.id}: stage {self.stage!r} must be one of {', '.join(STAGES)}")
         names = [p.name for p in self.parameters]
         if not names or len(set(names)) != len(names):
-            raise BadEffect(f"effect {self.id}: parameters {names}, must be at least one, each name once")
+            raise BadEffect(f"effect {self.id}: parameters {names}, needs at least one, and distinct names")
         if not any(p.role == "size" for p in self.parameters):
             raise BadEffect(f"effect {self.id}: no parameter is a size, so it could never be absent")
 

@@ -16,8 +16,9 @@ from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
-Scope = Literal["all", "trial", "spine_length", "push", "mount"]
-"""push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll but the most usual."""
+Scope = Literal["all", "trial", "spine_length", "push", "mount", "repeat", "campaign"]
+"""push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll but the most usual;
+repeat: each repeat of the sweep; campaign: all of it, but another campaign's is another."""
 Group = Literal["effect", "calibration", "nuisance"]
 
 
@@ -41,6 +42,12 @@ def _area(q: Quantities, v: Values) -> None:
 def _modulus(q: Quantities, v: Values) -> None:
     """Beside what an effect adds, not times it: then the two trade along a straight line."""
     q.body_modulus = q.body_modulus + q.robot.youngs_modulus * v["excess"]
+
+
+def _drift(q: Quantities, v: Values) -> None:
+    """E grows by `slope` from the first state to the last, and by `bend` more at both ends than half way."""
+    u = q.design.progress - 0.5
+    q.body_modulus = q.body_modulus + q.robot.youngs_modulus * (v["slope"] * u + v["bend"] * 4 * u**2)
 
 
 def _density(q: Quantities, v: Values) -> None:
@@ -142,6 +149,23 @@ MOUNT = (
     Source(_tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3)), "nuisance", "mount"),
 )
 """A robot that is mounted anew, rolled, stands a little differently."""
+REPEATS = (
+    Source(_tolerance("repeat_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE / 2)), "nuisance", "repeat"),
+    Source(_tolerance("repeat_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.2e-3)), "nuisance", "repeat"),
+)
+"""So does one that may have been mounted anew before a repeat of the sweep; how much, its repeats show."""
+DRIFT = Source(
+    _tolerance(
+        "drift",
+        "material",
+        Law(before=_drift),
+        Parameter("slope", "1", 0.015, -0.15, 0.15),
+        Parameter("bend", "1", 0.005, -0.05, 0.05),
+    ),
+    "nuisance",
+    "campaign",
+)
+"""Silicone softens as it is worked, and is as warm as the room."""
 JAMMING = Source(
     _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5)), "nuisance"
 )
@@ -163,8 +187,12 @@ def sources(
     found += ALWAYS if moved else ALWAYS[:2]
     if moved:
         found.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
+        if np.ptp(design.progress[~design.stiffness]) > 0:
+            found.append(DRIFT)
     if len(mounts(design)) > 1:
         found += MOUNT
+    if len(np.unique(design.repeat[~design.stiffness])) > 1:
+        found += REPEATS
     if (design.spine_length > 0).any():
         found += BY_TRIAL
         spined = design.vacuum[design.spine_length > 0]

@@ -35,7 +35,7 @@ class Beam:
         """See `model.rods.solver.solve`."""
         rods.refuse_terms("Beam", "rest_strain")
         if start is not None:
-            raise BadCondition("start: the method Beam is closed and starts from nothing; leave it out")
+            raise BadCondition("start: the method Beam is a closed form and takes no start; leave it out")
         n, length = len(rods), rods.field("length")
         ends = np.cumsum(length, axis=1)
         places = np.concatenate([np.zeros((n, 0)) if arcs is None else arcs, ends[:, -1:]], axis=1)

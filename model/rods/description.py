@@ -170,7 +170,9 @@ class Rods:
             if name in ("length", "bend_stiffness", "stretch_stiffness", "spring_direction", *BASIC, *further):
                 continue
             if np.any(self.field(name) != neutral):
-                raise BadCondition(f"{name}: must be {neutral} for the method {method}, which knows no other; use Fast")
+                raise BadCondition(
+                    f"{name}: must be {neutral} for the method {method}, which supports nothing else; use Fast"
+                )
 
     def check(self) -> Rods:
         """Itself; raises `BadCondition` naming the field, rod and value that no kernel may see."""

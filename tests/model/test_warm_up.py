@@ -19,7 +19,7 @@ def test_after_warming_up_no_kernel_of_the_diagnosis_is_compiled() -> None:
         ).values
         solved = solver.solve(rows, np.array([0.05, 0.1]), solver.integration_steps(rows))
         solver.solve(rows, np.array([0.05, 0.1]), solved.steps, solved.solution, inside=False)
-        solver.differentiate(solved, np.zeros((2, *rows.shape)))
+        solver.differentiate(solved, np.zeros((2, layout.WIDTH)))
         plain = rods(Form(elements=2), n, length=0.2, bend_stiffness=0.2, stretch_stiffness=90.0)
         stations(plain, solve(plain, FINE), np.full((n, 2), 0.1), FINE)
     assert compiled.buffer == []

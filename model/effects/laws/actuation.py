@@ -73,7 +73,7 @@ SPECS = (
         ),
         law=Law(before=_time_offset),
         citation="kinematics of two clocks",
-        seen_best_in="states read on the fly: the sign flips on the unload branch; a faster ramp",
+        seen_best_in="states read while ramping: the sign flips on the unload branch; grows with the ramp rate",
     ),
     EffectSpec(
         id="pressure_offset",

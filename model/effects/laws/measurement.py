@@ -57,11 +57,11 @@ SPECS = (
     EffectSpec(
         id="frame_misalignment",
         stage="measurement",
-        equation="p_read = exp(theta^) p, orientation alike",
+        equation="p_read = exp(theta^) p, orientation likewise",
         parameters=tuple(Parameter(axis, "rad", TURN, -0.3, 0.3) for axis in "xyz"),
         law=Law(after=_frame_misalignment),
         citation="geometry",
-        seen_best_in="grows with displacement, in all states alike",
+        seen_best_in="grows with displacement, equally in all states",
     ),
     EffectSpec(
         id="force_bias",
@@ -90,7 +90,7 @@ SPECS = (
             Parameter("layer", "N/m", 200.0, 0.0, 2e3, role="shape", starts=(0.0, 100.0)),
         ),
         law=Law(before=_contact_offset),
-        citation="late touch; springs in series",
+        citation="delayed contact; springs in series",
         seen_best_in="stiffness trials: the first points",
     ),
 )

@@ -29,9 +29,10 @@ def _spine_slip(h: History, v: Values) -> None:
     bend = h.sliding(h.drive[..., 0:2], yields)
     pull = h.sliding(h.drive[..., 3:4], yields * robot.spine.radius)
     moment = v["moment"] * built_up
-    out = np.zeros(np.broadcast_shapes(bend.shape[:2], moment.shape) + (8,))
-    out[..., 0:2] = -(moment / h.bend_stiffness[..., 0])[..., None] * bend
-    out[..., 3] = -(moment / robot.spine.radius / h.axial_stiffness[..., 0]) * pull[..., 0]
+    curvature = -(moment / h.bend_stiffness[..., 0])[..., None] * bend
+    strain = -(moment / robot.spine.radius / h.axial_stiffness[..., 0]) * pull[..., 0]
+    out = np.zeros(np.broadcast_shapes(curvature.shape[:2], strain.shape) + (8,))
+    out[..., 0:2], out[..., 3] = curvature, strain
     h.add(out)
 
 
@@ -103,7 +104,7 @@ SPECS = (
         id="viscoelastic",
         stage="material",
         equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5, 25 and 125 s, "
-        "s the silicone's share of EI, and share c of the spine's; axial strain alike",
+        "s the silicone's share of EI, and share c of the spine's; axial strain likewise",
         parameters=(
             Parameter("fast", "1", 0.035, 0.0, 0.4, sign="positive"),
             Parameter("slow", "1", 0.035, 0.0, 0.4, sign="positive"),
@@ -142,7 +143,7 @@ SPECS = (
     EffectSpec(
         id="area_moment",
         stage="structure",
-        equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s); EA and GA alike with w (1 - b)",
+        equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s); EA and GA likewise with w (1 - b)",
         parameters=(
             Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
             Parameter("bending", "1", 0.5, 0.0, 1.0, role="shape"),

@@ -80,7 +80,7 @@ SPECS = (
         ),
         law=Law(before=_tether_load),
         citation="statics of hoses and cables",
-        seen_best_in="roll the robot: its direction stays in the world",
+        seen_best_in="roll the robot: its direction stays fixed in the world",
     ),
     EffectSpec(
         id="chamber_thrust",
@@ -124,7 +124,7 @@ SPECS = (
         id="base_compliance",
         stage="boundary",
         equation="R(0) = exp((v / (1 + h (v / 0.1 rad)^2)^(1/3))^), v = c (m(0) - l m_ch) about x and y; l = 1: the "
-        "chambers' ends pull on the mount alike",
+        "chambers' ends pull on the mount too",
         parameters=(
             Parameter("give", "rad/(N m)", 0.025, 0.0, 0.5, sign="positive"),
             Parameter("relief", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),

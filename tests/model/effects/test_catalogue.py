@@ -33,7 +33,7 @@ def test_what_is_no_effect_is_refused(value: object) -> None:
 
 
 def test_declarations_that_could_never_be_absent_are_refused() -> None:
-    with pytest.raises(BadEffect, match="must hold zero"):
+    with pytest.raises(BadEffect, match="must include zero"):
         Parameter("size", "1", 0.1, 0.5, 1.0)
     with pytest.raises(BadEffect, match="no parameter is a size"):
         EffectSpec("own", "load", "", (Parameter("form", "1", 0.1, -1.0, 1.0, role="shape"),), Law(), "", "")

@@ -56,6 +56,35 @@ def test_each_further_mounting_has_tolerances_that_act_on_it_alone(
     assert (moved[rolled] > 1e-3).all() and (moved[~rolled] < 1e-12).all()
 
 
+def test_each_repeat_of_the_sweep_may_be_mounted_anew(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
+    forward = made(paper_robot, make_campaign(lengths=(0.1,), levels=LEVELS, repeats=2))
+    own = [p for p in forward.parameters if p.name.startswith("repeat_")]
+    assert len(own) == 12 and all(p.recurs for p in own)
+    moved = np.abs(tips(forward, **{"repeat_shift__y[repeat=2]": 1e-3}) - tips(forward))
+    again = forward.design.repeat == 2
+    assert moved[again, 1] == pytest.approx(1e-3) and (moved[~again] < 1e-12).all()
+    alone = made(paper_robot, make_campaign(lengths=(0.1,), levels=LEVELS))
+    assert not [p.name for p in alone.parameters if p.name.startswith("repeat_")]
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_the_modulus_drifts_from_the_first_state_to_the_last(
+    paper_robot: Robot, make_campaign: Callable[..., Any], timed: bool
+) -> None:
+    columns = make_campaign(lengths=(0.0,), levels=LEVELS, repeats=3)
+    if not timed:
+        del columns["t"]
+    forward = made(paper_robot, columns)
+    at_top = (forward.design.pressure.max(axis=1) == LEVELS[-1]) & ~forward.design.unload
+    first, middle, last = (tips(forward, drift__slope=-0.1) - tips(forward))[at_top]
+    assert abs(middle[0]) < 0.2 * abs(last[0]) and np.sign(first[0]) == -np.sign(last[0])
+    softer = (tips(forward, drift__slope=-0.1) - tips(forward))[at_top][-1]
+    assert np.linalg.norm(tips(forward, drift__slope=-0.1)[at_top][-1, :2]) > np.linalg.norm(
+        tips(forward)[at_top][-1, :2]
+    )
+    assert np.linalg.norm(softer) > 1e-3
+
+
 def test_pressures_that_change_move_the_baseline_as_the_model_says(
     paper_robot: Robot, make_campaign: Callable[..., Any]
 ) -> None:

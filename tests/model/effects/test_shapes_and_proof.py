@@ -87,7 +87,7 @@ def test_a_sound_effect_of_one_s_own_passes(paper_robot: Robot) -> None:
     [
         (effect(misspelt), "law fails: KeyError: 'kelwin'"),
         (effect(of_one_shape), "law fails"),
-        (effect(never_off), "must do exactly nothing"),
+        (effect(never_off), "must have exactly no effect"),
         (effect(crushing), "no state of a small campaign has an equilibrium"),
     ],
     ids=["misspelt", "shape", "never off", "too large"],

@@ -10,6 +10,10 @@ from model.rods import FINE, Fast, Form, Rods, sensitivities, solve
 from tests.model.rods.cases import robots
 
 TIGHT = Fast(divisions=16.0, close=1e-13)
+FULL = Form(elements=2, full=True)
+"""With room for all that an effect may change, as the diagnosis differentiates rods."""
+plain_too = pytest.mark.parametrize("form", [FULL, pytest.param(Form(elements=2), marks=pytest.mark.long)])
+"""The plain form is compiled by itself, for half a minute."""
 
 
 def direction(rods: Rods, name: str, value: object) -> np.ndarray:
@@ -55,15 +59,17 @@ def worst(found: np.ndarray, expected: np.ndarray) -> float:
     return float((np.linalg.norm(found - expected, axis=-1) / np.linalg.norm(expected, axis=-1)).max())
 
 
-def test_eight_parameters_agree_with_converged_differences_to_a_millionth() -> None:
-    rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3)
+@plain_too
+def test_eight_parameters_agree_with_converged_differences_to_a_millionth(form: Form) -> None:
+    rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3, form=form)
     along = eight_directions(rods)
     found = sensitivities(rods, solve(rods, TIGHT), along, TIGHT)
     assert worst(found.tip, differences(rods, along, 2e-4)) < 1e-6
 
 
-def test_the_default_setting_is_good_to_a_ten_thousandth() -> None:
-    rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3)
+@plain_too
+def test_the_default_setting_is_good_to_a_ten_thousandth(form: Form) -> None:
+    rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3, form=form)
     along = eight_directions(rods)
     assert worst(sensitivities(rods, solve(rods), along).tip, differences(rods, along, 2e-4)) < 1e-4
 
@@ -93,7 +99,7 @@ def test_springs_graded_curvature_series_and_compliance_have_sensitivities_too()
 
 
 def test_rotation_and_base_wrench_have_sensitivities() -> None:
-    rods = robots(1, 150e3, 0.1)
+    rods = robots(1, 150e3, 0.1, form=FULL)
     along = direction(rods, "dead_force", (0.0, 1.0, 0.0))
     found = sensitivities(rods, solve(rods, TIGHT), along, TIGHT)
     moved = [solve(Rods(rods.form, rods.values + s * along[0]), TIGHT) for s in (1e-3, -1e-3)]
@@ -107,7 +113,7 @@ def test_rotation_and_base_wrench_have_sensitivities() -> None:
 
 
 def test_each_rod_may_have_directions_of_its_own() -> None:
-    rods = robots(20, np.linspace(60e3, 250e3, 20), 0.1)
+    rods = robots(20, np.linspace(60e3, 250e3, 20), 0.1, form=FULL)
     own = np.zeros((20, 1, rods.form.width))
     rods.form.view(own, "tip_force")[:, 0] = rods.field("tip_force")
     solution = solve(rods, FINE)
@@ -117,6 +123,6 @@ def test_each_rod_may_have_directions_of_its_own() -> None:
 
 
 def test_directions_of_the_wrong_shape_are_refused() -> None:
-    rods = robots(3, 100e3, 0.1)
+    rods = robots(3, 100e3, 0.1, form=FULL)
     with pytest.raises(BadCondition, match=r"directions: shape \(3, 1, 7\)"):
         sensitivities(rods, solve(rods), np.zeros((3, 1, 7)))

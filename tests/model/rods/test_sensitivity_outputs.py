@@ -113,7 +113,7 @@ def test_every_output_agrees_with_converged_differences_along_random_directions(
 
 def stiffer_at_its_base() -> Rods:
     """A rod whose inner element is stiffer and has no length."""
-    rods = robots(1, 150e3, 0.0)
+    rods = robots(1, 150e3, 0.0, form=Form(2, full=True))
     rods.field("bend_stiffness")[:, 0] *= 3.0
     return rods
 

@@ -32,7 +32,7 @@ def energy_sensitivities(rods: Rods, solution: Solution, directions: Array, meth
     """
     form, length = rods.form, rods.field("length")
     if form.full and (rods.field("series").any() or form.view(directions, "series").any()):
-        raise BadCondition("series: must be zero in rods and directions; for linear sections alone is dU offered")
+        raise BadCondition("series: must be zero in rods and directions; dU is available for linear sections only")
     n, elements = length.shape
     places, weights = np.polynomial.legendre.leggauss(GAUSS)
     z, weights = 0.5 * (1.0 + places), 0.5 * weights

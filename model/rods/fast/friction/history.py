@@ -90,7 +90,7 @@ def walk(states: Sequence[Rods], durations: Sequence[float], memory: Memory, met
     """
     memory.check()
     if len(states) != len(durations) or any(d < 0 for d in durations):
-        raise BadCondition(f"durations: {len(durations)} for {len(states)} states; one each, not negative")
+        raise BadCondition(f"durations: {len(durations)} for {len(states)} states; give one per state, not negative")
     if not states:
         return []
     n, elements = len(states[0]), states[0].form.elements

@@ -1,0 +1,110 @@
+"""The effects that robot.yaml states, checked against what is known of effects, as values of a parameter table."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.parameters import ParameterInfo
+from model.effects.spec import EffectSpec, Law, Values
+from model.effects.tolerance import ALWAYS, JAMMING
+from model.errors import BadRobot
+from model.robot import Robot
+from model.stated import Stated, Table
+
+Array = NDArray[np.float64]
+
+TOLERANCES: Mapping[str, EffectSpec] = {source.spec.id: source.spec for source in (*ALWAYS, JAMMING)}
+"""Tolerances of a whole set-up, by id."""
+
+
+def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> dict[str, EffectSpec]:
+    """The effects that robot.yaml states, by id, those of the project besides the given ones.
+
+    Raises `BadRobot` for an effect, tolerance, parameter or unit that is not known, and a value out of its bounds.
+    """
+    known = {**CATALOGUE, **catalogue}
+    found = [*_problems("effects", robot.effects, known), *_problems("tolerances", robot.tolerances, TOLERANCES)]
+    if found:
+        raise BadRobot("\n".join(f"robot {robot.name!r}: {line}" for line in found))
+    return {id: spec for id, spec in known.items() if id in robot.effects}
+
+
+def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterable[str]:
+    for id, own in table.items():
+        if id not in known:
+            own_effect = "; if it is an effect of your own, install its package or give its file with --effects"
+            yield f"{key}.{id}: is not known, {_near(id, known)}{own_effect if key == 'effects' else ''}"
+            continue
+        parameters = {p.name: p for p in known[id].parameters}
+        for name, stated in own.items():
+            place = f"{key}.{id}.{name}"
+            p = parameters.get(name)
+            if p is None:
+                yield f"{place}: is no parameter of {id}, {_near(name, parameters)}"
+            elif stated.unit != p.unit:
+                yield f"{place}: unit {stated.unit!r}, must be {p.unit!r}: convert value and sd"
+            elif not p.low <= stated.value <= p.high:
+                yield f"{place} = {stated.value:g} {p.unit}: must be within {p.low:g} and {p.high:g} {p.unit}".replace(
+                    " 1:", ":"
+                )
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+
+
+def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})) -> list[tuple[Law, Values]]:
+    """Laws and values (1, 1) of the robot's effects that are not in `catalogue`; raises as `stated_effects`."""
+    return [
+        (spec.law, values_of(robot.effects[id], spec))
+        for id, spec in stated_effects(robot, catalogue).items()
+        if id not in catalogue
+    ]
+
+
+def values_of(stated: Mapping[str, Stated], spec: EffectSpec) -> dict[str, Array]:
+    """Parameter -> (1, 1) what is stated of it, 0 where nothing is."""
+    return {p.name: np.full((1, 1), stated[p.name].value if p.name in stated else 0.0) for p in spec.parameters}
+
+
+def nominal_values(robot: Robot, infos: Iterable[ParameterInfo]) -> Array:
+    """(p,) what robot.yaml states of each parameter; 0 where it states nothing."""
+    stated = robot.stated
+    return np.array([stated[i.name].value if i.name in stated else 0.0 for i in infos])
+
+
+def beyond(robot: Robot, infos: tuple[ParameterInfo, ...], nominal: Array) -> tuple[ParameterInfo, ...]:
+    """The table of parameters that count from what robot.yaml states: bounds move with it.
+
+    An effect that the robot has may be larger or smaller than stated, and where it has a size its shapes move the robot by
+    themselves: all its parameters are then sizes, which are absent at zero.
+    """
+    present = {i.source for i, value in zip(infos, nominal, strict=True) if value and i.role == "size"}
+    return tuple(
+        replace(
+            i,
+            low=i.low - value,
+            high=i.high - value,
+            sign="both" if i.source in present else i.sign,
+            role="size" if i.source in present else i.role,
+            starts=(0.0,) if i.source in present else tuple(start - value for start in i.starts),
+        )
+        for i, value in zip(infos, nominal.tolist(), strict=True)
+    )
+
+
+def obstacle_direction(robot: Robot) -> Array | None:
+    """(2,) unit vector in the base frame's x, y towards the obstacle that robot.yaml places; None where it does not."""
+    if robot.obstacle_azimuth_deg is None:
+        return None
+    angle = math.radians(robot.obstacle_azimuth_deg)
+    return np.array([math.cos(angle), math.sin(angle)])

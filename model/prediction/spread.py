@@ -1,0 +1,80 @@
+"""How uncertain a prediction is: parameters to first order, law error, discrepancy, and what repeats differ by.
+
+    variance = sum_ij J_i C_ij J_j  +  sum_e (f d_e)^2  +  g^2  +  sum_k (J_k n_k)^2  (+ n_r^2 for a reading)
+
+with J the slopes and C the covariance of the parameters, f the law error (share) and d_e what effect e does to the reading, g
+the discrepancy (m), n_k the standard deviations of pressure, spine length, spine stiffness and mounting from trial to trial and
+n_r that of a reading; f, g and n are those of robot.yaml's `posterior`, as its fit found them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.rotations import CONJUGATE, rotation_vector
+from model.prediction.chain import Read, Slopes
+from model.robot import Robot
+from model.rotation import multiply
+from model.stated import Noise
+
+Array = NDArray[np.float64]
+
+PRESSURE = "pressure"
+"""Of all chambers in use together, Pa."""
+TRIAL = ("spine_length.excess", "spine_stiffness.excess")
+"""Tolerances of a single trial."""
+
+
+def standard_deviations(
+    robot: Robot, covariance: Array, here: Read, slopes: Slopes, absent: Sequence[Read]
+) -> dict[str, Array]:
+    """`model_sd`, `sd`, `orientation_sd` and `shape_sd` of a `Prediction`.
+
+    `slopes` by what `covariance` (k, k) is of, see `uncertain`; `absent`: the readings without each of the robot's effects.
+    """
+    posterior = robot.posterior
+    share, loose, read = (
+        (posterior.law_error, posterior.discrepancy, posterior.noise.reading) if posterior else (0.0, 0.0, 0.0)
+    )
+
+    noise = posterior.noise if posterior else Noise()
+    turn, shift = noise.turn, noise.shift
+
+    def propagated(slope: Array) -> Array:
+        return np.asarray((np.tensordot(covariance, slope, 1) * slope).sum(axis=0))
+
+    tips, turns, shapes = propagated(slopes.tip), propagated(slopes.turn), propagated(slopes.shape)
+    for other in absent if share else ():
+        tips = tips + (share * (here.tip - other.tip)) ** 2
+        shapes = shapes + (share * (here.shape - other.shape)) ** 2
+        turns = turns + (share * rotation_vector(multiply(here.orientation, other.orientation * CONJUGATE))) ** 2
+    tips, shapes = (
+        spread + loose**2 + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
+        for spread, place in ((tips, here.tip), (shapes, here.shape))
+    )
+    turns = turns + turn**2
+    return {
+        "model_sd": np.sqrt(tips),
+        "sd": np.sqrt(tips + read**2),
+        "orientation_sd": np.sqrt(turns),
+        "shape_sd": np.sqrt(shapes + read**2),
+    }
+
+
+def uncertain(robot: Robot) -> tuple[tuple[str, ...], Array]:
+    """Names (k) of all that a prediction's interval comes from to first order, and its covariance (k, k): the parameters that
+    are not exact, and what differs from trial to trial (`TRIAL`, `PRESSURE`)."""
+    names, covariance = robot.uncertainty()
+    noise = robot.posterior.noise if robot.posterior is not None else Noise()
+    spread = {PRESSURE: noise.pressure}
+    if robot.spine is not None:
+        spread |= dict(zip(TRIAL, (noise.spine_length, noise.spine_stiffness), strict=True))
+    further = {name: sd for name, sd in spread.items() if sd > 0}
+    k = len(names)
+    out = np.zeros((k + len(further),) * 2)
+    out[:k, :k] = covariance
+    out[range(k, len(out)), range(k, len(out))] = [sd**2 for sd in further.values()]
+    return (*names, *further), out

@@ -1,0 +1,160 @@
+"""What robot.yaml states of effects: values with their uncertainty, and how the uncertainties hang together.
+
+    effects:                                            # causes that are part of this robot
+      area_moment:
+        blend: {value: 0.71, sd: 0.02, unit: '1'}
+    tolerances:                                         # how the set-up of the campaign differed from its drawing
+      tilt:
+        x: {value: 0.0011, sd: 0.0007, unit: rad}
+    posterior:                                          # of a fit: what predictions take their intervals from
+      parameters: [area_factor, area_moment.blend, tilt.x]
+      area_factor_sd: 0.004
+      correlation: [[1], [0.31, 1], [0.02, -0.1, 1]]    # lower triangle, in the order of `parameters`
+      law_error: 0.03                                   # share of what each effect does
+      discrepancy: 0.0001                               # m
+      noise: {floor: 0.0006, reading: 0.0001, pressure: 500, spine_length: 0.001, spine_stiffness: 0.02, turn: 0.0005}
+
+Which ids, parameters and units there are is known to a catalogue of effects alone: `model.effects.nominal` checks them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+Array = NDArray[np.float64]
+
+AREA_FACTOR = "area_factor"
+"""Stands for robot.yaml's area factor among the parameters of a posterior."""
+LEAST_EIGENVALUE = 1e-9
+"""Of a matrix of correlations: with less, some combination of the parameters would be known exactly."""
+
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+Correlation = Annotated[FiniteFloat, Field(ge=-1, le=1)]
+
+
+class Stated(BaseModel):
+    """One parameter of an effect: its value, its standard deviation, and the unit of both."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    value: FiniteFloat
+    sd: FiniteFloat = Field(default=0.0, ge=0)
+    """Standard deviation in the same unit; 0: taken as exact."""
+    unit: str = Field(max_length=40)
+    """The unit that the catalogue gives the parameter in (`lab effects --json`), '1' for none."""
+
+
+Table = dict[Name, dict[Name, Stated]]
+"""Effect (or tolerance) -> parameter -> what is stated of it."""
+
+
+class Noise(BaseModel):
+    """By how much repeats of one state differ, and from what: standard deviations."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    floor: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
+    """rms distance of a single tip reading from the mean of its repeats, over all states of the campaign."""
+    reading: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
+    """Of a reading of the tip along each axis, the robot standing still."""
+    pressure: FiniteFloat = Field(default=0.0, ge=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    """Of the pressure in the chambers from what their regulator reads."""
+    spine_length: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
+    """Of the length to which a spine grows."""
+    spine_stiffness: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "1"})
+    """Of its stiffness from one jamming to the next, as a share."""
+    turn: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "rad"})
+    """Of the base about each axis from one mounting to the next, as repeats of the sweep show it."""
+    shift: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
+    """Of the base along each axis from one mounting to the next."""
+
+
+class Posterior(BaseModel):
+    """What a fit leaves uncertain: standard deviations stand beside the values, their correlations here."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    parameters: tuple[Name, ...] = Field(min_length=1, max_length=200)
+    """area_factor, or EFFECT.PARAMETER of `effects` or `tolerances`."""
+    area_factor_sd: FiniteFloat = Field(default=0.0, ge=0, json_schema_extra={"unit": "1"})
+    correlation: tuple[tuple[Correlation, ...], ...] = Field(
+        min_length=1, max_length=200, json_schema_extra={"unit": "1"}
+    )
+    """Lower triangle with the diagonal of ones, in the order of `parameters`."""
+    law_error: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "1"})
+    """Share of what each effect does by which its true law may differ."""
+    discrepancy: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
+    """Standard deviation, along each axis, of what no effect describes."""
+    noise: Noise = Noise()
+
+    @model_validator(mode="after")
+    def _is_a_correlation(self) -> Posterior:
+        k = len(self.parameters)
+        if len(set(self.parameters)) < k:
+            twice = next(name for name in self.parameters if self.parameters.count(name) > 1)
+            raise ValueError(f"parameters: {twice} stands there twice")
+        lengths = [len(row) for row in self.correlation]
+        if lengths != list(range(1, k + 1)):
+            raise ValueError(
+                f"correlation: rows of {lengths[:8]} numbers, must be a lower triangle of {k} rows with 1, 2 .. {k} numbers, "
+                "as there are parameters"
+            )
+        odd = [i for i, row in enumerate(self.correlation) if row[-1] != 1]
+        if odd:
+            raise ValueError(
+                f"correlation: {self.correlation[odd[0]][-1]:g} of {self.parameters[odd[0]]} with itself, must be 1"
+            )
+        least = float(np.linalg.eigvalsh(self.matrix).min())
+        if least < LEAST_EIGENVALUE:
+            raise ValueError(
+                f"correlation: not positive definite (least eigenvalue {least:.2g}, must be at least {LEAST_EIGENVALUE:g}): "
+                "let lab fit write it again, or leave parameters out"
+            )
+        return self
+
+    @property
+    def matrix(self) -> Array:
+        """(k, k) correlations."""
+        k = len(self.parameters)
+        out = np.eye(k)
+        for i, row in enumerate(self.correlation[:k]):
+            out[i, : len(row)] = out[: len(row), i] = row
+        return out
+
+
+def problems(effects: Table, tolerances: Table, posterior: Posterior | None, area_is_number: bool) -> list[str]:
+    """What contradicts itself between the three."""
+    found = [
+        f"{both}: stands in effects and in tolerances, keep one" for both in sorted(set(effects) & set(tolerances))
+    ]
+    found += [
+        f"{key}.{id}: states no parameter, leave it out"
+        for key, table in (("effects", effects), ("tolerances", tolerances))
+        for id, own in table.items()
+        if not own
+    ]
+    if posterior is None:
+        return found
+    known = named(effects, tolerances)
+    for name in posterior.parameters:
+        if name == AREA_FACTOR:
+            if not area_is_number:
+                found.append("posterior.parameters: area_factor must be a number, not a table, to have a posterior")
+            elif not posterior.area_factor_sd > 0:
+                found.append("posterior.area_factor_sd = 0: must be above 0 where area_factor is among the parameters")
+        elif name not in known:
+            found.append(
+                f"posterior.parameters: {name} is not stated in effects or tolerances, state it or leave it out"
+            )
+        elif not known[name].sd > 0:
+            found.append(f"{name}: sd = 0 {known[name].unit}, must be above 0 for a parameter of the posterior")
+    return found
+
+
+def named(*tables: Table) -> dict[str, Stated]:
+    """EFFECT.PARAMETER -> what is stated of it."""
+    return {f"{id}.{name}": p for table in tables for id, own in table.items() for name, p in own.items()}
