@@ -8,7 +8,7 @@ outside the catalogue. What both campaigns have in common, the smooth discrepanc
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
+from .answer.result import Change
 from .criticism.misfit import misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
 from .data.case import CaseLike, states
@@ -30,14 +31,9 @@ from .inference.search import Search
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Change:
-    """What changed, most probable first."""
-
-    statement: str
-    ranking: tuple[tuple[tuple[str, ...], float], ...]
-    sizes: dict[str, float]
-    """Fitted change of the parameters of the leading hypothesis, in their units."""
+ANOTHER_DAY = ("tilt", "frame_turn", "frame_shift")
+"""Tolerances that each campaign has for itself, beside trials, repeats and drift: the robot was mounted and the cameras were
+calibrated anew."""
 
 
 def compare_campaigns(
@@ -49,8 +45,8 @@ def compare_campaigns(
     """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:
         raise TooLittle(
-            f"reference was measured on robot {reference.robot.name!r}, this campaign on {later.robot.name!r} or with another "
-            "robot.yaml: give both the same one"
+            f"the robots differ: {reference.robot.name!r} in the reference, {later.robot.name!r} in this campaign, "
+            "or robot.yaml was changed: give both the same robot.yaml with --robot"
         )
     both = _comparable(states(reference)[0], states(later)[0])
     before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
@@ -65,7 +61,7 @@ def compare_campaigns(
     kinds = [x.labels.experiment for x in (before, after)]
     excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)
     misfit = misfit_diagnostics(search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter)
-    found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, 1.0))
+    found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit))
     named, p = found.ranking[0]
     best = found.candidates[named]
     parameters = search.problem.parameters
@@ -82,7 +78,8 @@ def _comparable(before: States, after: States) -> tuple[States, States]:
     kinds = [sum(bool((s.pushed == pushed).any()) for s in (before, after)) == 2 for pushed in (False, True)]
     if not any(kinds):
         raise TooLittle(
-            "one campaign holds stiffness trials alone and the other none: compare what was measured in both, or record the other"
+            "one campaign has only stiffness trials and the other has none: compare campaigns of the same kind, or "
+            "record what is missing"
         )
     both = [s.take(np.array(kinds)[s.pushed.astype(int)]) for s in (before, after)]
     return both[0], both[1]
@@ -90,7 +87,7 @@ def _comparable(before: States, after: States) -> tuple[States, States]:
 
 def _sentence(named: Sequence[str], p: float, sizes: dict[str, float], benchmark: str) -> str:
     if not named:
-        return f"Against the reference nothing has changed that the noise would show (p = {p:.2f}, {benchmark})."
+        return f"No change since the reference stands out from the noise (p = {p:.2f}, {benchmark})."
     if tuple(named) == UNKNOWN:
         return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {benchmark})."
     by = ", ".join(f"{name} by {value:.3g}" for name, value in sizes.items())
@@ -103,7 +100,8 @@ class _JointForward:
     def __init__(self, before: Prepared, after: Prepared) -> None:
         self._parts = before.problem, after.problem
         a, b = self._parts[0].parameters, self._parts[1].parameters
-        shared = [i for i, name in enumerate(b.names) if name in a.names]
+        lasting = {i.name for i in before.forward.parameters if i.lasts and i.source not in ANOTHER_DAY}
+        shared = [i for i, name in enumerate(b.names) if name in lasting]
         self._own = [i for i in range(len(b.names)) if i not in set(shared)]
         self._to_before = {i: a.names.index(b.names[i]) for i in shared}
         self._change = np.flatnonzero(b.of_effect)
@@ -125,7 +123,7 @@ class _JointForward:
             units=tuple(p.units[i] for p, rows, _ in order for i in rows),
             shapes=tuple(p.shapes[i] for p, rows, _ in order for i in rows),
             sources=tuple(p.sources[i] for p, rows, _ in order for i in rows),
-            trials=tuple(p.trials[i] for p, rows, _ in order for i in rows),
+            recurring=tuple(bool(p.recurs[i]) for p, rows, _ in order for i in rows),
             starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
             changes=True,
         )  # fmt: skip

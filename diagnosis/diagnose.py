@@ -10,20 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
 from .answer import assemble, next_experiment
-from .answer.attribute import Attribution, attribute
+from .answer.attribute import attribute
 from .answer.carried import carried
 from .answer.holdout import evaluate_holdout, unseen_states
-from .answer.result import Carries, Diagnosis, Locate, Proposal, Shrink
+from .answer.result import Diagnosis
+from .answer.sentences import Facts, statement, stiffness_sentence
 from .answer.shrink import shrink
-from .answer.verdict import statement, stiffness_sentence
+from .answer.waterfall import waterfall
 from .criticism.probability_calibration import TYPICAL_EXCESS
-from .data.case import CaseLike, states
+from .data.case import CaseLike, lacking, states
 from .inference.executor import SINGLE_THREAD, Executor
 from .inference.prepare import prepare
 
@@ -74,17 +74,27 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     where = assemble.locate_section(found, stages)
     detail = assemble.detail_section(found, unseen, tested)
     budget = carried(found)
-    text = _statement(found, where, shrunk, proposals, detail.get("stiffness"), budget)
+    steps = waterfall(found, unseen) if unseen is not None else None
+    which = assemble.attribute_section(found, where.significant, unseen)
+    facts = Facts(
+        found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, shrunk, steps,
+        which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking, found.misfit.outlier_trial,
+        lacking(own),
+    )  # fmt: skip
+    text = statement(facts)
+    if "stiffness" in detail and where.of == "tip":
+        text += f" {stiffness_sentence(detail['stiffness'], found.decision)}"
     return Diagnosis(
         statement=text + (f" {tested.statement}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
-        attribute=assemble.attribute_section(found, unseen),
+        attribute=which,
         shrink=shrunk,
         next_experiment=proposals,
         concerns=(*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)),
         detail=detail,
         budget=budget,
+        waterfall=steps,
     )
 
 
@@ -95,19 +105,3 @@ def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:
         f"repeats of the same state scatter {excess_scatter:.1f} times more than instruments and re-grown spines usually do: "
         "find out what changes from trial to trial before trusting a cause",
     )
-
-
-def _statement(
-    f: Attribution,
-    where: Locate,
-    shrunk: Shrink | None,
-    proposals: tuple[Proposal, ...],
-    pushes: Mapping[str, Any] | None,
-    budget: tuple[Carries, ...],
-) -> str:
-    named = f.decision.effects
-    nearest = (group for group in f.rivals if set(named) & set(group))
-    rivals = tuple(dict.fromkeys(e for group in nearest for e in group if e not in named))
-    text = statement(f.decision, f.posterior, where, shrunk, rivals, proposals[0].do if proposals else None,
-                     f.misfit.outlier_trial, f.probability_calibration.benchmark, budget, f.asking)  # fmt: skip
-    return text if pushes is None or where.of == "deflection" else f"{text} {stiffness_sentence(pushes, f.decision)}"

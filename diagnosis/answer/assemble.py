@@ -24,6 +24,7 @@ from .result import STAGES, Attribute, Data, Locate, Ranked
 from .shapes import worst_states
 from .shrink import HeldOutErrors, candidate_model, folds, held_out_errors
 from .size import sizes, values
+from .verdict import conclude, rivals
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ def data_section(p: Prepared, table: Table) -> Data:
     source = (
         f"{repeated} differences between repeats"
         if repeated
-        else "usual values of settled readings: nothing was repeated"
+        else "default noise of settled readings, since nothing was repeated"
     )
     channels = tuple(dict.fromkeys(p.labels.channel.tolist()))
     noise = p.noise_components.channel["tip"]
@@ -84,8 +85,9 @@ def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
     return out
 
 
-def attribute_section(f: Attribution, unseen: HeldOutErrors | None) -> Attribute:
-    """The section `attribute`: verdict and ranking, held-out errors of the leading hypotheses where `unseen` was computed."""
+def attribute_section(f: Attribution, significant: bool, unseen: HeldOutErrors | None) -> Attribute:
+    """The section `attribute`: verdict and ranking, held-out errors of the leading hypotheses where `unseen` was computed;
+    `significant` whether the gap is above the noise floor anywhere."""
     p = f.prepared
     fold = folds(p)[0]
     ranked = []
@@ -103,7 +105,10 @@ def attribute_section(f: Attribution, unseen: HeldOutErrors | None) -> Attribute
             )
         )
     d = f.decision
-    return Attribute(d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.rivals, f.asking)
+    return Attribute(
+        d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
+        conclude(d, f.posterior, significant, f.asking), rivals(d, f.posterior),
+    )  # fmt: skip
 
 
 def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None) -> dict[str, Any]:
@@ -114,7 +119,7 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
     given, slope = p.problem.forward.linearise(p.problem.parameters.mean)
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     made: dict[str, Any] = {
-        "signs": _misfit(f),
+        "misfit": asdict(f.misfit),
         "tolerance_of_other_effects": f.best.grid_point.spike,
         "discrepancy_mm": f.best.grid_point.size * p.unit * MM,
         "waterfall_mm": {
@@ -124,18 +129,18 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
             "noise floor": p.noise_floor * MM,
         },
         "best_hypothesis": list(f.best.named),
-        "masking": _confounding(p, slope),
+        "confounding": _confounding(p, slope),
         "floor": {
             "channel": dict(p.noise_components.channel),
             "pressure": p.noise_components.pressure,
             "trial": dict(p.noise_components.trial),
         },
-        "bench": f.probability_calibration.benchmark,
+        "calibrated_on": f.probability_calibration.benchmark,
         "sizes": [
             asdict(size) | {"impossible": size.impossible}
             for size in sizes(p, f.best, f.probability_calibration.sd_factor)
         ],
-        "apart": _separations(f),
+        "distinguishability": _separations(f),
         "shapes": worst_states(p, f.calibrated.theta, f.best.fit.theta),
         "states": {
             "trial": of_robot.trial.tolist(),
@@ -150,6 +155,12 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
     }
     if unseen is not None:
         made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
+        if not p.pushes_only:
+            made["states"] |= {
+                "given": p.tip(given)[~p.states.pushed].tolist(),
+                "calibrated_unseen": (p.states.tip - unseen.missed_before)[~p.states.pushed].tolist(),
+                "explained_unseen": (p.states.tip - unseen.missed_after)[~p.states.pushed].tolist(),
+            }
     if p.pushes is not None:
         made["stiffness"] = _stiffness(
             p, p.pushes, {"as given": given, "calibrated": calibrated, "explained": explained}
@@ -179,25 +190,6 @@ def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Arr
         "stiffness": pushes.stiffness[own].tolist(),
         "force": (pushes.stiffness * p.deflection(p.problem.observed))[own].tolist(),
         **{name: force[own].tolist() for name, force in forces.items() if name != "as given"},
-    }
-
-
-def _misfit(f: Attribution) -> dict[str, Any]:
-    """The misfit diagnostics by the names that diagnosis.json has for them."""
-    m = f.misfit
-    return {
-        "discrepancy_gain": m.discrepancy_gain,
-        "discrepancy_size": m.discrepancy_size,
-        "lack_of_fit": m.lack_of_fit,
-        "strain": m.prior_tension,
-        "strained": m.furthest_from_prior,
-        "transport": m.cross_prediction,
-        "named": m.effects_named,
-        "odd_spine": m.spine_outlier,
-        "beyond": m.excess_scatter,
-        "outlier_trial": m.outlier_trial,
-        "outlier_surprise": m.outlier_surprise,
-        "trend": f.trend,
     }
 
 

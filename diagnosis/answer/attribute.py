@@ -14,8 +14,7 @@ from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
-from ..criticism.trend import trend
-from ..data.case import can_name_cause
+from ..data.case import lacking
 from ..inference.budget import Budget, budget, by_what_is_carried
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
@@ -52,8 +51,6 @@ class Attribution:
     calibrated: Fit
     """The baseline: area factor and tolerances fitted, no effect."""
     misfit: MisfitDiagnostics
-    trend: float
-    """Probability that repeats follow time as closely by chance; see `criticism.trend`."""
     decision: Decision
     distinguishability: Distinguishability
     probability_calibration: ProbabilityCalibration
@@ -68,7 +65,7 @@ class Attribution:
         return tuple(e for e in self.stage_errors if e.gain > LEAST_GAIN)
 
     @property
-    def rivals(self) -> tuple[tuple[str, ...], ...]:
+    def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
         """Groups of probable, detectable effects that these data cannot tell apart."""
         seen = [e for e in self.distinguishability.effects if self.distinguishability.detectable(e)]
         probable = [e for e in seen if self.posterior.of_effect(e) > LEAST_PROBABILITY]
@@ -94,25 +91,24 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     misfit = misfit_diagnostics(
         p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter
     )
-    trended = trend(p, found[NONE].fit.slope)
     free = _stage_errors(p, leading, stages)
-    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, trended, total_gain(free)))
-    decision = decide(weighed, CALIBRATED, can_name_cause(p.states))
+    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(free)))
+    decision = decide(weighed, CALIBRATED, not lacking(p.states))
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
-        p, weighed, found[NONE], best, _calibrated(p), misfit, trended, decision, separations, CALIBRATED, carried, free
+        p, weighed, found[NONE], best, calibrated(p), misfit, decision, separations, CALIBRATED, carried, free
     )  # fmt: skip
 
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:
     parameters, s = p.problem.parameters, p.states
     g = Gaussian(c.fit.linear, c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
-    highest = s.pressure.max(axis=1, initial=0.0)
-    functions = smooth_functions(s.spine_length, highest, s.branch, s.time, p.robot.length)
+    functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
     return stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
 
 
-def _calibrated(p: Prepared) -> Fit:
+def calibrated(p: Prepared) -> Fit:
+    """The baseline fitted: area factor and tolerances, no effect."""
     parameters = p.problem.parameters
     return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, CALIBRATION_ROUNDS)
 

@@ -62,16 +62,16 @@ class Holdout:
         """The finding in a sentence."""
         errors = f"{self.before_mm:.2f} mm rms before, {self.after_mm:.2f} mm after"
         lost = f", {self.unsolved} more without equilibrium" if self.unsolved else ""
-        head = f"On the campaign held out ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
+        head = f"On the held-out campaign ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
         if not self.hypothesis:
-            return f"{head}; no effect leads, so nothing is put to the test."
+            return f"{head}; no effect leads, so nothing is tested."
         if self.share_closed is None:
-            return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so nothing can be closed there."
+            return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so there is no gap to close."
         sure = "" if self.ci95 is None else f" (95 %: {round(100 * self.ci95[0])} .. {round(100 * self.ci95[1])} %)"
         named = " and ".join(self.hypothesis)
-        closed = f"{head}: {round(100 * self.share_closed)} % of what can be closed{sure}"
+        closed = f"{head}: {round(100 * self.share_closed)} % of the reducible gap is closed{sure}"
         if not self.named:
-            return f"{closed}. That is with {named}, which comes nearest but was not named, so nothing is confirmed."
+            return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
         word = {
             "confirmed": f"{named} confirmed",
             "contradicted": f"{named} contradicted: it makes the prediction worse",
@@ -84,8 +84,8 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> States:
     """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
     if diagnosed.robot != other.robot:
         raise BadHoldout(
-            f"measured on robot {other.robot.name!r} with another robot.yaml than the diagnosed {diagnosed.robot.name!r}; "
-            "hold out a campaign of the same robot, or give both one with --robot"
+            f"the robot.yaml of {other.robot.name!r} differs from that of the diagnosed {diagnosed.robot.name!r}; "
+            "hold out a campaign of the same robot, or give both the same robot.yaml with --robot"
         )
     try:
         own, _ = states(other)
@@ -93,7 +93,7 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> States:
         raise BadHoldout(str(e)) from e
     own = own.take(~own.pushed)
     if not len(own) or all(r.tip is None or r.protocol == "stiffness" for r in diagnosed.table):
-        which = "the campaign held out" if not len(own) else "what is diagnosed"
+        which = "the held-out campaign" if not len(own) else "the diagnosed campaign"
         raise BadHoldout(
             f"a held-out test compares tips, and {which} has none: stiffness trials alone cannot be held out, "
             "nor tested on a bending run; diagnose and hold out bending or elongation runs"
@@ -134,7 +134,7 @@ def _missed(p: Prepared, own: States, theta: Array) -> Array:
     """Tip distance (n,) m between measured and predicted; NaN where the rod has no equilibrium."""
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
     known = dict(zip(p.problem.parameters.names, p.common(theta), strict=True))
-    there = np.array([0.0 if i.trial is not None else known.get(i.name, 0.0) for i in forward.parameters])
+    there = np.array([known.get(i.name, 0.0) if i.lasts else 0.0 for i in forward.parameters])
     predicted = forward.predict(there)
     tip = np.full((len(own), 3), np.nan)
     for axis, name in enumerate("xyz"):

@@ -112,7 +112,7 @@ def _predictions(
         return None
     names = {info.name: i for i, info in enumerate(forward.parameters)}
     base = list(p.problem.parameters.names)
-    own = p.problem.parameters.of_trial
+    own = p.problem.parameters.recurs
     shared = [(names[n], i) for i, n in enumerate(base) if n in names and not own[i]]
     new, old = np.array(shared).T
     own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])

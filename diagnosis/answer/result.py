@@ -23,6 +23,8 @@ FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
 STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement")
 
 Verdict = Literal["effect", "none", "unknown"]
+Conclusion = Literal["cause", "one of several", "stage", "outside", "none", "noise", "too little data"]
+"""The verdict as deep as the data carry it; see `verdict`."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,10 @@ class Attribute:
     cannot_tell_apart: tuple[tuple[str, ...], ...]
     stage_errors: tuple[StageError, ...] = ()
     """Largest first: where the readings ask for an error that no effect of the catalogue makes."""
+    conclusion: Conclusion | None = None
+    """None in answers of earlier versions."""
+    rivals: tuple[str, ...] = ()
+    """Effects of the 95 % set beside what is named."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +148,62 @@ class Shrink:
     by_spine_length: tuple[LengthShrink, ...]
 
 
+StepName = Literal["calibration", "cause", "tolerances", "regular", "irregular", "noise"]
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step takes of the gap."""
+
+    step: StepName
+    effect: str | None
+    """Of a cause."""
+    mm: float
+    """Decrease of the rms; all steps add up to the gap as given."""
+    low95_mm: float
+    high95_mm: float
+    left_mm: float
+    """rms after it."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """rms after each step at one level of a factor, as given first."""
+
+    value: float
+    n: int
+    left_mm: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Absorbed:
+    """What an area factor for each spine length would hide, on unseen states."""
+
+    how: str
+    one_mm: float
+    """rms, calibrated with one area factor."""
+    per_length_mm: float
+    """rms, with one for each spine length."""
+    cause_mm: float | None
+    """rms, with one area factor and what is named; None where nothing is."""
+
+
+@dataclass(frozen=True)
+class Waterfall:
+    """The whole gap, step by step."""
+
+    how: str
+    """What each state was predicted without."""
+    n: int
+    """States."""
+    given_mm: float
+    steps: tuple[Step, ...]
+    by: Mapping[str, tuple[Level, ...]]
+    """spine_length (m) and pressure (Pa) -> levels."""
+    absorbed: Absorbed | None
+    """None with a single spine length."""
+
+
 @dataclass(frozen=True)
 class Proposal:
     """An experiment that would tell candidates apart."""
@@ -153,6 +215,17 @@ class Proposal:
     cost_min: float
     protocol: Mapping[str, Any] = field(default_factory=dict)
     """Protocol parameters as `lab run` takes them."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What changed since an earlier campaign, most probable first."""
+
+    statement: str
+    ranking: tuple[tuple[tuple[str, ...], float], ...]
+    """Effects and their probability; () that nothing changed."""
+    sizes: Mapping[str, float]
+    """Fitted change of the parameters of the leading hypothesis, in their units."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +244,10 @@ class Diagnosis:
     detail: Mapping[str, Any] = field(default_factory=dict)
     budget: tuple[Carries, ...] = ()
     """Largest first: named causes, what is present beside them, what could not be seen."""
+    waterfall: Waterfall | None = None
+    """The gap step by step on unseen states; None where nothing can be left out, or it was not asked for."""
+    change: Change | None = None
+    """Since a reference campaign, where one was given."""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able, as diagnosis.json holds it."""
@@ -236,10 +313,27 @@ def _read(d: dict[str, Any]) -> Diagnosis:
         attribute=Attribute(
             which["verdict"], tuple(which["effects"]), which["probability"], _names(which["credible_set"]), ranking,
             _names(which["cannot_tell_apart"]), tuple(StageError(**x) for x in which.get("stage_errors", ())),
+            which.get("conclusion"), tuple(which.get("rivals", ())),
         ),
         shrink=shrink,
         next_experiment=tuple(Proposal(**{**p, "separates": _names(p["separates"])}) for p in d["next_experiment"]),
         concerns=tuple(d["concerns"]),
         detail=d["detail"],
         budget=tuple(Carries(**x) for x in d.get("budget", ())),
+        waterfall=_waterfall(d.get("waterfall")),
+        change=_change(d.get("change")),
     )  # fmt: skip
+
+
+def _change(d: dict[str, Any] | None) -> Change | None:
+    if d is None:
+        return None
+    return Change(d["statement"], tuple((tuple(effects), p) for effects, p in d["ranking"]), d["sizes"])
+
+
+def _waterfall(d: dict[str, Any] | None) -> Waterfall | None:
+    if d is None:
+        return None
+    by = {k: tuple(Level(x["value"], x["n"], tuple(x["left_mm"])) for x in v) for k, v in d["by"].items()}
+    absorbed = Absorbed(**d["absorbed"]) if d["absorbed"] else None
+    return Waterfall(**{**d, "steps": tuple(Step(**x) for x in d["steps"]), "by": by, "absorbed": absorbed})

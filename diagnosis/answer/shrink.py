@@ -39,6 +39,9 @@ class HeldOutErrors:
     pushes_before: Array
     """(n,) m of deflection, of stiffness trials; NaN elsewhere."""
     pushes_after: Array
+    missed_before: Array
+    """(n, 3) m, measured minus predicted where the gap is looked for."""
+    missed_after: Array
 
 
 def folds(p: Prepared) -> tuple[Ints, str]:
@@ -62,14 +65,15 @@ def candidate_model(p: Prepared, c: Candidate) -> Model:
     return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit)
 
 
-def held_out_errors(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array]:
+def held_out_errors(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array, Array]:
     """Distance (states,) m between measured and predicted, each state predicted without its fold (states,).
 
-    The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections.
+    The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections; the third the
+    first as vectors (states, 3).
     """
     missed = cross_validated_residuals(p.problem, model, fold[p.labels.state])
-    gap: Array = np.linalg.norm(p.gap(missed), axis=1)
-    return gap, np.abs(p.deflection(missed))
+    gap = p.gap(missed)
+    return np.asarray(np.linalg.norm(gap, axis=1)), np.abs(p.deflection(missed)), gap
 
 
 def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, HeldOutErrors] | tuple[None, None]:
@@ -77,13 +81,13 @@ def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, HeldO
     fold, how = folds(p)
     if len(np.unique(fold)) < 2:
         return None, None
-    before, pushes_before = held_out_errors(p, baseline_model(p, calibrated), fold)
-    after, pushes_after = held_out_errors(p, candidate_model(p, best), fold)
+    before, pushes_before, missed_before = held_out_errors(p, baseline_model(p, calibrated), fold)
+    after, pushes_after, missed_after = held_out_errors(p, candidate_model(p, best), fold)
     seen = np.isfinite(before) & np.isfinite(after)
     share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
     by = by_length(p.states.spine_length[seen], before[seen], after[seen])
     made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.noise_floor * MM, share, interval, by)
-    return made, HeldOutErrors(before, after, how, pushes_before, pushes_after)
+    return made, HeldOutErrors(before, after, how, pushes_before, pushes_after, missed_before, missed_after)
 
 
 def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:
@@ -118,7 +122,7 @@ def closed_with_interval(
         return share, None
     count = np.bincount(index).astype(float)
     worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
-    drawn = _resampled(np.zeros(len(names), np.int64) if kind is None else kind[first])
+    drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first])
     n = count[drawn].sum(axis=1)
     top = better[drawn].sum(axis=1) / n - floor**2
     bottom = worse[drawn].sum(axis=1) / n - floor**2
@@ -129,7 +133,15 @@ def closed_with_interval(
     return share, (float(low), float(high))
 
 
-def _resampled(kind: Ints) -> Ints:
+def resampled(trial: Ints) -> Array:
+    """(draws, n) how often each state counts when its trials (n,) are drawn anew."""
+    _, index = np.unique(trial, return_inverse=True)
+    drawn = _drawn_anew(np.zeros(int(index.max(initial=-1)) + 1, np.int64))
+    counts = np.array([np.bincount(row, minlength=drawn.shape[1]) for row in drawn], float)
+    return np.asarray(counts[:, index])
+
+
+def _drawn_anew(kind: Ints) -> Ints:
     """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
     _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
     alone = count[kind] < 2

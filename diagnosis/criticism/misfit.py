@@ -2,7 +2,7 @@
 
 Whatever comes nearest to such a cause is fitted in its place, and leaves little in the residual. What shows it instead:
 parameters and model-form errors far from their priors (prior tension), an experiment that the others do not predict
-(cross-prediction), one trial with an outlying spine, a trend over time, repeats that scatter more than instruments and
+(cross-prediction), one trial with an outlying spine, repeats that scatter more than instruments and
 re-grown spines do (excess scatter), and evidence for a large smooth discrepancy. How much each counts was fitted on a
 benchmark (see `probability_calibration`).
 """
@@ -116,7 +116,7 @@ def _prior_tension(g: Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[
     effects = int(p.of_effect.sum())
     free = np.zeros(len(names), bool)
     free[effects:] = p.calibrated
-    by_trial = p.of_trial[order]
+    by_trial = p.recurs[order]
     mask = np.zeros(len(names), bool)
     mask[:effects] = p.mask(named)
     nuisance = np.arange(len(names)) >= effects

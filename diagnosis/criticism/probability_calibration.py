@@ -21,10 +21,10 @@ TYPICAL_SPINE_OUTLIER = 3.5
 """Standard deviations: the most outlying of about forty spines is usually this far from its prior."""
 TYPICAL_EXCESS, MOST_EXCESS = 2.0, 10.0
 """Factors of excess scatter: less than the first is chance, more than the second counts as the second."""
+USUAL_GAIN = 4.0
+"""Log evidence that free-form errors of the stages gain where the cause is known: slow errors of cameras, laws that differ."""
 FEW_EFFECTS = 2
 """Up to this many effects at once are not unusual."""
-LEAST_TREND, TYPICAL_TREND = 1e-4, 0.7
-"""Smallest p-value that counts; orders of magnitude in p that chance makes as well."""
 MOST_ODDS = 7.0
 """Log odds above which no misfit makes a cause outside the catalogue more probable."""
 
@@ -39,7 +39,6 @@ class ProbabilityCalibration:
     prior_tension: float
     cross_prediction: float
     spine_outlier: float
-    trend: float
     excess_scatter: float
     many_effects: float
     """Coefficients of the log odds, one for each diagnostic."""
@@ -50,21 +49,20 @@ class ProbabilityCalibration:
     benchmark: str
     """What they were fitted on; shown with every probability."""
 
-    def probability_outside(self, s: MisfitDiagnostics, trend: float, stage_gain: float = 0.0) -> float:
-        """Probability of a cause outside the catalogue; `trend` is the p-value of `criticism.trend`, `stage_gain` the log
-        evidence that free-form errors of the stages gain."""
-        odds = self.intercept + max(stage_gain, 0.0) / self.temperature
+    def probability_outside(self, s: MisfitDiagnostics, stage_gain: float = 0.0) -> float:
+        """Probability of a cause outside the catalogue; `stage_gain` the log evidence that free-form errors of the stages
+        gain."""
+        odds = self.intercept + max(stage_gain - USUAL_GAIN, 0.0) / self.temperature
         odds += self.prior_tension * float(np.clip(s.prior_tension, 0.0, MOST_TENSION))
         odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))
         odds += self.spine_outlier * max(s.spine_outlier - TYPICAL_SPINE_OUTLIER, 0.0)
         odds += self.excess_scatter * max(math.log(min(s.excess_scatter, MOST_EXCESS) / TYPICAL_EXCESS), 0.0)
         odds += self.many_effects * max(s.effects_named - FEW_EFFECTS, 0)
-        odds += self.trend * max(-math.log10(max(trend, LEAST_TREND)) - TYPICAL_TREND, 0.0)
         return 1 / (1 + math.exp(-min(odds, MOST_ODDS)))
 
 
 CALIBRATED = ProbabilityCalibration(
-    temperature=2.0, intercept=-2.7, prior_tension=0.25, cross_prediction=1.0, spine_outlier=0.8,
-    trend=1.4, excess_scatter=3.0, many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
+    temperature=2.0, intercept=-2.4, prior_tension=0.25, cross_prediction=1.0, spine_outlier=0.8,
+    excess_scatter=3.0, many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
     benchmark="calibrated on the blind bench, docs/explanations/blind.md",
 )  # fmt: skip

@@ -29,6 +29,7 @@ from scipy.special import logsumexp
 
 from model.effects.spec import Stage
 
+from ..inference.discrepancy import BRANCH, LENGTH, PRESSURE, eigenfunctions
 from ..inference.problem import Parameters
 from .gaussian import Gaussian
 
@@ -50,10 +51,8 @@ class StageError:
 
 SIZES = (0.1, 0.2, 0.4, 0.8)
 """Standard deviations of the free functions, in plausible scales of the stage's effects."""
-LEAST_EIGENVALUE = 2e-3
-"""Eigenfunctions of a kernel below this share of the largest are left out."""
-LENGTH, PRESSURE, TIME, BRANCH = 0.35, 0.45, 0.35, 1.0
-"""Correlation lengths, in lengths of the robot, highest pressures and lengths of the campaign; distance of the branches."""
+TIME = 0.35
+"""Correlation length, in lengths of the campaign; the others are those of the discrepancy."""
 
 
 def stage_errors(
@@ -96,21 +95,13 @@ def smooth_functions(
     """(n, m) draws of size 1 of smooth functions of n states: spine length m, highest pressure Pa, branch -1 or 1, time s (NaN
     where it is not known, then none of it)."""
     pressure = pressure / max(float(pressure.max(initial=0.0)), 1.0) / PRESSURE
-    branch = 0.5 * BRANCH * branch
+    branch = BRANCH * branch
     length = spine_length / (LENGTH * robot_length)
-    out: dict[Dependence, Array] = {
-        "pressure": _eigenfunctions(pressure, branch),
-        "spine length": _eigenfunctions(length),
-        "pressure and spine length": _eigenfunctions(pressure, branch, length),
+    place: dict[Dependence, tuple[Array, ...]] = {
+        "pressure": (pressure, branch),
+        "spine length": (length,),
+        "pressure and spine length": (pressure, branch, length),
     }
     if np.isfinite(time).all() and np.ptp(time) > 0:
-        out["time"] = _eigenfunctions((time - time.min()) / np.ptp(time) / TIME)
-    return out
-
-
-def _eigenfunctions(*coordinates: Array) -> Array:
-    place, index = np.unique(np.round(np.column_stack(coordinates), 3), axis=0, return_inverse=True)
-    squared = ((place[:, None, :] - place[None, :, :]) ** 2).sum(axis=-1)
-    value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
-    kept = value > LEAST_EIGENVALUE * value.max()
-    return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
+        place["time"] = ((time - time.min()) / np.ptp(time) / TIME,)
+    return {dependence: eigenfunctions(np.column_stack(own)) for dependence, own in place.items()}

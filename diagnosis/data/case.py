@@ -46,8 +46,8 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
     of_trials = pushes.rows(case.table)
     if not of_robot and not of_trials:
         raise BadCase(
-            f"{len(case.table)} rows, none with a tip position and no stiffness row with force and deflection: a bending, "
-            "elongation or stiffness run is needed to see a gap"
+            f"none of the {len(case.table)} rows has a tip position, or force and deflection of a stiffness trial: "
+            "record a bending, elongation or stiffness run"
         )
     usable = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
     usable_pushes = [r for r in of_trials if np.isfinite((r.spine_length, r.force, r.deflection)).all()]  # type: ignore[arg-type]
@@ -55,10 +55,10 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
     if len(usable) + len(usable_pushes) < len(of_robot) + len(of_trials):
         every = len(of_robot) + len(of_trials)
         bad = every - len(usable) - len(usable_pushes)
-        concerns.append(f"{bad} of {every} states hold values that are not finite and are left out")
+        concerns.append(f"{bad} of {every} states have values that are not finite and are left out")
     if not usable and not usable_pushes:
         raise BadCase(
-            f"all {len(of_robot) + len(of_trials)} states hold values that are not finite: nothing can be compared"
+            f"all {len(of_robot) + len(of_trials)} states have values that are not finite: nothing can be compared"
         )
     plausible.require_plausible(robot, usable + usable_pushes)
     pushes.require_plausible(robot, usable_pushes)
@@ -141,14 +141,17 @@ def _vacuums(vacuum: Array, spine: Array) -> Ints:
     return out
 
 
-def can_name_cause(s: States) -> bool:
-    """Whether a cause may be named at all: states were repeated, and the robot is bent at two pressures, or a specimen is
-    pushed to two deflections at two lengths."""
+def lacking(s: States) -> tuple[str, ...]:
+    """What it takes to name a cause and is not there: repeated states, a robot bent at two pressures; or, of stiffness trials, a
+    specimen pushed to two deflections at two lengths."""
     own = s.take(~s.pushed)
-    if len(own) and own.repeats >= 2:
-        bent = own.highest.max() > s.pressure_gap
-        return bool(bent and len(np.unique(levels(own.highest, s.pressure_gap))) > 1)
-    return pushes.can_name_cause(s.take(s.pushed))
+    if not (len(own) and own.repeats >= 2):
+        if pushes.can_name_cause(s.take(s.pushed)):
+            return ()
+        return ("no state was repeated",) if len(own) else ("no repeated pushes to two deflections at two lengths",)
+    if own.highest.max() <= s.pressure_gap:
+        return ("no state is bent",)
+    return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
 
 
 def _concerns(s: States) -> list[str]:
@@ -158,18 +161,27 @@ def _concerns(s: States) -> list[str]:
     pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
     if lengths < 2:
         notes.append(
-            "one spine length only: what the spine does cannot be told from what the body does; record at least two lengths"
+            "only one spine length: effects of the spine and of the body cannot be distinguished; record at least "
+            "two lengths"
         )
     if pressures < 2:
-        notes.append("one pressure only: no cause can be told from the chambers' area; record at least two pressures")
+        notes.append(
+            "only one pressure: no cause can be distinguished from an error of the chambers' area; record "
+            "at least two pressures"
+        )
     if s.highest.max() < s.pressure_gap:
         notes.append("no state is bent: chambers, spine and material cannot be judged; record a bending sweep")
     if s.repeats < FEWEST_REPEATS:
-        word = "no state was repeated" if s.repeats < 2 else "states were read twice only"
         notes.append(
-            f"{word}: the noise floor is taken from the spread of settled readings and misses what differs from trial to "
-            "trial, so no cause can be named with confidence; repeat the sweep three times"
+            "no state was repeated: the noise floor is that of usual instruments and misses differences between trials, so no "
+            "cause is named; repeat the sweep three times"
+            if s.repeats < 2
+            else "states were read in two trials only: the noise floor rests on few differences, and probabilities are less "
+            "sure than stated; repeat the sweep three times"
         )
     if not (own.branch < 0).any():
-        notes.append("no unload branch: friction, creep and a shift in time look alike; read the way down too")
+        notes.append(
+            "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way "
+            "down too"
+        )
     return notes

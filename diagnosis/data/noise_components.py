@@ -23,6 +23,8 @@ Ints = NDArray[np.int64]
 
 LOG_PRIOR_SD = 0.7
 """Prior standard deviation of the logarithm of each component, a factor of two either way."""
+WIDE = 1.0
+"""Standard deviation of what drifts, relative: far more than it ever does."""
 LEAST_SHARE = 0.05
 """Least value of a component, as a share of its default."""
 
@@ -35,16 +37,26 @@ class Repeated:
     """(n, c) of complete states, in the unit of each channel."""
     condition: Ints
     """(n,)"""
-    trial: Ints
-    """(n,)"""
     group: tuple[str, ...]
     """(c,) kind of each channel: channels of a kind share their white noise."""
     pressure_response: Array
     """(n, c, r) d(prediction)/d(pressure reading) of each regulator, per Pa."""
-    trial_response: Mapping[str, Array]
-    """Component -> (n, c) d(prediction)/d(parameter of the trial)."""
+    scatter: Mapping[str, Scatter]
+    """Component -> what is drawn anew with each trial or repeat."""
     resting: NDArray[np.bool_]
     """(n,) states read at rest: they are averaged for longer than those read while ramping."""
+    drift: Array
+    """(n, c, d) d(prediction)/d(what drifts over the campaign): regular, so no noise."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Parameters that are drawn anew with each trial, or with each repeat of the sweep."""
+
+    response: Array
+    """(n, c, a) d(prediction)/d(parameter), a parameters of one standard deviation."""
+    part: Ints
+    """(n,) trial or repeat."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +84,7 @@ def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
         return default
     groups = list(default.channel)
     member = np.array([groups.index(g) for g in data.group])
-    names = list(data.trial_response)
+    names = list(data.scatter)
     centre = np.log([*default.channel.values(), default.pressure, default.rest, *(default.trial[k] for k in names)])
     loss = _Loss(data, contrast, member, len(groups), names, centre)
     # Components that no contrast depends on stay at their defaults.
@@ -98,7 +110,10 @@ def reading_rms(data: Repeated, channels: NDArray[np.bool_]) -> float:
     contrast = _contrasts(data.condition)
     if not len(contrast):
         return float("nan")
-    return float(np.sqrt(((contrast @ data.residual[:, channels]) ** 2).sum(axis=1).mean()))
+    apart = contrast @ data.residual[:, channels]
+    drift = np.einsum("kn,ncd->kcd", contrast, data.drift[:, channels]).reshape(apart.size, -1)
+    regular = drift @ np.linalg.lstsq(drift, apart.ravel(), rcond=None)[0]
+    return float(np.sqrt(((apart - regular.reshape(apart.shape)) ** 2).sum(axis=1).mean()))
 
 
 def _contrasts(condition: Ints) -> Array:
@@ -127,11 +142,14 @@ class _Loss:
         # A contrast's weights squared sum to one: the response of its states, averaged.
         self._resting = np.repeat(contrast**2 @ data.resting, c)
         self._pressure = np.einsum("kn,ncr->kcr", contrast**2, data.pressure_response).reshape(k * c, -1)
-        own = data.trial[:, None] == np.unique(data.trial)[None, :]
-        self._trial = [
-            np.einsum("kn,nc,nt->kct", contrast, data.trial_response[name], own, optimize=True).reshape(k * c, -1)
-            for name in names
-        ]
+        self._drift = WIDE * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
+        self._trial = [self._parted(contrast, data.scatter[name]) for name in names]
+
+    def _parted(self, contrast: Array, scatter: Scatter) -> Array:
+        """(contrasts, columns) of a component: one column for each parameter of each trial or repeat."""
+        own = (scatter.part[:, None] == np.unique(scatter.part)[None, :]).astype(float)
+        made = np.einsum("kn,nca,nt->kcta", contrast, scatter.response, own, optimize=True)
+        return np.asarray(made.reshape(len(self._value), -1))
 
     def __call__(self, shift: Array) -> float:
         value = np.exp(self._centre + shift)
@@ -141,10 +159,9 @@ class _Loss:
         white = noise.whiten(self._value)
         prior = 0.5 * float(((shift / LOG_PRIOR_SD) ** 2).sum())
         total = noise.log_sd + 0.5 * float(white @ white) + prior
-        if self._trial:
-            columns = noise.whiten(
-                np.hstack([sd * block for sd, block in zip(value[g + 2 :], self._trial, strict=True)])
-            )
+        if self._trial or self._drift.shape[1]:
+            scaled = [sd * block for sd, block in zip(value[g + 2 :], self._trial, strict=True)]
+            columns = noise.whiten(np.hstack([*scaled, self._drift]))
             factor = cho_factor(np.eye(columns.shape[1]) + columns.T @ columns, lower=True)
             pulled = columns.T @ white
             total += float(np.log(np.diag(factor[0])).sum()) - 0.5 * float(pulled @ cho_solve(factor, pulled))

@@ -174,12 +174,12 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
         return
     if off > 180 - TURNED:
         yield (
-            f"{place}: looks like z upside down; {meant}: change the sign of z and of y (half a turn about x, in "
+            f"{place}: z seems to point the wrong way; {meant}: change the sign of z and of y (half a turn about x, in "
             "orientations and robot.yaml's gravity too)"
         )
         return
     axis = "xy"[int(np.argmax(np.abs(tip[:2])))]
-    yield f"{place}: looks as if {axis} were the robot's axis; {meant}: turn the frame so that z points from base to tip"
+    yield f"{place}: {axis} seems to be the robot's axis; {meant}: turn the frame so that z points from base to tip"
 
 
 def _limp(robot: Robot) -> bool:
@@ -196,15 +196,15 @@ def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]
     worst = int(np.argmax(np.abs(lengths - 1)))
     if abs(lengths[worst] - 1) > NORM_TOLERANCE:
         yield (
-            f"{where(turned[worst])}, columns qw, qx, qy, qz: {_numbers(turned[worst])} has length {lengths[worst]:.3g}, a "
-            "rotation has 1: looks like angles or a rotation vector; write a unit quaternion, w first"
+            f"{where(turned[worst])}, columns qw, qx, qy, qz: {_numbers(turned[worst])} has norm "
+            f"{lengths[worst]:.3g}, must be 1: looks like angles or a rotation vector; write a unit quaternion, w first"
         )
         return
     still = [r for r in resting if r.orientation is not None] or turned
     if float(np.median([abs(r.orientation[3]) for r in still])) > LAST_COMPONENT:  # type: ignore[index]
         yield (
-            f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the order "
-            "x, y, z, w; at rest the tip is turned like the base, (1, 0, 0, 0): write w, the last of the four, first"
+            f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the "
+            "order x, y, z, w; at rest the tip has the base's orientation, (1, 0, 0, 0): write w first, not last"
         )
 
 

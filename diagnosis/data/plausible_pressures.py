@@ -206,8 +206,8 @@ def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
         most = max(rolled, key=abs)
         first = s.rows[int(np.argmax(rows_of[most]))]
         yield (
-            f"trial {first.trial} step {first.step}, column roll_deg: {most:g}, while the tip moves turned by "
-            f"{np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"
+            f"trial {first.trial} step {first.step}, column roll_deg: {most:g}, but the direction of bending turns "
+            f"by {np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"
         )
 
 

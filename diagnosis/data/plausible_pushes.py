@@ -70,7 +70,7 @@ def _forces(
     limit = IMPLAUSIBLE_FORCE_RATIO[specimen]
     worst = int(np.argmax(np.abs(force)))
     place = f"trial {own[worst].trial} step {own[worst].step}"
-    needed = f"{expected[worst]:.3g} N by robot.yaml's modulus"
+    needed = f"{expected[worst]:.3g} N expected from robot.yaml's modulus"
     if ratio > limit and (unit := nearest(ratio, FORCE_UNITS, within=10.0)) is not None:
         yield (
             f"{place}, column force: {force[worst]:g} N for {deflection[worst] * 1e3:.3g} mm, {needed}: looks like "

@@ -36,7 +36,8 @@ def require_plausible(robot: Robot, given: list[TrialRow]) -> None:
         body = r.specimen == "body"
         if not body and robot.spine is None:
             raise BadCase(
-                f"{where}: pushes a spine, but robot {robot.name!r} has none: give robot.yaml its spine's moduli"
+                f"{where}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's moduli "
+                "to robot.yaml"
             )
         if r.spine_length > robot.length * 1.001:
             raise BadCase(
@@ -44,13 +45,14 @@ def require_plausible(robot: Robot, given: list[TrialRow]) -> None:
             )
         if not body and r.spine_length < SHORTEST:
             raise BadCase(
-                f"{where}: pushes a spine of {r.spine_length:g} m: check spine_length (m), or write specimen body"
+                f"{where}: a stiffness trial of a spine of {r.spine_length:g} m: check spine_length (m), or write "
+                "specimen body"
             )
         long = robot.length if body else r.spine_length
         if abs(r.deflection or 0.0) > FARTHEST * long:
             raise BadCase(
-                f"{where}: deflection {r.deflection:g} m of a cantilever of {long:g} m; beam theory holds to {FARTHEST:g} of its "
-                "length: check the unit (m), or leave the row out"
+                f"{where}: deflection {r.deflection:g} m of a cantilever of {long:g} m; beam theory holds up to "
+                f"{FARTHEST:g} of its length: check the unit (m), or leave the row out"
             )
 
 
@@ -98,17 +100,19 @@ def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
     notes = []
     if not beside:
         notes.append(
-            "stiffness trials only: nothing can be said about chambers, pressures, loads on the robot, base or cameras; only "
-            "effects that move these readings are weighed; record a bending sweep"
+            "only stiffness trials: nothing can be said about chambers, pressures, loads on the robot, base or "
+            "cameras, and only effects that change these readings are considered; record a bending sweep"
         )
-        notes.append("stiffness trials only: probabilities were calibrated on bending campaigns, not on such data")
+        notes.append("only stiffness trials: probabilities were calibrated on bending campaigns, not on such data")
     if own.repeats < FEWEST_REPEATS:
-        word = "no deflection was repeated" if own.repeats < 2 else "deflections were read twice only"
+        word = "no deflection was repeated" if own.repeats < 2 else "deflections were repeated only once"
         notes.append(
-            f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them three times"
+            f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them "
+            "three times"
         )
     if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
         notes.append(
-            "stiffness trials at one spine length only: modulus, sensor zero and touch point look alike; push at two"
+            "stiffness trials at only one spine length: modulus, sensor zero and touch point cannot be "
+            "distinguished; measure at two or more"
         )
     return notes

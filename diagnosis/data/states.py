@@ -59,6 +59,11 @@ class States:
         """(n,) m; 0 for states of the robot."""
         return np.array([(r.deflection or 0.0) if p else 0.0 for r, p in zip(self.rows, self.pushed, strict=True)])
 
+    @cached_property
+    def repeat(self) -> Ints:
+        """(n,) number of the repeat of the sweep."""
+        return np.array([r.repeat for r in self.rows], np.int64)
+
     @property
     def highest(self) -> Array:
         """(n,) Pa, pressure of the most inflated chamber."""

@@ -22,6 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import qmc
 
 from .evidence import NONE, Hypothesis
 from .fit import Fit
@@ -35,8 +37,10 @@ COMPARABLE = 0.5
 """Share of what the largest carrier does that an effect must carry to be named."""
 LEAST, LEAST_TOLERATED = 1.0, 2.0
 """Noise floors that a named effect must carry, and one that stands out among the tolerances though no hypothesis names it."""
-DRAWS, SEED = 200, 11
+DRAWS, SEED = 256, 11
 """Of each hypothesis."""
+JITTER, TINY = 1e-8, 1e-300
+"""Added to the diagonal of correlations, which may be singular; least variance."""
 LEAST_WEIGHT = 1e-3
 """Probability of the hypotheses that are drawn from."""
 
@@ -68,15 +72,11 @@ def budget(prepared: Prepared, candidates: Sequence[Candidate], weights: Sequenc
     """Draw from candidates of the catalogue, of these probabilities (without and with tolerances each by itself)."""
     p = prepared.problem.parameters
     carry = _Carrying(prepared)
-    rng = np.random.default_rng(SEED)
     metres, floors, weight, named = [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_WEIGHT:
             continue
-        value, vector = np.linalg.eigh(c.weighed.covariance)
-        root = vector * np.sqrt(np.maximum(value, 0.0))
-        size = c.weighed.mean + rng.normal(size=(DRAWS, len(value))) @ root.T
-        m, f = carry.of(c.fit, np.clip(size, p.low, p.high))
+        m, f = carry.of(c.fit, np.clip(_drawn(c.weighed.mean, c.weighed.covariance), p.low, p.high))
         metres.append(m)
         floors.append(f)
         weight += [w / DRAWS] * DRAWS
@@ -85,8 +85,20 @@ def budget(prepared: Prepared, candidates: Sequence[Candidate], weights: Sequenc
     return Budget(p.ids, np.vstack(metres), np.vstack(floors), total / total.sum(), tuple(named))
 
 
+def _drawn(mean: Array, covariance: Array) -> Array:
+    """(DRAWS, p) from a normal, from a scrambled Sobol sequence.
+
+    By the triangular factor of the correlations: unlike eigenvectors it moves little when the last digits of the covariance
+    do, so that an answer does not depend on rounding.
+    """
+    sd = np.sqrt(np.maximum(np.diag(covariance), TINY))
+    factor = np.linalg.cholesky(covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
+    uniform = qmc.Sobol(len(sd), seed=SEED).random(DRAWS)
+    return np.asarray(mean + ndtri(uniform) @ factor.T * sd)
+
+
 def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
-    """Probabilities of what is named; `known` over the hypotheses, whose candidates stand for the answers alike."""
+    """Probabilities of what is named; `known` over the hypotheses, whose candidates also stand for the answers."""
     total: dict[Hypothesis, float] = {}
     for named, w in zip(b.named, b.weight.tolist(), strict=True):
         total[named] = total.get(named, 0.0) + w

@@ -2,7 +2,8 @@
 
 A refit solves the linear problem of the other values around a fit to all of them. Where that diverges, because
 the model is far from linear there or hardly any value constrains a parameter, the full non-linear fit is made. The
-parameters found then predict with the non-linear model. The discrepancy weighs the fit but takes no part in the prediction.
+parameters found then predict with the non-linear model. The discrepancy weighs the fit but takes no part in the prediction,
+unless it is asked for.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ class Model:
     size: float
     around: Fit
     """A fit to all values, around which the refits are linear."""
+    smooth: bool = False
+    """Whether the discrepancy predicts too."""
 
 
 def cross_validated_residuals(problem: Problem, model: Model, fold: Ints) -> Array:
@@ -50,7 +53,8 @@ def cross_validated_residuals(problem: Problem, model: Model, fold: Ints) -> Arr
 
 def _predicted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
     """What a fit to the values marked `seen` predicts (n,)."""
-    predicted = problem.forward.predict(_refitted(problem, model, seen))
+    theta, discrepancy = _refitted(problem, model, seen)
+    predicted = problem.forward.predict(theta) + discrepancy
     noise = problem.noise.take(seen)
     after, before = (noise.whiten((problem.observed - y)[seen]) for y in (predicted, model.around.predicted))
     if np.isfinite(predicted).all() and float(after @ after) <= DIVERGED * float(before @ before):
@@ -78,16 +82,16 @@ class _Part:
         return predicted[self._seen], slope[self._seen]
 
 
-def _refitted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
-    """Parameters (k,) that fit the values marked `seen`."""
+def _refitted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Parameters (k,) that fit the values marked `seen`, and the discrepancy that is predicted with them (n,)."""
     at, predicted, slope = model.around.theta, model.around.predicted, model.around.slope
     p = problem.parameters
     scale, mean = p.scaled(model.prior)
     noise = problem.noise.take(seen)
     free = np.flatnonzero(scale > 0)
     columns = [noise.whiten(slope[np.ix_(seen, free)] * scale[free])]
-    if model.size:
-        columns.append(model.size * noise.whiten(problem.discrepancy[seen]))
+    smooth = model.size * problem.discrepancy if model.size else np.zeros((len(predicted), 0))
+    columns.append(noise.whiten(smooth[seen]))
     x = np.hstack(columns)
     here = np.zeros(x.shape[1])
     here[: free.size] = (at - mean)[free] / scale[free]
@@ -95,4 +99,5 @@ def _refitted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
     found = np.linalg.solve(np.eye(x.shape[1]) + x.T @ x, x.T @ missed)
     theta = at.copy()
     theta[free] = mean[free] + scale[free] * found[: free.size]
-    return np.clip(theta, p.lower, p.upper)
+    discrepancy = smooth @ found[free.size :] if model.smooth else np.zeros(len(predicted))
+    return np.clip(theta, p.lower, p.upper), np.asarray(discrepancy)

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 LEAST_EIGENVALUE = 2e-3
 """Eigenvalues below this share of the largest are left out."""
+LENGTH, PRESSURE, BRANCH = 0.35, 0.45, 0.5
+"""Correlation lengths, in lengths of the robot and highest pressures; half the distance between the branches."""
 AT_REST = 0.3
 """Size at zero pressure, of that at the highest."""
 
@@ -39,18 +41,23 @@ def settings(
     different = np.unique(kind, return_inverse=True)[1]
     # Two kinds of experiment lie 1.5 apart whichever they are: one axis each.
     kinds = 1.5 / np.sqrt(2) * np.eye(different.max(initial=0) + 1)[different]
-    place = np.column_stack([spine_length / (0.35 * robot_length), share / 0.45, 0.5 * branch, kinds])
+    place = np.column_stack([spine_length / (LENGTH * robot_length), share / PRESSURE, BRANCH * branch, kinds])
     return Settings(place, AT_REST + (1 - AT_REST) * np.abs(share))
 
 
 def columns(where: Settings) -> Array:
     """(n, m) columns whose unit normal coefficients draw the process over n states of one channel."""
-    place, index = np.unique(np.round(where.place, 3), axis=0, return_inverse=True)
-    squared = ((place[:, None, :] - place[None, :, :]) ** 2).sum(axis=-1)
+    return eigenfunctions(where.place) * where.size[:, None]
+
+
+def eigenfunctions(place: Array) -> Array:
+    """(n, m) leading eigenfunctions of the kernel at places (n, d) in correlation lengths; coefficients of unit variance draw a
+    process of size 1."""
+    distinct, index = np.unique(np.round(place, 3), axis=0, return_inverse=True)
+    squared = ((distinct[:, None, :] - distinct[None, :, :]) ** 2).sum(axis=-1)
     value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
     kept = value > LEAST_EIGENVALUE * value.max()
-    basis = vector[:, kept] * np.sqrt(value[kept])
-    return basis[index.reshape(-1)] * where.size[:, None]
+    return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
 
 
 def by_channel(states: Array, state: NDArray[np.intp], channel: NDArray[np.intp], unit: Array) -> Array:

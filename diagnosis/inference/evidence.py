@@ -66,7 +66,8 @@ class GridPoint:
 
 SPIKES = np.array([0.0, 0.08, 0.16])
 SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
-FORM_ERRORS, FORM_ERROR_WEIGHTS = np.array([0.0, 0.03, 0.1, 0.3]), np.array([1, 1, 1, 1]) / 4
+FORM_ERRORS, FORM_ERROR_WEIGHTS = np.array([0.1, 0.3]), np.array([1, 1]) / 2
+"""No law is exact, and one that could be would let a second effect take up what is wrong with the first (decision 057)."""
 KNOWN = Grid(
     SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2]), FORM_ERRORS, FORM_ERROR_WEIGHTS
 )
@@ -112,32 +113,24 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     masks = np.array([parameters.mask(h) for h in named])
     if not linear.form_error.shape[1]:
         grid = replace(grid, form_errors=np.zeros(1), form_error_weights=np.ones(1))
-    log_terms = np.empty((len(masks), *grid.log_weights.shape))
+    log_weights = grid.log_weights
+    log_terms = np.empty((len(masks), *log_weights.shape))
     best = np.full(len(masks), -np.inf)
     means, covariances = (np.zeros((len(masks), masks.shape[1], *more)) for more in ((), (masks.shape[1],)))
     reduced = linear.reductions(grid.sizes, grid.form_errors)
     for i, spike in enumerate(grid.spikes):
         prior = parameters.prior(masks, float(spike), linear.effect_size)
+        allowed_before = _log_allowed_share(prior.mean, prior.variance, prior, parameters)
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
-                mean, covariance = problem.posterior(prior)
+                log_evidence, mean, covariance = problem.update(prior)
                 variance = np.diagonal(covariance, axis1=1, axis2=2)
-                term = problem.log_evidence(prior) + _truncation(mean, variance, prior, parameters)
-                log_terms[:, i, j, k] = term = term + grid.log_weights[i, j, k]
+                # Each parameter is cut by itself.
+                cut = _log_allowed_share(mean, variance, prior, parameters) - allowed_before
+                log_terms[:, i, j, k] = term = log_evidence + cut + log_weights[i, j, k]
                 higher = term > best
                 best[higher], means[higher], covariances[higher] = term[higher], mean[higher], covariance[higher]
     return [Weighed(float(logsumexp(t)), t, m, c) for t, m, c in zip(log_terms, means, covariances, strict=True)]
-
-
-def _truncation(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:
-    """Correction (h,) of the log evidence for the bounds of the parameters, for the least size of named effects and for the
-    largest of tolerated ones; `mean`, `variance` (h, p) of the posterior.
-
-    Each parameter is taken by itself.
-    """
-    return _log_allowed_share(mean, variance, prior, parameters) - _log_allowed_share(
-        prior.mean, prior.variance, prior, parameters
-    )
 
 
 def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:

@@ -102,8 +102,8 @@ def fit(
             theta = p.mean + 0.5 * (theta - p.mean)
             predicted, slope = linearised(theta)
     cost = total(theta, predicted)
-    cross_validated_residuals = scale == 0
-    if (theta != mean)[cross_validated_residuals].any():
+    absent = scale == 0
+    if (theta != mean)[absent].any():
         cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
     damping = 0
     for _ in range(rounds):
@@ -172,8 +172,9 @@ class _Local:
         missed = problem.noise.whiten(problem.observed - predicted - slope @ (self._rest - theta))
         self._noise, self._solved = problem.noise, misfit.solve(columns)
         self._here = (theta - mean)[free] / scale[free]
-        self._curve = np.eye(free.size) + columns.T @ self._solved
-        self._score = self._solved.T @ missed + (columns.T @ self._solved) @ self._here
+        information = columns.T @ self._solved
+        self._curve = np.eye(free.size) + information
+        self._score = self._solved.T @ missed + information @ self._here
         self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
 
     def predicted(self, theta: Array) -> Array:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cholesky, solve_triangular
 
 Array = NDArray[np.float64]
 
@@ -98,9 +98,10 @@ class Linear:
         n, p = self.effects.shape
         half_log_det = 0.0
         if len(within):
-            factor = cho_factor(np.eye(len(within)) + within, lower=True)
-            own = own - across.T @ cho_solve(factor, across)
-            half_log_det = float(np.log(np.diag(factor[0])).sum())
+            factor = cholesky(np.eye(len(within)) + within, lower=True, check_finite=False)
+            half = solve_triangular(factor, across, lower=True, check_finite=False)
+            own = own - half.T @ half
+            half_log_det = float(np.log(np.diag(factor)).sum())
         base = -0.5 * (own[p, p] + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
         return Reduced(0.5 * (own[:p, :p] + own[:p, :p].T), own[:p, p].copy(), float(base), float(own[p, p]), n)
 
@@ -119,27 +120,29 @@ class Reduced:
     """chi-square at theta = 0."""
     n: int
 
-    def log_evidence(self, prior: Prior) -> Array:
-        """log p(y) (...) for priors (..., p) of theta."""
-        root = np.sqrt(prior.variance)
-        p = len(self.score)
-        inner = np.eye(p) + root[..., :, None] * self.information * root[..., None, :]
-        factor = np.linalg.cholesky(inner)
-        left = self.score_at(prior.mean)
-        pulled = np.linalg.solve(factor, (root * left)[..., None])[..., 0]
-        log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-        there = self.base + 0.5 * ((self.score + left) * prior.mean).sum(axis=-1)
-        return np.asarray(there - log_det + 0.5 * (pulled**2).sum(axis=-1))
-
     def score_at(self, theta: Array) -> Array:
         """Slope (..., p) of log p(y | theta) at theta (..., p)."""
         return np.asarray(self.score - theta @ self.information)
 
-    def posterior(self, prior: Prior) -> tuple[Array, Array]:
-        """Mean (..., p) and covariance (..., p, p) of theta under priors (..., p)."""
+    def update(self, prior: Prior) -> tuple[Array, Array, Array]:
+        """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
         inner = np.eye(len(self.score)) + root[..., :, None] * self.information * root[..., None, :]
-        covariance = root[..., :, None] * np.linalg.inv(inner) * root[..., None, :]
-        covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
-        mean = prior.mean + (covariance @ self.score_at(prior.mean)[..., None])[..., 0]
-        return mean, covariance
+        factor = np.linalg.cholesky(inner)
+        left = self.score_at(prior.mean)
+        # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
+        half = np.linalg.inv(factor) * root[..., None, :]
+        pulled = (half @ left[..., None])[..., 0]
+        log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+        there = self.base + 0.5 * ((self.score + left) * prior.mean).sum(axis=-1)
+        turned = half.swapaxes(-1, -2)
+        mean = prior.mean + (turned @ pulled[..., None])[..., 0]
+        return np.asarray(there - log_det + 0.5 * (pulled**2).sum(axis=-1)), mean, turned @ half
+
+    def log_evidence(self, prior: Prior) -> Array:
+        """log p(y) (...) for priors (..., p) of theta."""
+        return self.update(prior)[0]
+
+    def posterior(self, prior: Prior) -> tuple[Array, Array]:
+        """Mean (..., p) and covariance (..., p, p) of theta under priors (..., p)."""
+        return self.update(prior)[1:]

@@ -18,7 +18,7 @@ from model.robot import Robot
 from recordings.trials import TEXTS
 
 from ..data.noise import Noise
-from ..data.noise_components import NoiseComponents, Repeated, estimate_noise, reading_rms
+from ..data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
 from ..data.states import States
 from ..errors import BadCase
 from .discrepancy import Settings, by_channel, columns, settings
@@ -68,7 +68,7 @@ class Prepared:
 
     def common(self, theta: Array) -> Array:
         """Parameters (k,) with those of single trials at their means: what the model predicts for a new trial."""
-        return np.where(self.problem.parameters.of_trial, self.problem.parameters.mean, theta)
+        return np.where(self.problem.parameters.recurs, self.problem.parameters.mean, theta)
 
     def tip(self, values: Array) -> Array:
         """(states, 3) the tip's values of (n,) values; NaN where not measured."""
@@ -190,9 +190,9 @@ def observable_effects(states: States, catalogue: Mapping[str, EffectSpec]) -> M
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
     """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
-    log_terms = [row.cells() for row in states.rows]
-    names = dict.fromkeys(name for row in log_terms for name in row)
-    table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in log_terms]) for name in names}
+    cells = [row.cells() for row in states.rows]
+    names = dict.fromkeys(name for row in cells for name in row)
+    table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in cells]) for name in names}
     pressures = {f"p{i}": column for i, column in enumerate(with_vented_at_zero(states).T, 1)}
     return table | {"spine_length": states.spine_length} | pressures
 
@@ -226,7 +226,7 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
         calibration=tuple(p.group == "calibration" for p in infos),
         starts=tuple(p.starts for p in infos),
         sources=tuple(p.source for p in infos),
-        trials=tuple(p.trial for p in infos),
+        recurring=tuple(p.recurs for p in infos),
         tolerated=tuple(p.tolerated for p in infos),
     )
 
@@ -258,21 +258,27 @@ def _floor(
 
     residual = grid(missed)
     complete = np.isfinite(residual).all(axis=1)
-    by_trial = {
-        source: slope[:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
-        for source in dict.fromkeys(p.source for p in infos if p.trial is not None and p.source not in PUSH_SOURCES)
-    }
+    part = {"trial": states.trial, "repeat": states.repeat}
+    scattered = {p.source: part[p.scope] for p in infos if p.scope in part and p.source not in PUSH_SOURCES}
+
+    def response_to(source: str) -> Array:
+        """(n, a): each row takes one copy of each of its a parameters."""
+        own = [(p.slot, i) for i, p in enumerate(infos) if p.source == source]
+        return np.column_stack(
+            [slope[:, [i for s, i in own if s == slot]].sum(axis=1) for slot in sorted({s for s, _ in own})]
+        )
+
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
     data = Repeated(
         residual[complete],
         states.condition[complete],
-        states.trial[complete],
         kinds,
         grid(response)[complete],
-        {source: grid(values)[complete] for source, values in by_trial.items()},
+        {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in scattered.items()},
         resting(states)[complete],
+        grid(slope[:, [i for i, p in enumerate(infos) if p.scope == "campaign"]])[complete],
     )
-    trial = {source: next(p.sd for p in infos if p.source == source) for source in by_trial}
+    trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
     found = estimate_noise(data, replace(default, trial=trial))
     return found, reading_rms(data, np.array([name in TIP for name in names]))
 

@@ -59,55 +59,55 @@ class Parameters:
     """Values from which a search begins when the parameter's effect is named; empty: at the mean alone."""
     sources: tuple[str, ...] = ()
     """Effect, tolerance or calibration that each belongs to; empty: not known."""
-    trials: tuple[int | None, ...] = ()
-    """The trial that each belongs to, None where it is common to all; empty: all are."""
+    recurring: tuple[bool, ...] = ()
+    """Parameters drawn anew with each trial or repeat of the sweep; empty: none is."""
     tolerated: tuple[bool, ...] = ()
     """Parameters that may differ from zero within a tolerance though their effect is not named; empty: all may."""
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
-    @property
+    @cached_property
     def of_effect(self) -> NDArray[np.bool_]:
         """(k,) which parameters belong to an effect."""
         return np.array([bool(e) for e in self.effects])
 
-    @property
-    def of_trial(self) -> NDArray[np.bool_]:
-        """(k,) which parameters belong to a single trial."""
-        return np.array([t is not None for t in self.trials or (None,) * len(self.names)])
+    @cached_property
+    def recurs(self) -> NDArray[np.bool_]:
+        """(k,) which parameters are drawn anew with each trial or repeat."""
+        return np.array(self.recurring or (False,) * len(self.names), bool)
 
-    @property
+    @cached_property
     def ids(self) -> tuple[str, ...]:
         """The effects, once each, in order."""
         return tuple(dict.fromkeys(e for e in self.effects if e))
 
-    @property
+    @cached_property
     def calibrated(self) -> NDArray[np.bool_]:
         """(k - p,) which of the other parameters are fitted in every model."""
         return np.array(self.calibration or (False,) * len(self.names), bool)[~self.of_effect]
 
-    @property
+    @cached_property
     def scale(self) -> Array:
         """(p,) plausible scale of the effects' parameters."""
         return self.sd[self.of_effect]
 
-    @property
+    @cached_property
     def low(self) -> Array:
         """(p,) lower bounds of the effects' parameters, in units of their scale."""
         return (self.lower / self.sd)[self.of_effect]
 
-    @property
+    @cached_property
     def high(self) -> Array:
         """(p,) upper bounds of the same."""
         return (self.upper / self.sd)[self.of_effect]
 
-    @property
+    @cached_property
     def sizes(self) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
         shapes = np.array(self.shapes or (False,) * len(self.names))
         return ~shapes[self.of_effect]
 
-    @property
+    @cached_property
     def tolerable(self) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
         return np.array(self.tolerated or (True,) * len(self.names))[self.of_effect]
@@ -115,7 +115,8 @@ class Parameters:
     @cached_property
     def members(self) -> Array:
         """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
-        return np.array([[float(e == one) for one in self.ids] for e in self.effects if e])
+        own = [e for e in self.effects if e]
+        return np.array([[float(e == one) for one in self.ids] for e in own]).reshape(len(own), len(self.ids))
 
     def prior(self, named: NDArray[np.bool_], spike: float, effect_size: Array | None = None) -> Prior:
         """Prior with the parameters marked `named` (..., p) wide and the sizes of all other effects narrow.

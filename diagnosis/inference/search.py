@@ -39,6 +39,8 @@ PRUNING, AFTER_SEARCH = (0.77, 0.81), 0.85
 FAR = 10.0
 """Times the squared residual of none from which on a start is calibrated anew."""
 RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
+FULL_ROUNDS = 30
+"""Of a hypothesis that is searched by itself."""
 FIRST_SHARE = 0.6
 """Share of its scale at which the search for a one-sided effect begins."""
 
@@ -152,6 +154,11 @@ class Search:
         total = replace(beside[i], log_evidence=temperature * float(logsumexp(terms)))
         c = leading[i]
         return replace(c, weighed=total, grid_point=beside[i].peak(LARGE.part(c.with_tolerances)), unknown=True)
+
+    def fitted(self, named: Hypothesis) -> Candidate:
+        """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""
+        begun = self._best_of_starts(named, False, ()) if named else self._tried[named, False]
+        return max(begun, self._refined(begun, FULL_ROUNDS), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from model.effects.parameters import ParameterInfo
 
-from ..data.noise_components import NoiseComponents, Repeated, estimate_noise, reading_rms
+from ..data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
 from ..data.states import States
 from .labels import Labels
 
@@ -74,11 +74,11 @@ def stiffness_trials(
     data = Repeated(
         missed[own, None],
         states.condition[state],
-        trial,
         ("force",),
         stiff[:, None, None],
-        {source: values[:, None] for source, values in by_source.items()},
+        {source: Scatter(values[:, None, None], trial) for source, values in by_source.items()},
         np.zeros(len(own), bool),
+        np.zeros((len(own), 1, 0)),
     )
     default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
     floor = estimate_noise(

@@ -69,8 +69,9 @@ def test_what_carries_less_than_the_floor_is_no_cause_however_sure_it_is(catalog
     assert all(c.role != "named" for c in d.budget)
 
 
-def test_the_budget_reads_back() -> None:
-    d = whole.answer()
+@few_and_all
+def test_the_budget_reads_back(catalogue: Catalogue) -> None:
+    d = whole.answer(catalogue)
     assert Diagnosis.from_json(d.to_json()).budget == d.budget
     assert d.budget[0].effect == "chamber_azimuth" and d.budget[0].role == "named"
     assert {c.role for c in d.budget} <= {"named", "present", "unseen"}

@@ -71,9 +71,9 @@ def test_a_weaker_vacuum_is_another_experiment_also_where_a_leak_takes_more_from
     ("rows", "said"),
     [
         (sweep(1), "no state was repeated"),
-        (sweep(3, (0.1,)), "one spine length only"),
+        (sweep(3, (0.1,)), "only one spine length"),
         (sweep(3, unload=False), "no unload branch"),
-        ([r for r in sweep() if max(r.pressures) == 100e3], "one pressure only"),
+        ([r for r in sweep() if max(r.pressures) == 100e3], "only one pressure"),
         ([r for r in sweep() if max(r.pressures) == 0], "no state is bent"),
         ([*sweep(), replace(row(40, 1, 0.0, 100e3), tip=(float("nan"), 0.0, 0.4))], "not finite"),
     ],
@@ -88,7 +88,7 @@ def test_what_is_missing_is_said(rows: list[TrialRow], said: str) -> None:
         ([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()], "looks like cm"),
         ([replace(r, pressures=(0.0, 1e5)) for r in sweep()], "different robots"),
         ([replace(r, spine_length=0.5) for r in sweep()], "longer than the robot"),
-        ([replace(r, protocol="stiffness", tip=None) for r in sweep()], "none with a tip"),
+        ([replace(r, protocol="stiffness", tip=None) for r in sweep()], "rows has a tip"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused_with_what_to_do(rows: list[TrialRow], said: str) -> None:

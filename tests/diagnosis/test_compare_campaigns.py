@@ -24,5 +24,5 @@ def test_the_effect_that_came_is_named_and_the_one_that_was_there_is_not(catalog
 def test_campaigns_of_different_robots_are_not_compared() -> None:
     reference = measured(3, 1, FEW)
     other = Measured(ROBOT.model_copy(update={"density": 1200.0}), reference.table)
-    with pytest.raises(TooLittle, match="same one"):
+    with pytest.raises(TooLittle, match="same robot.yaml"):
         compare_campaigns(other, reference)

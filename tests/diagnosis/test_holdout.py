@@ -50,11 +50,11 @@ def test_an_effect_that_was_gone_by_then_is_contradicted(found: Attribution, dia
 def test_where_the_baseline_is_right_nothing_can_be_closed(found: Attribution, diagnosed: Measured) -> None:
     right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, noise_floor=1e-3))
     held = evaluate_holdout(right, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
-    assert held.share_closed is None and held.verdict == "open" and "nothing can be closed" in held.statement
+    assert held.share_closed is None and held.verdict == "open" and "no gap to close" in held.statement
 
 
 def test_what_was_not_named_is_not_confirmed(found: Attribution, diagnosed: Measured) -> None:
-    doubtful = replace(found, decision=Decision("unknown", (), 0.3))
+    doubtful = replace(found, decision=Decision("unknown", (), 0.3, 0.3))
     held = evaluate_holdout(doubtful, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
     assert held.verdict == "open" and "not named, so nothing is confirmed" in held.statement
 
@@ -76,8 +76,8 @@ def push(r: TrialRow) -> TrialRow:
         (lambda c: c, "the fit saw them"),
         (lambda c: Measured(ROBOT.model_copy(update={"tip_mass": 0.5}), c.table), "same robot"),
         (lambda c: case([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()]), "looks like cm"),
-        (lambda c: case([replace(r, protocol="stiffness", tip=None) for r in sweep()]), "none with a tip"),
-        (lambda c: case([push(r) for r in sweep() if r.spine_length > 0.05]), "campaign held out has none"),
+        (lambda c: case([replace(r, protocol="stiffness", tip=None) for r in sweep()]), "rows has a tip"),
+        (lambda c: case([push(r) for r in sweep() if r.spine_length > 0.05]), "held-out campaign has none"),
     ],
 )
 def test_what_cannot_be_held_out_is_refused(diagnosed: Measured, other: object, said: str) -> None:
@@ -88,7 +88,7 @@ def test_what_cannot_be_held_out_is_refused(diagnosed: Measured, other: object, 
 
 def test_what_was_diagnosed_without_tips_cannot_be_tried_on_them() -> None:
     pushed = case([push(r) for r in sweep() if r.spine_length > 0.05])
-    with pytest.raises(BadHoldout, match="what is diagnosed has none"):
+    with pytest.raises(BadHoldout, match="the diagnosed campaign has none"):
         unseen_states(pushed, measured(2, 9))
 
 

@@ -46,8 +46,8 @@ def test_the_spine_of_one_trial_far_from_its_prior_is_a_spine_outlier_and_no_pri
     problem = shifted_by(toy_problem(3, {}), "trial 3", 12.0)
     own = [name.startswith("trial") for name in problem.parameters.names]
     sources = tuple("spine_length" if o else "" for o in own)
-    trials = tuple(number if o else None for number, o in enumerate(own))
-    misfit = found(replace(problem, parameters=replace(problem.parameters, sources=sources, trials=trials)))
+    parameters = replace(problem.parameters, sources=sources, recurring=tuple(own))
+    misfit = found(replace(problem, parameters=parameters))
     assert misfit.spine_outlier > 5 and misfit.furthest_from_prior == ""
 
 
@@ -62,14 +62,14 @@ def test_a_kind_of_experiment_that_the_others_do_not_predict_raises_cross_predic
 
 def test_every_diagnostic_raises_the_probability_of_a_cause_outside_the_catalogue() -> None:
     calm = MisfitDiagnostics(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0)
-    least = CALIBRATED.probability_outside(calm, 1.0)
+    least = CALIBRATED.probability_outside(calm)
     assert least < 0.1
-    for misfit, trend in (
-        (replace(calm, prior_tension=10.0), 1.0),
-        (replace(calm, cross_prediction=4.0), 1.0),
-        (replace(calm, spine_outlier=7.0), 1.0),
-        (replace(calm, effects_named=3), 1.0),
-        (replace(calm, excess_scatter=6.0), 1.0),
-        (calm, 1e-4),
+    for misfit, gain in (
+        (replace(calm, prior_tension=10.0), 0.0),
+        (replace(calm, cross_prediction=4.0), 0.0),
+        (replace(calm, spine_outlier=7.0), 0.0),
+        (replace(calm, effects_named=3), 0.0),
+        (replace(calm, excess_scatter=6.0), 0.0),
+        (calm, 8.0),
     ):
-        assert CALIBRATED.probability_outside(misfit, trend) > least
+        assert CALIBRATED.probability_outside(misfit, gain) > least

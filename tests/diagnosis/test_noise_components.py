@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.data.noise_components import NoiseComponents, Repeated, estimate_noise, reading_rms
+from diagnosis.data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
 
 DEFAULT_NOISE = NoiseComponents({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 
@@ -27,8 +27,9 @@ def repeated(
     residual = sd * rng.normal(size=(n, 3)) + per_pascal * pressure_sd * rng.normal(size=(n, 1))
     residual += per_trial * own[trial][:, None]
     residual += error * np.sin(condition)[:, None]
+    scatter = {"spine_length": Scatter(per_trial[:, :, None], trial)}
     return Repeated(
-        residual, condition, trial, ("tip",) * 3, per_pascal[:, :, None], {"spine_length": per_trial}, np.zeros(n, bool)
+        residual, condition, ("tip",) * 3, per_pascal[:, :, None], scatter, np.zeros(n, bool), np.zeros((n, 3, 0))
     )
 
 
@@ -43,7 +44,7 @@ def test_components_are_found_whatever_the_model_gets_wrong(error: float) -> Non
 
 
 def test_a_robot_whose_trials_have_nothing_of_their_own_has_a_floor_too() -> None:
-    bare = replace(repeated(1, 0.2e-3, 1500.0, 0.0), trial_response={})
+    bare = replace(repeated(1, 0.2e-3, 1500.0, 0.0), scatter={})
     found = estimate_noise(bare, replace(DEFAULT_NOISE, trial={}))
     assert found.trial == {}
     assert found.excess_scatter == pytest.approx(3.0, rel=0.2)
@@ -58,3 +59,15 @@ def test_without_repeats_the_usual_values_are_returned_and_said_to_be_no_measure
 def test_the_rms_of_a_reading_is_its_spread_about_the_mean_of_its_condition() -> None:
     data = repeated(2, 0.3e-3, 0.0, 0.0)
     assert reading_rms(data, np.ones(3, bool)) == pytest.approx(math.sqrt(3) * 0.3e-3, rel=0.1)
+
+
+def test_what_drifts_over_the_campaign_is_no_noise() -> None:
+    data = repeated(3, 0.3e-3, 0.0, 0.0)
+    passed = np.tile(np.arange(3) / 2 - 0.5, 60)
+    drift = 5e-3 * passed[:, None] * np.array([1.0, 0.0, -0.3])
+    moved = replace(data, residual=data.residual + drift)
+    known = replace(moved, drift=drift[:, :, None] / 0.02)
+    calm, every = reading_rms(data, np.ones(3, bool)), np.ones(3, bool)
+    assert reading_rms(moved, every) > 3 * calm and reading_rms(known, every) == pytest.approx(calm, rel=0.05)
+    assert estimate_noise(moved, DEFAULT_NOISE).channel["tip"] > 0.7e-3
+    assert estimate_noise(known, DEFAULT_NOISE).channel["tip"] == pytest.approx(0.3e-3, rel=0.15)

@@ -83,11 +83,12 @@ def w_last(r: TrialRow) -> TrialRow:
         (pressures(1e-3, 101_325.0), ["looks like kPa", "absolute pressure"]),
         (positions(1000.0), ["columns x, y, z", "looks like mm", "divide by 1000"]),
         (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
-        (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["columns x, y, z", "z upside down", "change the sign of z"]),
-        (moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["columns x, y, z", "x were the robot's axis"]),
+        (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["columns x, y, z", "z seems to point the wrong way", "change the sign "
+        "of z"]),
+        (moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["columns x, y, z", "x seems to be the robot's axis"]),
         (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
         (w_last, ["qw, qx, qy, qz", "order x, y, z, w", "write w"]),
-        (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["length 41.9", "unit quaternion"]),
+        (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["norm 41.9", "unit quaternion"]),
         (lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
         (lambda r: replace(r, spine_length=r.spine_length * 100), ["spine_length", "20 m", "cm or mm", "divide by 100"]),
         (lambda r: replace(r, tip_mass=53.0), ["tip_mass", "53 kg", "looks like g", "divide by 1000"]),
@@ -156,7 +157,7 @@ def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
     hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0,))]
-    assert any("upside down" in text for text in implausible_values(ROBOT, hanging))
+    assert any("the wrong way" in text for text in implausible_values(ROBOT, hanging))
     assert implausible_values(LIMP, hanging) == ()
 
 

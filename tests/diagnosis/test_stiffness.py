@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.result import FACTORS, Diagnosis
-from diagnosis.data.case import can_name_cause, states
+from diagnosis.data.case import lacking, states
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.prepare import prepare
@@ -51,16 +51,20 @@ def pushes(
     )  # fmt: skip
 
 
-@cache
 def answer(effect: str = "", size: float = 0.0, seed: int = 1, body: bool = False) -> Diagnosis:
+    return _answer(effect, size, seed, body)
+
+
+@cache
+def _answer(effect: str, size: float, seed: int, body: bool) -> Diagnosis:
     return diagnose(case(list(pushes(effect, size, seed, body=body))))
 
 
-def test_nothing_is_named_where_nothing_is_wrong() -> None:
-    for seed in (1, 2):
-        d = answer(seed=seed)
-        assert d.attribute.verdict == "none"
-        assert not d.locate.significant
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
+def test_nothing_is_named_where_nothing_is_wrong(seed: int) -> None:
+    d = answer(seed=seed)
+    assert d.attribute.verdict == "none"
+    assert not d.locate.significant
 
 
 def test_a_body_that_hangs_and_shears_is_no_stiffer_silicone() -> None:
@@ -99,7 +103,7 @@ def test_the_gap_is_told_as_deflection_and_the_json_reads_back() -> None:
 def test_effects_that_pushes_cannot_show_are_not_weighed_and_that_is_said() -> None:
     weighed = {e for r in answer().attribute.ranking for e in r.effects}
     assert not weighed & {"chamber_azimuth", "body_modulus", "time_offset"}
-    assert any("stiffness trials only" in c for c in answer().concerns)
+    assert any("only stiffness trials" in c for c in answer().concerns)
 
 
 def test_the_floor_comes_from_repeats_and_not_from_what_the_model_gets_wrong() -> None:
@@ -136,8 +140,8 @@ def test_deflections_that_were_meant_alike_are_repeats_though_the_arm_misses_a_l
     rows = [replace(r, deflection=r.deflection + 5e-6 * rng.normal()) for r in pushes()]  # type: ignore[operator]
     s = states(case(rows))[0]
     assert s.repeats == 3 and len(np.unique(s.condition)) == 36
-    assert can_name_cause(s) and not can_name_cause(states(case([r for r in rows if r.repeat == 1]))[0])
-    assert not can_name_cause(states(case([r for r in rows if r.spine_length == 0.1]))[0])
+    assert not lacking(s) and lacking(states(case([r for r in rows if r.repeat == 1]))[0])
+    assert lacking(states(case([r for r in rows if r.spine_length == 0.1]))[0])
 
 
 def test_a_state_read_twice_in_one_trial_is_no_repeat() -> None:

@@ -1,0 +1,173 @@
+"""Every sentence of the answer, made in one place from typed facts; docs/explanations/diagnosis.md has the table.
+
+No two sentences of one answer contradict each other: what a hypothesis does on unseen states (`_closing`) is said in the same
+words wherever it stands, and what is "not explained" leaves at least half of the reducible gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..criticism.stage_errors import StageError
+from .result import Carries, Conclusion, Locate, Shrink, Waterfall
+from .verdict import Decision, stage
+
+LEAST_TOLD = 0.01
+"""Probability of a cause outside the catalogue from which the answer states it apart."""
+EXPLAINS = 0.5
+"""Share of the reducible gap from which a hypothesis counts as explaining it."""
+ABSORBS = 0.7
+"""An area factor for each spine length that leaves less than this share of what one leaves hides a cause."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """All that the sentences are made from."""
+
+    decision: Decision
+    conclusion: Conclusion
+    where: Locate
+    benchmark: str
+    """What probabilities were calibrated on."""
+    budget: Sequence[Carries] = ()
+    shrink: Shrink | None = None
+    waterfall: Waterfall | None = None
+    rivals: Sequence[str] = ()
+    tie_breaker: str | None = None
+    """The experiment that separates the candidates best."""
+    nearest: Sequence[str] = ()
+    """Effects of the hypothesis that `shrink` is about where nothing is named."""
+    asking: Sequence[StageError] = ()
+    odd_trial: int | None = None
+    missing: Sequence[str] = ()
+    """What the table lacks."""
+
+
+def statement(f: Facts) -> str:
+    """The answer in a few sentences, the verdict first."""
+    return " ".join(s for s in (_verdict(f), _gap(f), _moved(f), _closing(f), _absorbed(f), _present(f), _odd(f)) if s)
+
+
+def _what(f: Facts) -> tuple[str, int]:
+    """What the gap is of, and digits of its mm: deflections of stiffness trials are small."""
+    return ("the tip", 2) if f.where.of == "tip" else ("the deflections of the stiffness trials", 3)
+
+
+def _sure(f: Facts) -> str:
+    d = f.decision
+    given = "" if d.verdict == "unknown" or d.outside < LEAST_TOLD else f"; {d.within:.2f} if it is in the catalogue"
+    return f"p = {d.probability:.2f}{given}; {f.benchmark}"
+
+
+def _verdict(f: Facts) -> str:
+    named = " and ".join(f.decision.effects)
+    if f.conclusion == "cause":
+        return f"Cause: {named} ({_sure(f)})."
+    if f.conclusion == "one of several":
+        by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
+        return f"Most probable cause: {named} ({_sure(f)}); the data do not exclude {_list(f.rivals)}.{by}"
+    if f.conclusion == "none":
+        return f"No cause: no effect accounts for enough above the noise floor ({_sure(f)})."
+    if f.conclusion == "noise":
+        return f"No gap: nothing is above the noise floor ({_sure(f)})."
+    if f.conclusion == "too little data":
+        lacks = f": {'; '.join(f.missing)}" if f.missing else ""
+        return f"Too little data to name a cause{lacks}."
+    found = stage(f.asking)
+    if found is not None:
+        return (
+            f"The cause is not in the catalogue; it lies in the {found.stage}, with an error that varies with "
+            f"{found.dependence} ({_sure(f)})."
+        )
+    return f"The cause is not in the catalogue ({_sure(f)})."
+
+
+def _list(names: Sequence[str]) -> str:
+    return " or ".join(names[:3]) + (f" or {len(names) - 3} others" if len(names) > 3 else "")
+
+
+def _gap(f: Facts) -> str:
+    what, digits = _what(f)
+    floor = f"the noise floor is {f.where.noise_floor_mm:.{digits}f} mm"
+    if f.waterfall is None:
+        missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
+        return f"Calibrated with one area factor the model misses {what} by {missed}; {floor}."
+    calibrated = f.waterfall.steps[0].left_mm
+    return (
+        f"As given the model misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor by "
+        f"{calibrated:.{digits}f} mm on states that the fit did not see; {floor}."
+    )
+
+
+def _moved(f: Facts) -> str:
+    what, digits = _what(f)
+    shares = [
+        f"{c.effect} moves {what} by {c.mm:.{digits}f} mm (95 %: {c.low95_mm:.{digits}f} to {c.high95_mm:.{digits}f} mm)"
+        for c in f.budget
+        if c.role == "named"
+    ]
+    return f"Beyond what an area factor takes up, {'; '.join(shares)}." if shares else ""
+
+
+def _closing(f: Facts) -> str:
+    """What the leading hypothesis does on unseen states."""
+    if f.shrink is None or f.conclusion in ("none", "noise", "too little data"):
+        return ""
+    _, digits = _what(f)
+    before, after = f"{f.shrink.before_mm:.{digits}f}", f"{f.shrink.after_mm:.{digits}f}"
+    share = f.shrink.share_closed
+    if f.decision.verdict == "effect":
+        if share is None:
+            return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
+        if share < 0:
+            return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
+        return f"With it, {after} mm remain on unseen states: {_percent(share)} % of the reducible gap is closed."
+    nearest = " and ".join(f.nearest)
+    if not nearest or share is None:
+        return ""
+    if share < EXPLAINS:
+        return (
+            f"Closest: {nearest}, which does not explain the gap ({before} mm without it, {after} mm with it on unseen "
+            "states)."
+        )
+    return (
+        f"Closest: {nearest}, which closes {_percent(share)} % of the reducible gap on unseen states but leaves errors that "
+        "are no noise."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * min(share, 1.0):.0f}"
+
+
+def _absorbed(f: Facts) -> str:
+    a = None if f.waterfall is None else f.waterfall.absorbed
+    if a is None or f.decision.verdict != "effect" or a.per_length_mm > ABSORBS * a.one_mm:
+        return ""
+    left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
+    return f"An area factor for each spine length would hide it: {left} ({a.how})."
+
+
+def _present(f: Facts) -> str:
+    """What is there without being a cause."""
+    _, digits = _what(f)
+    found = ", ".join(f"{c.effect} {c.mm:.{digits}f} mm" for c in f.budget if c.role == "present")
+    return f"Also present: {found}." if found else ""
+
+
+def _odd(f: Facts) -> str:
+    if f.decision.verdict != "unknown" or f.odd_trial is None:
+        return ""
+    return f"Trial {f.odd_trial} does not fit the others: check it first."
+
+
+def stiffness_sentence(pushes: Mapping[str, Any], d: Decision) -> str:
+    """A sentence about the stiffness trials beside tips; `pushes` is the diagnosis' detail of them."""
+    missed, floor = pushes["waterfall_mm"], pushes["floor_mm"]
+    text = (
+        "The calibrated model misses the deflections of the stiffness trials by "
+        f"{missed['calibrated']:.3f} mm rms (in-sample; noise floor {floor:.3f} mm)"
+    )
+    return f"{text}." if d.verdict != "effect" else f"{text}; with the cause, by {missed['explained']:.3f} mm."

@@ -1,0 +1,151 @@
+"""The gap step by step, in mm rms where it is looked for, on states that the fits did not see.
+
+    as given          the model of robot.yaml, nothing fitted
+    calibration       one area factor, and the tolerances of geometry, frames and trials
+    cause             each effect that is named, the largest first
+    tolerances        every other effect, within the tolerance that the data ask for
+    regular           what a smooth function of the state, fitted to what is left of other states, predicts of this one
+    irregular         what is left above the noise floor
+    noise             the noise floor: repeats of a state differ by as much
+
+Each state is predicted by fits to the states of the other folds (`shrink.folds`). A step is the decrease of the rms from one
+model to the next, so that all steps add up to the gap as given; on unseen states it can be negative. Its interval is the 95 %
+range over trials drawn anew and, for a cause, over all orders in which the causes can be added.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.levels import SPINE_GAP, levels
+from ..inference.cross_validation import Model
+from ..inference.evidence import NONE, Hypothesis
+from ..inference.fit import fit
+from ..inference.prepare import Prepared, prepare
+from .attribute import Attribution, calibrated
+from .result import Absorbed, Level, Step, StepName, Waterfall
+from .shrink import HeldOutErrors, baseline_model, candidate_model, folds, held_out_errors, resampled, rms
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MM = 1e3
+INTERVAL = (0.025, 0.975)
+SMOOTH_SIZES = (0.35, 1.4)
+"""Sizes of the smooth function that are tried, in noise floors; the one that predicts best is taken, none where none helps."""
+FIT_ROUNDS = 4
+
+
+def waterfall(f: Attribution, unseen: HeldOutErrors) -> Waterfall:
+    """From what was found; `unseen` the errors that `shrink` has computed already."""
+    p, named = f.prepared, f.decision.effects
+    fold, how = folds(p)
+    last = candidate_model(p, f.best if named else f.none)
+    tolerant = unseen.after if named else held_out_errors(p, last, fold)[0]
+    by_causes = {frozenset[str](): unseen.before}
+    by_causes |= {frozenset(s): held_out_errors(p, _only(f, s), fold)[0] for s in _subsets(named)}
+    errors = _Errors(p, by_causes, tolerant, _smooth(p, last, fold, tolerant))
+    order = errors.largest_first(named)
+    columns = errors.in_order(order)
+    left = [errors.rms(c) for c in columns] + [np.full(errors.draws, p.noise_floor), np.zeros(errors.draws)]
+    titles: list[tuple[StepName, str | None]] = [("calibration", None), *(("cause", e) for e in order)]
+    titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
+    steps = []
+    for (name, effect), before, after in zip(titles, left[:-1], left[1:], strict=True):
+        taken = before - after
+        low, high = np.quantile(taken if effect is None else errors.in_any_order(effect, named), INTERVAL)
+        steps.append(Step(name, effect, *(float(x) * MM for x in (taken[0], low, high, after[0]))))
+    by = {
+        "spine_length": errors.by(p.states.spine_length, SPINE_GAP, columns),
+        "pressure": errors.by(p.states.highest, p.states.pressure_gap, columns),
+    }
+    return Waterfall(how, int(errors.seen.sum()), float(left[0][0]) * MM, tuple(steps), by, _absorbed(f))
+
+
+def _subsets(named: Hypothesis) -> list[Hypothesis]:
+    return [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
+
+
+def _only(f: Attribution, named: Hypothesis) -> Model:
+    """These effects and no tolerance of others."""
+    problem, p = f.prepared.problem, f.prepared.problem.parameters
+    prior = p.prior(p.mask(named), 0.0)
+    start = np.where(np.isin(p.effects, ["", *named]), f.best.fit.theta, p.mean)
+    return Model(prior, 0.0, fit(problem, prior, 0.0, start, FIT_ROUNDS))
+
+
+def _smooth(p: Prepared, model: Model, fold: Ints, without: Array) -> Array:
+    """Errors (states,) m with a smooth function of the state beside the model; `without` it where it does not help."""
+    tried = [held_out_errors(p, replace(model, size=s, smooth=True), fold)[0] for s in SMOOTH_SIZES]
+    return min([without, *tried], key=lambda e: float(np.nanmean(e**2)))
+
+
+class _Errors:
+    """Errors (states,) m of all models, and their rms as the data are and with trials drawn anew."""
+
+    def __init__(self, p: Prepared, by_causes: Mapping[frozenset[str], Array], tolerant: Array, smooth: Array) -> None:
+        missed = p.problem.observed - p.problem.forward.predict(p.problem.parameters.mean)
+        self._given: Array = np.linalg.norm(p.gap(missed), axis=1)
+        self._by_causes, self._tolerant, self._smooth = by_causes, tolerant, smooth
+        every = np.array([self._given, *by_causes.values(), tolerant, smooth])
+        self.seen: NDArray[np.bool_] = np.asarray(np.isfinite(every).all(axis=0))
+        """(states,) predicted by every model."""
+        again = resampled(p.states.trial[self.seen])
+        self._weights = np.vstack([np.ones(again.shape[1]), again])
+        self.draws = len(self._weights)
+
+    def rms(self, errors: Array) -> Array:
+        """(draws,) m, the data as they are first."""
+        squares = self._weights @ errors[self.seen] ** 2
+        return np.asarray(np.sqrt(squares / self._weights.sum(axis=1)))
+
+    def in_order(self, order: Sequence[str]) -> list[Array]:
+        """As given, calibrated, with the causes added in this order, with tolerances, with a smooth function."""
+        causes = [self._with(order[:k]) for k in range(len(order) + 1)]
+        return [self._given, *causes, self._tolerant, self._smooth]
+
+    def largest_first(self, named: Hypothesis) -> tuple[str, ...]:
+        """Each cause the one that takes most of what the causes before it leave."""
+        order: tuple[str, ...] = ()
+        while rest := [e for e in named if e not in order]:
+            order = (*order, min(rest, key=lambda e: float(self.rms(self._with((*order, e)))[0])))
+        return order
+
+    def in_any_order(self, effect: str, named: Hypothesis) -> Array:
+        """(..,) m that a cause takes: over draws, and over which others were added before it."""
+        before = [s for s in [NONE, *_subsets(named)] if effect not in s]
+        return np.concatenate([self.rms(self._with(s)) - self.rms(self._with((*s, effect))) for s in before])
+
+    def by(self, values: Array, gap: float, columns: Sequence[Array]) -> tuple[Level, ...]:
+        """rms by level of a factor (states,)."""
+        level = levels(values, gap)
+        parts = [np.flatnonzero(self.seen & (level == k)) for k in np.unique(level[self.seen])]
+        return tuple(
+            Level(float(np.round(values[i].mean(), 6)), len(i), tuple(rms(c[i]) * MM for c in columns)) for i in parts
+        )
+
+    def _with(self, causes: Sequence[str]) -> Array:
+        return self._by_causes[frozenset(causes)]
+
+
+def _absorbed(f: Attribution) -> Absorbed | None:
+    """One area factor, one for each spine length, and one with what is named, each pressure predicted from the others."""
+    p = f.prepared
+    length = levels(p.states.spine_length, SPINE_GAP)
+    pressure = levels(p.states.highest, p.states.pressure_gap)
+    if p.pushes_only or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
+        return None
+    one = held_out_errors(p, baseline_model(p, f.calibrated), pressure)[0]
+    by_length = prepare(p.robot, p.states, "per_length", {})
+    each = held_out_errors(by_length, baseline_model(by_length, calibrated(by_length)), pressure)[0]
+    cause = held_out_errors(p, candidate_model(p, f.best), pressure)[0] if f.decision.effects else None
+    seen = np.isfinite(one) & np.isfinite(each)
+    return Absorbed(
+        "leave one pressure out", rms(one[seen]) * MM, rms(each[seen]) * MM,
+        None if cause is None else rms(cause[seen & np.isfinite(cause)]) * MM,
+    )  # fmt: skip

@@ -1,0 +1,254 @@
+"""A robot fitted with the effects that are asked for: the area factor, their parameters, and the tolerances of the set-up.
+
+The problem is that of the diagnosis (noise, discrepancy, tolerances of single trials integrated out) and so is the search;
+what is written down is the most probable point and how uncertain it is. Effects that are not named are absent.
+
+    fitted = fit_effects(case, ["spine_slip"])
+    fitted.robot          # for robot.yaml
+    fitted.parameters     # area_factor, spine_slip.moment .. with sd and unit
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.nominal import TOLERANCES, stated_effects
+from model.effects.spec import EffectSpec
+from model.errors import BadEffect
+from model.robot import Robot, robot_from_dict
+from model.stated import AREA_FACTOR, Stated
+
+from .answer.attribute import calibrated
+from .answer.shrink import rms
+from .data.case import CaseLike, states
+from .errors import BadCase
+from .inference.evidence import KNOWN, weigh
+from .inference.linear import Linear, Prior
+from .inference.prepare import Prepared, prepare
+from .inference.problem import Parameters
+from .inference.search import Candidate, Search
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+ALWAYS_CONSIDERED = "pressure_offset"
+"""Noise of the pressure readings is found by its derivatives, whether or not it is fitted."""
+DIGITS = 7
+"""Significant digits of what is written."""
+RECURRING = {
+    "spine_length": "spine_length", "spine_stiffness": "spine_stiffness", "turn": "repeat_turn", "shift": "repeat_shift",
+}  # fmt: skip
+"""Key of `posterior.noise` -> the tolerance that recurs with each trial or repeat."""
+LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
+"""Among which the data tell how wrong a law is here. (A diagnosis takes no law for exact, lest it be too sure of a name.)"""
+SHRINKING = 1 - 1e-6
+"""Of correlations, so that rounding leaves them positive definite."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A robot with effects, and how well it describes the states it was fitted to (in-sample)."""
+
+    robot: Robot
+    """With effects, tolerances, area factor and posterior."""
+    effects: tuple[str, ...]
+    parameters: Mapping[str, Stated]
+    """area_factor, the effects' parameters, the tolerances."""
+    states: int
+    trials: int
+    calibrated_mm: float
+    """rms of the tip with one area factor and tolerances, no effect."""
+    fitted_mm: float
+    """The same with the effects."""
+    concerns: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able."""
+        posterior = self.robot.posterior
+        return {
+            "effects": list(self.effects),
+            "parameters": {n: {"value": p.value, "sd": p.sd, "unit": p.unit} for n, p in self.parameters.items()},
+            "states": self.states,
+            "trials": self.trials,
+            "in_sample": True,
+            "calibrated_mm": self.calibrated_mm,
+            "fitted_mm": self.fitted_mm,
+            "noise_floor_mm": MM * posterior.noise.floor if posterior else None,
+            "law_error": posterior.law_error if posterior else None,
+            "discrepancy_mm": MM * posterior.discrepancy if posterior else None,
+        }
+
+
+def fit_effects(
+    case: CaseLike,
+    effects: Sequence[str],
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Fitted:
+    """Fit area factor, effects (none: the calibrated baseline) and tolerances to the states of a case.
+
+    Effects that its robot.yaml has and that are not named stay as they are. Raises `BadEffect` for an effect that is not in
+    the catalogue, `BadRobot` for one that robot.yaml states wrongly, `BadCase` when the table cannot be used.
+    """
+    named = _known(effects, catalogue)
+    own, concerns = states(case)
+    if own.pushed.all():
+        raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
+    robot = case.robot
+    kept = {id: stated for id, stated in robot.effects.items() if id not in named}
+    robot = robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None})
+    considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
+    p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
+    progress(0.1)
+    search = Search(p.problem)
+    progress(0.4)
+    baseline = calibrated(p)
+    progress(0.6)
+    found = search.fitted(named)
+    progress(1.0)
+    before, after = (_rms(p, f.theta) for f in (baseline, found.fit))
+    stated, posterior = _posterior(p, found, after)
+    return Fitted(
+        _written(robot, p, named, stated, posterior), named, stated, len(own), len(np.unique(own.trial)),
+        MM * before, MM * after, concerns,
+    )  # fmt: skip
+
+
+def _known(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> tuple[str, ...]:
+    for effect in effects:
+        if effect not in catalogue:
+            near = difflib.get_close_matches(effect, list(catalogue), n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(catalogue)}"
+            raise BadEffect(f"effect {effect!r}: is not known, {hint}")
+    return tuple(id for id in catalogue if id in effects)
+
+
+def _rms(p: Prepared, theta: Array) -> float:
+    """m, of the tip, with what is written alone: what recurs or drifts is at its expectation."""
+    there = p.problem.parameters.mean.copy()
+    written = list(_lasting(p, p.problem.parameters.ids).values())
+    there[written] = theta[written]
+    missed = p.problem.observed - p.problem.forward.predict(there)
+    gap = np.linalg.norm(p.tip(missed)[p.states.main], axis=1)
+    return rms(gap[np.isfinite(gap)])
+
+
+def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any]]:
+    """What is known of the area factor, the effects and the tolerances of the whole set-up; robot.yaml's `posterior`.
+
+    `left` (m) rms of the tip after the fit: what it has beyond what noise can leave counts as discrepancy.
+    """
+    parameters = p.problem.parameters
+    prior = c.prior(parameters)
+    law_error, size = _errors(c, parameters)
+    covariance = _covariance(c.fit.linear, prior, parameters.of_effect, size, law_error)
+    sd = parameters.sd * np.sqrt(np.diag(covariance))
+    area = float(p.forward.area_factor[0])
+    place = _lasting(p, c.named)
+    stated = {}
+    for name, i in place.items():
+        value, spread = float(c.fit.theta[i]), float(sd[i])
+        if name == AREA_FACTOR:
+            value, spread = area * (1 + value), area * spread
+        stated[name] = Stated(value=_rounded(value), sd=_rounded(spread), unit=parameters.units[i])
+    own = list(place.values())
+    scale = np.sqrt(np.diag(covariance))[own]
+    correlation = SHRINKING * covariance[np.ix_(own, own)] / np.outer(scale, scale)
+    return stated, {
+        "parameters": list(place),
+        "area_factor_sd": stated[AREA_FACTOR].sd,
+        "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(own))],
+        "law_error": _rounded(law_error),
+        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, left) / 3)))),
+        "noise": _noise(p),
+    }
+
+
+def _beyond_noise(p: Prepared, left: float) -> float:
+    """m^2 by which a mean square exceeds what the noise floor gives in as many trials, with two standard errors."""
+    trials = len(np.unique(p.states.trial))
+    return max(left**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
+
+
+def _noise(p: Prepared) -> dict[str, float]:
+    """What repeats differ by and from what; robot.yaml's `posterior.noise`."""
+    components = p.noise_components
+    return {
+        "floor": _rounded(p.noise_floor),
+        "reading": _rounded(rms(p.problem.noise.sd[p.labels.kind == 0])),
+        "pressure": _rounded(components.pressure),
+        **{name: _rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
+    }
+
+
+def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
+    """What is written: area factor, parameters of the named effects, tolerances of the whole set-up -> index."""
+    parameters = p.problem.parameters
+    place = {AREA_FACTOR: parameters.names.index("area.excess")}
+    return place | {
+        name: i
+        for i, name in enumerate(parameters.names)
+        if parameters.effects[i] in (*named,) or (parameters.sources[i] in TOLERANCES and not parameters.recurs[i])
+    }
+
+
+def _errors(c: Candidate, parameters: Parameters) -> tuple[float, float]:
+    """Model-form error (share of what the named effects do) and discrepancy (in its unit), rms over what the data leave."""
+    grid = replace(
+        KNOWN.part(c.with_tolerances),
+        form_errors=LAW_ERRORS,
+        form_error_weights=np.full(len(LAW_ERRORS), 1 / len(LAW_ERRORS)),
+    )
+    weighed = weigh(c.fit.linear, grid, parameters, [c.named])[0]
+    weight = np.exp(weighed.log_terms - weighed.log_terms.max())
+    weight /= weight.sum()
+    form = LAW_ERRORS if weight.shape[2] == len(LAW_ERRORS) else np.zeros(1)
+    return (
+        float(np.sqrt((weight.sum(axis=(0, 1)) * form**2).sum())),
+        float(np.sqrt((weight.sum(axis=(0, 2)) * grid.sizes**2).sum())),
+    )
+
+
+def _covariance(linear: Linear, prior: Prior, of_effect: NDArray[np.bool_], size: float, form_error: float) -> Array:
+    """(k, k) of all parameters in units of their priors, discrepancy and model-form error integrated out."""
+    blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance, form_error * linear.form_error]
+    blocks.append(linear.discrepancy_size(size, form_error) * linear.discrepancy)
+    x = np.hstack(blocks)
+    inverse = np.linalg.inv(np.eye(x.shape[1]) + x.T @ x)
+    order = np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])
+    k = len(order)
+    out = np.empty((k, k))
+    out[np.ix_(order, order)] = inverse[:k, :k]
+    return 0.5 * (out + out.T)
+
+
+def _written(
+    robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Stated], posterior: Mapping[str, Any]
+) -> Robot:
+    tables: dict[str, dict[str, dict[str, Any]]] = {"effects": {}, "tolerances": {}}
+    for name, s in stated.items():
+        id, _, parameter = name.partition(".")
+        if parameter:
+            tables["effects" if id in named else "tolerances"].setdefault(id, {})[parameter] = s.model_dump()
+    data = robot.model_dump()
+    if "contact" in named:
+        x, y = p.forward.plane_direction.tolist()
+        data["obstacle_azimuth_deg"] = _rounded(float(np.degrees(np.arctan2(y, x))))
+    data |= {
+        "area_factor": stated[AREA_FACTOR].value,
+        "effects": {**data["effects"], **tables["effects"]},
+        "tolerances": tables["tolerances"],
+        "posterior": posterior,
+    }
+    return robot_from_dict(data)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

@@ -1,0 +1,74 @@
+"""A robot fitted with its effect: what is written, that every reader takes it, and that a diagnosis goes on from there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnose import diagnose
+from diagnosis.errors import BadCase
+from diagnosis.fit_effects import Fitted, fit_effects
+from lab.comparison import comparison
+from lab.files.config import load
+from lab.files.inputs import Case
+from lab.files.robot_file import write_robot
+from model.effects import CATALOGUE
+from model.errors import BadEffect
+from model.robot import Robot
+from tests.diagnosis.small_campaigns import measured, quick
+from tests.diagnosis.test_case import Measured, case, sweep
+
+ANGLE = np.radians(8)
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Measured:
+    return measured(3, 1, chamber_azimuth__angle=ANGLE)
+
+
+@pytest.fixture(scope="module")
+def fitted(campaign: Measured) -> Fitted:
+    return fit_effects(campaign, ["chamber_azimuth"])
+
+
+def test_the_size_that_was_withheld_is_found_within_its_uncertainty(fitted: Fitted) -> None:
+    angle = fitted.parameters["chamber_azimuth.angle"]
+    assert angle.unit == "rad" and abs(angle.value - ANGLE) < 4 * angle.sd and angle.sd < 0.02
+    assert fitted.fitted_mm < 0.3 * fitted.calibrated_mm
+    posterior = fitted.robot.posterior
+    assert posterior is not None and posterior.parameters[:2] == ("area_factor", "chamber_azimuth.angle")
+    assert 0.2e-3 < posterior.noise.floor < 1e-3
+    assert set(fitted.robot.tolerances) >= {"tilt", "frame_turn", "frame_shift", "length", "youngs_modulus", "density"}
+
+
+def test_robot_yaml_reads_back_and_compares_as_the_fit_said(fitted: Fitted, campaign: Measured, tmp_path: Path) -> None:
+    path = write_robot(fitted.robot, tmp_path / "robot.yaml")
+    assert "angle: {value: " in path.read_text() and load(path, Robot) == fitted.robot
+    found = comparison(Case(fitted.robot, campaign.table))
+    assert 1e3 * found.table.rmse == pytest.approx(fitted.fitted_mm, rel=1e-3)
+
+
+def test_an_effect_in_robot_yaml_is_part_of_the_baseline_that_is_diagnosed(fitted: Fitted, campaign: Measured) -> None:
+    some = {e: CATALOGUE[e] for e in ("chamber_azimuth", "base_tilt", "precurvature")}
+    before = diagnose(campaign, quick(some))
+    after = diagnose(Case(fitted.robot, campaign.table), quick(some))
+    assert before.attribute.effects == ("chamber_azimuth",)
+    assert after.attribute.verdict == "none" and after.locate.gap_rmse_mm < 0.3 * before.locate.gap_rmse_mm
+
+
+def test_fitting_again_begins_without_what_is_fitted(fitted: Fitted, campaign: Measured) -> None:
+    again = fit_effects(Case(fitted.robot, campaign.table), ["chamber_azimuth"])
+    angle, first = (f.parameters["chamber_azimuth.angle"] for f in (again, fitted))
+    assert angle.value == pytest.approx(first.value, abs=0.2 * first.sd)
+    none = fit_effects(Case(fitted.robot, campaign.table), [])
+    assert none.robot.effects == fitted.robot.effects and none.fitted_mm < 0.3 * fitted.calibrated_mm
+
+
+def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:
+    with pytest.raises(BadEffect, match="did you mean chamber_azimuth"):
+        fit_effects(campaign, ["chamber_azimut"])
+    with pytest.raises(BadCase):
+        fit_effects(case([]), ["chamber_azimuth"])
+    assert sweep()

@@ -1,0 +1,109 @@
+"""The verdict, as deep as the data carry, and its sentences: no two of one answer contradict each other."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import pytest
+
+from diagnosis.answer.result import Absorbed, Carries, Locate, Shrink, Step, Waterfall
+from diagnosis.answer.sentences import Facts, statement
+from diagnosis.answer.verdict import conclude, decide, rivals
+from diagnosis.criticism.probability_calibration import CALIBRATED
+from diagnosis.criticism.stage_errors import StageError
+from diagnosis.inference.posterior import Posterior
+
+WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
+BUDGET = (Carries("base_tilt", "named", 2.5, 2.0, 3.0), Carries("contact", "present", 0.4, 0.1, 0.8))
+MATERIAL = (StageError("material", "time", 20.0),)
+BOTH = (StageError("material", "time", 5.0), StageError("load", "pressure", 5.0))
+HEADS = (
+    "Cause: ",
+    "Most probable cause: ",
+    "not in the catalogue (p",
+    "not in the catalogue; it",
+    "No cause: ",
+    "No gap: ",
+    "Too little",
+)
+
+
+def weighed(**p: float) -> Posterior:
+    """Hypotheses by name, "none" for none."""
+    ranking = sorted(p.items(), key=lambda x: -x[1])
+    return Posterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
+
+
+def facts(
+    posterior: Posterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL
+) -> Facts:
+    d = decide(posterior, CALIBRATED, enough)
+    budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
+    conclusion = conclude(d, posterior, gap, asking)
+    return Facts(
+        d, conclusion, WHERE, "bench", budget, rivals=rivals(d, posterior), nearest=("base_tilt",), asking=asking
+    )
+
+
+SURE = weighed(base_tilt=0.97, none=0.025, unknown=0.005)
+OPEN = weighed(base_tilt=0.72, weight=0.13, none=0.1, unknown=0.05)
+OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8, base_tilt=0.15, unknown=0.05)
+
+
+@pytest.mark.parametrize(
+    ("found", "conclusion", "told"),
+    [
+        (facts(SURE), "cause", "Cause: base_tilt (p = 0.97; bench)."),
+        (facts(OPEN), "one of several", "base_tilt (p = 0.72; 0.76 if it is in the catalogue; bench)"),
+        (facts(OPEN), "one of several", "do not exclude weight."),
+        (facts(OUTSIDE), "stage", "in the material, with an error that varies with time (p = 0.60; bench)"),
+        (facts(OUTSIDE, asking=BOTH), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
+        (facts(OUTSIDE, asking=()), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
+        (facts(NONE), "none", "No cause: no effect accounts for enough"),
+        (facts(NONE, gap=False), "noise", "No gap: nothing is above the noise floor"),
+        (replace(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
+    ],
+)
+def test_each_conclusion_has_its_sentence(found: Facts, conclusion: str, told: str) -> None:
+    assert found.conclusion == conclusion and told in statement(found)
+
+
+def test_a_cause_says_what_it_accounts_for_and_what_is_there_beside_it() -> None:
+    text = statement(facts(SURE))
+    assert "base_tilt moves the tip by 2.50 mm" in text and "Also present: contact 0.40 mm" in text
+
+
+def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> None:
+    steps = (Step("calibration", None, 20.0, 18.0, 22.0, 7.5),)
+    absorbed = Absorbed("leave one pressure out", 7.5, 0.2, 0.6)
+    hidden = Waterfall("leave one spine length out", 40, 27.5, steps, {}, absorbed)
+    text = statement(replace(facts(SURE), waterfall=hidden))
+    assert "calibrated with one area factor by 7.50 mm on states that the fit did not see" in text
+    assert "An area factor for each spine length would hide it: 0.20 mm would remain of 7.50 mm" in text
+    seen = replace(hidden, absorbed=replace(absorbed, per_length_mm=7.0))
+    assert "would hide" not in statement(replace(facts(SURE), waterfall=seen))
+
+
+@pytest.mark.parametrize(
+    ("posterior", "enough", "gap", "asking"),
+    list(itertools.product((SURE, OPEN, OUTSIDE, NONE), (True, False), (True, False), (MATERIAL, BOTH, ()))),
+)
+def test_no_two_sentences_contradict(
+    posterior: Posterior, enough: bool, gap: bool, asking: tuple[StageError, ...]
+) -> None:
+    for share in (None, -0.4, 0.0, 0.3, 0.6, 0.98):
+        after = 3.0 if share is None else 3.0 * (1 - share)
+        shrunk = Shrink("leave one spine length out", 3.0, after, 0.5, share, None, ())
+        found = replace(facts(posterior, enough, gap, asking), shrink=shrunk, odd_trial=3)
+        text = statement(found)
+        named = found.decision.verdict == "effect"
+        assert sum(text.count(head) for head in HEADS) == 1
+        assert ("moves the tip" in text) == named
+        assert not (named and "not in the catalogue" in text)
+        assert ("check it first" in text) == (found.decision.verdict == "unknown")
+        if share is not None and share < 0:
+            assert "is closed" not in text and "closes" not in text
+            assert ("worse" in text) == named
+        if share is not None and share >= 0.5:
+            assert "does not explain" not in text and "worse" not in text
