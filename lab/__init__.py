@@ -9,9 +9,37 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import Case, case, compare, diagnose, fit, load_robot, open_rig, predict, read, run
+    from .api import (
+        Case,
+        case,
+        compare,
+        diagnose,
+        fit,
+        fit_with,
+        inverse,
+        load_robot,
+        open_rig,
+        predict,
+        predictor,
+        read,
+        run,
+    )
 
-__all__ = ["Case", "case", "compare", "diagnose", "fit", "load_robot", "open_rig", "predict", "read", "run"]
+__all__ = [
+    "Case",
+    "case",
+    "compare",
+    "diagnose",
+    "fit",
+    "fit_with",
+    "inverse",
+    "load_robot",
+    "open_rig",
+    "predict",
+    "predictor",
+    "read",
+    "run",
+]
 
 
 def __getattr__(name: str) -> Any:

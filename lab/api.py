@@ -9,6 +9,9 @@
     fitted = lab.fit(case)                                         # moduli and area factors with their intervals
     gap = lab.compare(lab.Case(fitted.robot, case.table))          # tips measured and predicted
     answer = lab.diagnose(case)                                    # answer.statement, answer.attribute.ranking, ...
+    known = lab.fit_with(case, *answer.attribute.effects).robot    # the robot with its cause, for robot.yaml
+    lab.predictor(known)(pressures, spine_length, intervals=True)  # (n, chambers) Pa, (n,) m
+    lab.inverse(known, [[-0.05, 0.02, 0.38]]).pressures            # for a wanted tip, m
 
     with lab.open_rig("rig.yaml") as rig:                          # instruments, or fakes: lab fakes --rig rig.yaml
         lab.run(rig, "bending", pressures=[60e3, 80e3], out="runs")
@@ -30,7 +33,11 @@ from numpy.typing import ArrayLike, NDArray
 from diagnosis.answer.result import Diagnosis
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as _diagnose
+from diagnosis.fit_effects import Fitted, fit_effects
 from model.condition import conditions
+from model.prediction import Predictor
+from model.prediction.inverse import Reached, limits_of
+from model.prediction.inverse import inverse as _inverse
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
@@ -40,6 +47,7 @@ from .calibration import Calibration, calibrate
 from .comparison import Comparison, comparison
 from .files.config import ConfigError, Source, load
 from .files.inputs import Case, read_case
+from .files.own_effects import catalogue, stated_by
 from .files.rig_file import load_rig
 from .rig.assembly import Rig
 
@@ -94,12 +102,45 @@ def predict(
     >>> predict(robot, [60e3, 60e3, 60e3, 0, 0, 0, 0, 0, 0]).round(2)
     array([[-0.02, -0.02,  0.4 ]])
     """
+    if robot != robot.plain:
+        return predictor(robot)(pressures, spine_length, tip_mass, roll).tip
     p = np.atleast_2d(np.asarray(pressures, float))
     n = len(p)
     mass = robot.tip_mass if tip_mass is None else tip_mass
     lengths = np.broadcast_to(np.asarray(spine_length, float), (n,))
     found = solve(rods_of(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll))), FINE)
     return np.where(found.converged[:, None], found.tip, np.nan)
+
+
+def predictor(robot: Robot) -> Predictor:
+    """The robot's model for many states: tip, orientation, shape; on request 95 % intervals, and gradients by pressure and
+    spine length. Made once, called often. Raises BadRobot.
+
+    >>> at = predictor(load_robot("robot.yaml"))
+    >>> found = at([[60e3] * 3 + [0] * 6, [80e3] * 3 + [0] * 6], spine_length=[0.0, 0.1], gradient=True)
+    >>> found.tip.shape, found.orientation.shape, found.tip_by_pressure.shape
+    ((2, 3), (2, 4), (2, 3, 9))
+    """
+    return Predictor(robot, stated_by(robot))
+
+
+def inverse(
+    robot: Robot,
+    targets: ArrayLike,
+    spine_length: float | None = None,
+    groups: Sequence[Sequence[int]] | None = None,
+) -> Reached:
+    """Pressures (and spine lengths, unless one is given in m) of least total pressure that bring the tip to `targets` (m, 3)
+    m, NaN where a coordinate is free; and where the tip will be. Raises BadCondition.
+
+    `groups`: chambers, counted from 1, that share a regulator; each has its own unless given.
+
+    >>> found = inverse(load_robot("robot.yaml"), [[-0.05, float("nan"), float("nan")]], spine_length=0.1)
+    >>> found.reached, found.prediction.tip.round(3)[0, 0]
+    (array([ True]), np.float64(-0.05))
+    """
+    fixed = None if spine_length is None else (spine_length, spine_length)
+    return _inverse(predictor(robot), targets, limits_of(robot, groups, spine=fixed))
 
 
 def fit(measured: Case) -> Calibration:
@@ -109,7 +150,17 @@ def fit(measured: Case) -> Calibration:
     >>> round(float(fitted.robot.area_factor_at(0.0)), 1)
     1.5
     """
-    return calibrate(measured)
+    return calibrate(Case(measured.robot.plain, measured.table))
+
+
+def fit_with(measured: Case, *effects: str) -> Fitted:
+    """Area factor, effects and tolerances with their uncertainty; `.robot` has them. Raises DiagnosisError, BadEffect.
+
+    >>> fitted = fit_with(case("campaign"), "chamber_azimuth")
+    >>> fitted.parameters["chamber_azimuth.angle"].unit, list(fitted.robot.effects)
+    ('rad', ['chamber_azimuth'])
+    """
+    return fit_effects(measured, effects, catalogue(measured.robot)[0])
 
 
 def compare(measured: Case) -> Comparison:
@@ -119,7 +170,7 @@ def compare(measured: Case) -> Comparison:
     >>> found.unsolved, found.table.rmse < 1e-3
     (0, True)
     """
-    return comparison(measured)
+    return comparison(measured, stated_by(measured.robot))
 
 
 def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:

@@ -81,9 +81,24 @@ def _replay(a: argparse.Namespace) -> int:
 
 
 def _fit(a: argparse.Namespace) -> int:
-    from .verbs.fit import fit
+    from .verbs.fit import WithEffects, fit, fit_with
 
-    return fit(a.inputs, a.robot, a.out, a.json)
+    if a.with_effects is None:
+        for option, given in (("--samples", a.samples), ("--effects", a.effects)):
+            if given:
+                raise _usage(f"{option}: needs --with EFFECT[,EFFECT..]")
+        return fit(a.inputs, a.robot, a.out, a.json)
+    return fit_with(a.inputs, a.robot, WithEffects(a.with_effects, a.effects, a.samples, a.seed), a.out, a.json)
+
+
+def _predict(a: argparse.Namespace) -> int:
+    from .verbs.predict import Outputs, Wanted, invert, predict, protocol_states, table_states
+
+    outputs = Outputs(a.json, a.out, a.figure)
+    if a.inverse is not None:
+        return invert(a.robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
+    states = table_states(a.table) if a.table is not None else protocol_states(a.protocol, a.set, a.robot)
+    return predict(a.robot, states, outputs, a.effects)
 
 
 def _compare(a: argparse.Namespace) -> int:
@@ -122,7 +137,7 @@ def _effects(a: argparse.Namespace) -> int:
 def _demo(a: argparse.Namespace) -> int:
     from .verbs.demo import demo
 
-    return demo(a.out, a.seed, a.speed)
+    return demo(a.out, a.seed, a.speed, a.effect)
 
 
 def _schema(a: argparse.Namespace) -> int:
@@ -135,6 +150,25 @@ def _completion(a: argparse.Namespace) -> int:
     from .verbs.completion import completion
 
     return completion(a.shell, parser())
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names between commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _groups(text: str) -> tuple[tuple[int, ...], ...]:
+    """Chambers between commas, groups between blanks."""
+    try:
+        return tuple(tuple(int(c) for c in group.split(",")) for group in text.split())
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
+
+
+def _usage(text: str) -> Exception:
+    from .files.config import ConfigError
+
+    return ConfigError(text)
 
 
 class Version(argparse.Action):
@@ -153,7 +187,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
         prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model."
     )
-    top.add_argument("--version", action=Version, nargs=0, help="print the version, of a checkout with its commit")
+    top.add_argument("--version", action=Version, nargs=0, help="print the version, and the commit of a checkout")
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
     def verb(name: str, handler: Handler, text: str, reads: bool = False) -> argparse.ArgumentParser:
@@ -164,17 +198,24 @@ def parser() -> argparse.ArgumentParser:
         return p
 
     def own_effects(p: argparse.ArgumentParser) -> None:
-        p.add_argument("--effects", type=Path, metavar="FILE.py", help="effects of your own (a tuple named EFFECTS)")
+        p.add_argument(
+            "--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)"
+        )
 
     p = verb("demo", _demo, "record, fit and diagnose on fake instruments, ending in an HTML report")
     p.add_argument("--out", type=Path, default=Path("demo"), help="folder for recordings and report")
     p.add_argument("--seed", type=int, help="repeat a demo: the seed chooses the withheld effect and the noise")
     p.add_argument("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)")
+    p.add_argument(
+        "--effect", metavar="ID=SIZE", help="withhold this effect of the virtual robot instead of a drawn one"
+    )
 
     p = verb("check", _check, "connect to each instrument: identity, rate, age, limits", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
     p.add_argument("--move", action="store_true", help="move each actuator a little and compare with rig.yaml")
-    p.add_argument("--yes", action="store_true", help="with --move: do not ask; nobody is within reach")
+    p.add_argument(
+        "--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"
+    )
     p.add_argument(
         "--seconds", type=float, default=2.0, help="host seconds over which stream rates and losses are counted"
     )
@@ -185,7 +226,7 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument(
             "protocol",
             nargs="?" if name == "run" else None,
-            help="stiffness, bending, elongation, one of an installed package, or a protocol file (.yaml, .py)",
+            help="stiffness, bending, elongation, a protocol of an installed package, or a protocol file (.yaml, .py)",
         )
         p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
         p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one parameter")
@@ -203,23 +244,31 @@ def parser() -> argparse.ArgumentParser:
         "--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"
     )
     p.add_argument("--seed", type=int, default=0, help="seed of all noise")
-    p.add_argument("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or an installed one")
-    p.add_argument("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'")
-    p.add_argument("--firmware", default="10v20.0-R24", help="of an Alicat; before 6v00 it does not report its unit")
-    p.add_argument("--unit", default="kPa", help="unit that an Alicat reads and accepts, such as psi")
     p.add_argument(
-        "--swap", metavar="I,K", help="two channels whose hoses are exchanged, for `lab check --move` to find"
+        "--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a fake of an installed package"
     )
-    p.add_argument("--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or an installed one")
+    p.add_argument("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'")
+    p.add_argument(
+        "--firmware", default="10v20.0-R24", help="firmware of an Alicat; before 6v00 it does not report its unit"
+    )
+    p.add_argument("--unit", default="kPa", help="unit that an Alicat reads and accepts, such as psi")
+    p.add_argument("--swap", metavar="I,K", help="two channels whose hoses are swapped, for `lab check --move` to find")
+    p.add_argument(
+        "--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or a fake of an installed package"
+    )
     for role, usual, what in (("arm", "ur5", "the arm"), ("force", "ft300s", "the force sensor"),
                               ("valve", "numato", "the jamming valve"), ("gauge", "pfeiffer", "the vacuum gauge"),
                               ("mocap", "natnet", "the motion capture")):  # fmt: skip
-        p.add_argument(f"--{role}", metavar="DRIVER", default=usual, help=f"{what}: {usual}, or an installed one")
+        p.add_argument(
+            f"--{role}", metavar="DRIVER", default=usual, help=f"{what}: {usual}, or a fake of an installed package"
+        )
     p.add_argument(
-        "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="a sensor of the lab's own (repeatable)"
+        "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"
     )
-    p.add_argument("--channels", choices=("3", "9"), default="3", help="three sets of three chambers, or nine separate")
-    p.add_argument("--robot", type=Path, help="robot.yaml of the robot to play; the paper's unless given")
+    p.add_argument(
+        "--channels", choices=("3", "9"), default="3", help="three groups of three chambers, or nine separate chambers"
+    )
+    p.add_argument("--robot", type=Path, help="robot.yaml of the robot to simulate (default: the paper's robot)")
     p.add_argument("--rig", type=Path, help="write rig.yaml and robot.yaml here instead of printing")
     p.add_argument("--list-effects", action="store_true", help="list what can be switched on")
 
@@ -232,19 +281,24 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--spine", type=float, metavar="M", help="only runs that set this spine length, m")
     p = verb("verify", _verify, "compare every checksum, record and index of a recording", reads=True)
     p.add_argument("file", type=Path)
-    p = verb("recover", _recover, "keep all that can be read of a damaged or torn recording", reads=True)
+    p = verb("recover", _recover, "save all that can be read of a damaged or truncated recording", reads=True)
     p.add_argument("file", type=Path)
     p.add_argument("--out", type=Path, help="the new file (default: <name>-recovered.mcap beside the old one)")
     p = verb(
         "replay",
         _replay,
-        "conclude the trials again from the recording alone and compare with the live run",
+        "compute the trials again from the recording alone and compare with the live run",
         reads=True,
     )
     p.add_argument("file", type=Path)
-    p.add_argument("--play", action="store_true", help="print all messages as JSON lines in the order of time instead")
-    p.add_argument("--speed", type=float, default=math.inf, help="with --play: times rig time (default: at once)")
-    p = verb("export", _export, "recording to CSV or Parquet files or to a case folder", reads=True)
+    p.add_argument("--play", action="store_true", help="print all messages as JSON lines in order of time instead")
+    p.add_argument(
+        "--speed",
+        type=float,
+        default=math.inf,
+        help="with --play: how much faster than rig time (default: without waiting)",
+    )
+    p = verb("export", _export, "write a recording as CSV or Parquet files, or as a case folder", reads=True)
     p.add_argument("file", type=Path, nargs="+")
     p.add_argument("--out", type=Path, required=True)
     p.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
@@ -256,6 +310,56 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap) or a case folder")
         p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
         p.add_argument("--out", type=Path, help="folder for figures and the calibrated robot.yaml")
+        if name == "fit":
+            p.add_argument(
+                "--with",
+                dest="with_effects",
+                type=_names,
+                metavar="EFFECT[,EFFECT..]",
+                help="fit these effects too, and write them into robot.yaml with their uncertainty",
+            )
+            p.add_argument(
+                "--samples",
+                type=int,
+                default=0,
+                metavar="N",
+                help="with --with: write N robots drawn from the posterior",
+            )
+            p.add_argument("--seed", type=int, default=0, help="seed of --samples (default 0)")
+            own_effects(p)
+
+    p = verb(
+        "predict", _predict, "where the tip will be, with 95 % intervals; or pressures for wanted tips", reads=True
+    )
+    p.add_argument("--robot", type=Path, required=True, help="robot.yaml, with its effects (lab fit --with)")
+    given = p.add_mutually_exclusive_group(required=True)
+    given.add_argument("--protocol", help="the states of a protocol: its name, or a protocol file (.yaml, .py)")
+    given.add_argument(
+        "--table",
+        type=Path,
+        metavar="STATES.csv",
+        help="the states of a table: p1 .. in Pa, spine_length in m; or a trials.csv",
+    )
+    given.add_argument(
+        "--inverse",
+        type=Path,
+        metavar="TARGETS.csv",
+        help="pressures for wanted tips: x, y, z in m; an empty cell is free",
+    )
+    p.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="with --protocol: change one parameter"
+    )
+    p.add_argument("--spine-length", type=float, metavar="M", help="with --inverse: keep the spine at this length, m")
+    p.add_argument(
+        "--groups",
+        type=_groups,
+        metavar="'9,1,2 3,4,5'",
+        help="with --inverse: chambers that share a regulator (others stay vented)",
+    )
+    p.add_argument("--max-pressure", type=float, metavar="PA", help="with --inverse: less than robot.yaml allows, Pa")
+    p.add_argument("--out", type=Path, metavar="FILE.csv", help="write all rows here")
+    p.add_argument("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)")
+    own_effects(p)
 
     p = verb(
         "diagnose", _diagnose, "the gap: where it lies, which effect causes it, how far it shrinks, what to do next"
@@ -265,12 +369,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--json", type=Path, metavar="OUT", help="write diagnosis.json here")
     p.add_argument("--report", type=Path, metavar="OUT.html", help="write the page with all figures here")
     p.add_argument("--protocols", type=Path, metavar="FOLDER", help="write the proposed experiments as protocol files")
-    p.add_argument("--reference", type=Path, metavar="A", help="an earlier campaign: say what changed since")
+    p.add_argument("--reference", type=Path, metavar="A", help="an earlier campaign: report what has changed since")
     p.add_argument(
         "--holdout",
         type=Path,
         metavar="B",
-        help="a campaign the fit never sees (case folder or .mcap): try the answer on it",
+        help="a campaign that is not fitted (case folder or .mcap): test the answer on it",
     )
     p.add_argument("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
     p.add_argument("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")
@@ -278,17 +382,17 @@ def parser() -> argparse.ArgumentParser:
 
     from .blind.options import add_arguments
 
-    add_arguments(verb("blind", _blind, "sealed cases: make them, diagnose them without the seal, score"))
+    add_arguments(verb("blind", _blind, "sealed test cases: make them, diagnose them blind, score the answers"))
 
-    p = verb("effects", _effects, "the catalogue of effects and the signature of each, drawn", reads=True)
+    p = verb("effects", _effects, "the catalogue of effects, with a figure of the signature of each", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/effects"), help="folder for the picture")
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the paper's robot)")
     own_effects(p)
 
-    p = verb("schema", _schema, "the JSON schema of a file that people write, for their editor")
+    p = verb("schema", _schema, "JSON schema of rig.yaml, robot.yaml or a protocol file, for your editor")
     p.add_argument("file", metavar="rig|robot|PROTOCOL")
 
-    p = verb("completion", _completion, "what a shell needs to complete verbs, options and files")
+    p = verb("completion", _completion, "print the shell's completion script for verbs, options and files")
     p.add_argument("shell", choices=("bash", "zsh"))
 
     p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)

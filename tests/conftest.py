@@ -1,28 +1,39 @@
 """Tests run in three processes. Whatever runs a whole rig of fakes shares one of them, and so does what would starve a rig (a
-cluster of processes); so does whatever solves rods, each kind of which is compiled once, in the process that first needs it.
-All others stay together file by file."""
+cluster of processes): two rigs starve each other on two processors, from four on the room safety has its own. Whatever solves
+rods shares another, since each kind of rod is compiled once, in the process that first needs it. All others stay together file by
+file. What talks to instruments waits mostly, and is late when it may not run at once: all else has a lower priority."""
 
 from __future__ import annotations
 
-from typing import Any
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
-RIG, RODS = "rig", "rods"
+if TYPE_CHECKING:
+    from sim_fakes.rig import FakeRig
+
+RIG, CALLS, RODS = "rig", "call order", "rods"
+SAFETY = "rig of safety" if (os.cpu_count() or 1) >= 4 else RIG
 GROUPS = {
     "docs": RIG,
-    "safety": RIG,
-    "test_call_order.py": "call order",
-    "test_call_order_network.py": "call order",
+    "safety": SAFETY,
+    "test_call_order.py": CALLS,
+    "test_call_order_network.py": CALLS,
+    "test_contract.py": RIG,
     "test_bad_input.py": RIG,
     "test_blind_wire.py": RIG,
     "test_check_moves.py": RIG,
     "test_cluster.py": RIG,
     "test_end_to_end.py": RIG,
+    "test_front_door.py": RIG,
+    "test_own_protocol.py": RIG,
     "test_plain_text_on_a_rig.py": RIG,
     "test_proposed_experiments.py": RIG,
     "test_resume.py": RIG,
+    "test_three_chambers.py": RIG,
     "test_who_may_speak.py": RIG,
     "diagnosis": RODS,
     "model": RODS,
@@ -34,18 +45,52 @@ GROUPS = {
     "test_paper.py": RODS,
     "test_paper_findings.py": RODS,
     "test_pushes_page.py": RODS,
+    "test_predict_verb.py": RODS,
     "test_sampled_evidence.py": RODS,
+    "test_use.py": RODS,
 }
 """By folder or file. (The marks of pytest-xdist 3.8 for groups do nothing with pytest 9.2.)"""
+ORDER = (RIG, SAFETY, RODS, CALLS)
+"""What takes longest begins first, then what talks to instruments: a process that has stepped back does not come forward."""
+NICE = 15
+
+
+def group(nodeid: str) -> str:
+    """The group of a test."""
+    path = nodeid.partition("::")[0].removeprefix("tests/").split("/")
+    return GROUPS.get(path[-1], GROUPS.get(path[0], "/".join(path)))
 
 
 class ByGroup(LoadScopeScheduling):  # type: ignore[misc]
-    """Hands out groups, those of most tests first."""
+    """Hands out groups, in the order of their first tests."""
 
     def _split_scope(self, nodeid: str) -> str:
-        path = nodeid.partition("::")[0].removeprefix("tests/").split("/")
-        return GROUPS.get(path[-1], GROUPS.get(path[0], "/".join(path)))
+        return group(nodeid)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> ByGroup:
+    config.option.loadscopereorder = False
     return ByGroup(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The groups of `ORDER` first."""
+    items.sort(key=lambda item: (*ORDER, group(item.nodeid)).index(group(item.nodeid)))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Beside other processes, whatever does not talk to instruments steps back."""
+    name = group(item.nodeid)
+    talks = name in (RIG, SAFETY, CALLS) or name.startswith("drivers/")
+    if hasattr(item.config, "workerinput") and not talks and os.getpriority(os.PRIO_PROCESS, 0) < NICE:
+        os.setpriority(os.PRIO_PROCESS, 0, NICE)
+
+
+@pytest.fixture(scope="session")
+def whole_rig() -> Iterator[FakeRig]:
+    """All fakes of a rig, at twenty times real speed and without effects; started once, since also a rig that nobody uses
+    takes a sixth of a processor."""
+    from sim_fakes.rig import FakeRig  # with a compiler, which few of the tests need
+
+    with FakeRig(speed=20.0, seed=1) as running:
+        yield running

@@ -29,9 +29,11 @@ def _make(a: argparse.Namespace) -> int:
     low, high = a.sizes
     clutter, wire = a.clutter or 0.0, WIRED if a.wire is None else a.wire
     if not 0 < low <= high <= 5 or not 0 <= clutter <= 1:
-        raise ConfigError(f"--sizes {low:g} {high:g} must rise within 0..5, --clutter {clutter:g} lie within 0..1")
+        raise ConfigError(
+            f"--sizes {low:g} {high:g} must increase within 0..5, and --clutter {clutter:g} must be within 0..1"
+        )
     if a.n < 1 or wire < 0:
-        raise ConfigError(f"--n {a.n} must be 1 or more, --wire {wire} not below 0")
+        raise ConfigError(f"--n {a.n} must be 1 or more, and --wire {wire} not below 0")
     if a.world != OWN_WORLD:
         return _make_world(a)
     if a.kind or a.held_out:
@@ -49,9 +51,7 @@ def _make_world(a: argparse.Namespace) -> int:
     from .worlds.truth import WorldRecipe
 
     if a.wire or a.only:
-        raise ConfigError(
-            "--wire and --only are for the virtual robot: with --world leave them out, and ask with --kind"
-        )
+        raise ConfigError("--wire and --only are for the virtual robot: with --world leave them out, and use --kind")
     low, high = a.sizes
     recipe = WorldRecipe(a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.settled, a.held_out)
     digest = make_world(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, crew=_crew(a))

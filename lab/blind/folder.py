@@ -69,6 +69,13 @@ class SetFolder:
         return _read(self.commitment, "make a set with `lab blind make`")
 
 
+def new_set(root: Path) -> SetFolder:
+    """The folder of a set that is to be made; raises ConfigError when something is in it."""
+    if root.exists() and any(root.iterdir()):
+        raise ConfigError(f"{root}: is not empty; give each set a new folder, so that no truth is drawn twice")
+    return SetFolder(root)
+
+
 def seal(folder: SetFolder, truths: Sequence[Sealed], seed: int, about: dict[str, Any]) -> str:
     """Write the truth with a salt, then its digest where everybody sees it; returns the digest.
 
@@ -90,7 +97,7 @@ def open_seal(folder: SetFolder) -> dict[str, dict[str, Any]]:
     try:
         data = read_bounded(folder.seal, LARGEST, ConfigError)
     except ConfigError as e:
-        raise ConfigError(f"{e}; a set is scored where its seal is") from e
+        raise ConfigError(f"{e}; score a set in the folder that has its seal") from e
     found = hashlib.sha256(data).hexdigest()
     if found != promised:
         raise ConfigError(

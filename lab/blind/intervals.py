@@ -28,9 +28,13 @@ def share(right: Array) -> Interval:
     n, k = len(right), int(np.sum(right))
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)
-    low = 0.0 if k == 0 else float(beta.ppf(0.025, k, n - k + 1))
-    high = 1.0 if k == n else float(beta.ppf(0.975, k + 1, n - k))
-    return Interval(k / n, low, high, n)
+    return Interval(k / n, *clopper_pearson(k, n), n)
+
+
+def clopper_pearson(hits: int, n: int) -> tuple[float, float]:
+    """95 % interval of a share."""
+    low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
+    return low, float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
 
 
 def bootstrap(values: Array, statistic: Callable[[Array], float], seed: int = 0) -> Interval:

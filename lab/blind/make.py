@@ -18,7 +18,7 @@ from ..files.example import paper_robot
 from .bench_robot import BenchRobot
 from .designs import Design, design, joined
 from .drive import measure
-from .folder import SetFolder, seal
+from .folder import SetFolder, new_set, seal
 from .sweeps import BASE, BASE_SETTLED, MENU, Sweep
 from .truth import Recipe, Truth, draw, draw_one
 from .wire import measure_by_wire
@@ -56,9 +56,7 @@ def make(
     its own for each spine length, as the paper does, instead of one for all.
     """
     shown = design(design_name)
-    if root.exists() and any(root.iterdir()):
-        raise ConfigError(f"{root}: is not empty; a set gets a folder of its own, so that no truth is drawn twice")
-    folder = SetFolder(root)
+    folder = new_set(root)
     orders = [Order(t, recipe, shown, folder, menu or shown.extras, per_length) for t in draw(recipe)]
     # the wired ones take longest and go first
     orders.sort(key=lambda o: o.truth.route != "wire")
@@ -81,7 +79,9 @@ def make_case(order: Order) -> Truth:
             tables = _measure(order, truth)
         except NoEquilibrium:
             continue
-        _write(order, tables)
+        write_case(
+            order.folder.case(order.truth.case), tables, order.design, menu=order.menu, per_length=order.per_length
+        )
         return truth
     raise ConfigError(f"case {truth.case}: no equilibrium in {ATTEMPTS} draws of its sizes; use smaller --sizes")
 
@@ -107,13 +107,13 @@ def _wired(order: Order, truth: Truth, base: Sweep) -> Table:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def _write(order: Order, tables: dict[str, Table]) -> None:
-    shown, folder = order.design, order.folder.case(order.truth.case)
+def write_case(folder: Path, tables: dict[str, Table], shown: Design, *, menu: bool, per_length: bool) -> None:
+    """A case folder with what the design shows; `menu`: the experiments that may be asked for lie beside it."""
     folder.mkdir(parents=True)
-    (folder / "robot.yaml").write_text(robot_yaml(markers=shown.markers, per_length=order.per_length))
+    (folder / "robot.yaml").write_text(robot_yaml(markers=shown.markers, per_length=per_length))
     extras = [tables[s.name] for s in MENU] if shown.extras else []
     write_csv(shown.show(joined([tables["base"], *extras])), folder / "trials.csv")
-    if order.menu and not shown.extras:
+    if menu and not shown.extras:
         (folder / "menu").mkdir()
         for name, table in tables.items():
             write_csv(table, folder / "menu" / f"{name}.csv")

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:
     from .truth import Kind
 
-STRATA = (
-    "clean",
-    "none",
-    "cluttered",
-    "cluttered_none",
-    "pairs",
-    "cluttered_pairs",
-    "outside",
-    "cluttered_outside",
-    "walls",
-)
+Stratum = Literal[
+    "clean", "none", "cluttered", "cluttered_none", "pairs", "cluttered_pairs", "outside", "cluttered_outside", "walls"
+]
+STRATA: tuple[Stratum, ...] = get_args(Stratum)
 """What `--kind` may ask of a world."""
 KINDS: tuple[Kind, ...] = ("single", "pair", "none", "outside")
 
@@ -34,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p = steps.add_parser("make", help="draw the truth, measure the cases, seal the truth")
     p.add_argument("out", type=Path, help="an empty folder")
     p.add_argument("--n", type=int, default=200, help="cases (default 200)")
-    p.add_argument("--seed", type=int, required=True, help="a number that was not used before")
+    p.add_argument("--seed", type=int, required=True, help="seed, one that was not used before")
     p.add_argument("--design", default="full", help="tip, full (orientation and unload), full+markers, full+extras")
     p.add_argument(
         "--clutter",
@@ -51,12 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--kind",
         action="append",
         choices=STRATA,
-        help="with --world: cases of this kind alone; may be given again (default: a mixture)",
+        help="with --world: only cases of this kind (repeatable; default: a mixture)",
     )
     p.add_argument(
         "--held-out",
         action="store_true",
-        help="with --world: outside causes that nothing was developed on; for a last score",
+        help="with --world: held-out outside causes, never used in development; for a final score",
     )
     p.add_argument(
         "--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"
@@ -64,14 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly")
     p.add_argument("--per-length", action="store_true", help="an area factor of its own for each spine length")
     p.add_argument("--wire", type=int, help="cases measured through every wire (default 10, with --world 0)")
-    p.add_argument("--no-menu", action="store_true", help="no further experiments to ask for")
-    p.add_argument(
-        "--only", action="append", choices=KINDS, help="cases of this kind alone; may be given again (default: all)"
-    )
+    p.add_argument("--no-menu", action="store_true", help="offer no further experiments")
+    p.add_argument("--only", action="append", choices=KINDS, help="only cases of this kind (repeatable; default: all)")
     _crew(p)
     p = steps.add_parser("run", help="diagnose every case; the seal stays closed")
     p.add_argument("out", type=Path)
-    p.add_argument("--chosen", type=int, default=0, help="experiments that the diagnosis may ask for (0 to 3)")
+    p.add_argument("--chosen", type=int, default=0, help="experiments that the diagnosis may request (0 to 3)")
     _crew(p)
     p.add_argument("--quick", action="store_true", help="no held-out errors and no next experiments")
     p = steps.add_parser("score", help="open the seal and score")

@@ -24,19 +24,11 @@ from .workers import Crew, spread
 
 Diagnose = Callable[[Path], dict[str, Any]]
 """A case folder in, diagnosis.json out."""
-WORDS = {
-    "tip_mass": ("tip mass", "tip_mass"),
-    "all_chambers": ("all chambers", "all nine", "all_chambers", "elongation"),
-    "other_group": ("other chamber", "other group", "other_group", "other_chambers"),
-    "roll": ("roll",),
-    "hold": ("hold", "held"),
-    "fast": ("fast", "rate"),
-    "vacuum": ("vacuum",),
-    "unload": ("unload",),
-    "orientation": ("orientation",),
-    "markers": ("marker",),
-}
-"""How a diagnosis may call what is on the menu."""
+MENU_OF = {
+    "unload": "unload", "orientation": "orientation", "markers": "markers", "elongation": "all_chambers",
+    "other_chambers": "other_group", "roll": "roll", "tip_mass": "tip_mass", "hold": "hold", "rate": "fast", "vacuum": "vacuum",
+}  # fmt: skip
+"""What is on the menu, by the id that a diagnosis has for it."""
 
 
 @dataclass(frozen=True)
@@ -98,17 +90,8 @@ def _diagnosed(diagnose: Diagnose, robot: Path, table: Table) -> dict[str, Any]:
 
 def wanted(diagnosis: dict[str, Any], had: Sequence[str]) -> str | None:
     """The first experiment of `next_experiment` that is on the menu and was not done yet; None when none is."""
-    for item in diagnosis.get("next_experiment") or ():
-        key = menu_key(f"{item.get('id', '')} {item.get('do', '')}")
-        if key is not None and key not in had:
-            return key
-    return None
-
-
-def menu_key(text: str) -> str | None:
-    """What a diagnosis means by its words; None for what is not on the menu."""
-    text = text.lower()
-    return next((key for key, words in WORDS.items() if any(w in text for w in words)), None)
+    asked = (MENU_OF.get(item.get("id")) for item in diagnosis.get("next_experiment") or ())
+    return next((key for key in asked if key is not None and key not in had), None)
 
 
 def granted(table: Table, menu: Path, wish: str) -> Table:
@@ -155,5 +138,5 @@ def _widened(table: Table, base: Table, channel: str) -> Table:
     return Table(tuple(rows))
 
 
-if set(WORDS) != {s.name for s in MENU} | set(CHANNELS):
-    raise RuntimeError("words and menu name different experiments")
+if set(MENU_OF.values()) != {s.name for s in MENU} | set(CHANNELS):
+    raise RuntimeError("diagnosis and menu name different experiments")

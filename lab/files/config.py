@@ -33,6 +33,13 @@ class ConfigError(Exception):
     """A file or an argument that cannot be used; its text lists every problem. Exit code 2."""
 
 
+def demand_writable(*paths: Path | None) -> None:
+    """A missing folder is reported before minutes are spent, not after; raises ConfigError. None: not wanted."""
+    for path in paths:
+        if path is not None and (path.is_dir() or not path.parent.is_dir()):
+            raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
+
+
 @dataclass(frozen=True)
 class Source:
     """A parsed file: its values, and the line on which each key stands."""
@@ -78,7 +85,7 @@ def load(path: Path, model: type[M]) -> M:
 def check(source: Source, model: type[M]) -> M:
     """Turn parsed values into `model`; raises ConfigError with all problems."""
     if not isinstance(source.data, dict):
-        raise ConfigError(f"{source.name}: holds {_short(source.data)}, not a table of keys and values")
+        raise ConfigError(f"{source.name}: contains {_short(source.data)}, not a table of keys and values")
     problems: dict[Loc, str | ErrorDetails] = {}
     data = _convert_model(source.data, model, (), problems)
     try:

@@ -37,7 +37,7 @@ class Case:
         """States with a tip: conditions, tips (n, 3) m in the base frame, trial numbers (n,)."""
         rows = [r for r in self.table if r.tip is not None and r.protocol != "stiffness"]
         if not rows:
-            raise ConfigError("the input holds no state with a tip position; record a bending or elongation run")
+            raise ConfigError("the input contains no state with a tip position; record a bending or elongation run")
         return _conditions(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
 
 
@@ -72,7 +72,9 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     name, robot = robots[0]
     for other, its in robots[1:]:
         if _body(its) != _body(robot):
-            raise ConfigError(f"{other}: was recorded with another robot.yaml than {name}; give one with --robot")
+            raise ConfigError(
+                f"{other}: was recorded with a different robot.yaml than {name}; give one for all with --robot"
+            )
     rows: list[TrialRow] = []
     for file, table in parts:
         _demand_plausible(robot, table, file)

@@ -24,6 +24,13 @@ def effects_from_file(path: Path) -> tuple[EffectSpec, ...]:
         raise ConfigError(f"{path}: {error}") from error
 
 
+def stated_by(robot: Robot, file: Path | None = None) -> Mapping[str, EffectSpec]:
+    """A catalogue that knows the effects in robot.yaml: the project's own where they suffice. Raises as `catalogue`."""
+    if file is None and set(robot.effects) <= set(CATALOGUE):
+        return CATALOGUE
+    return catalogue(robot, file)[0]
+
+
 def catalogue(robot: Robot, file: Path | None = None) -> tuple[Mapping[str, EffectSpec], tuple[str, ...]]:
     """All effects by id, and what is not among them though an installed package announces it: an answer that weighs less than
     it seems to must say so.
@@ -34,7 +41,7 @@ def catalogue(robot: Robot, file: Path | None = None) -> tuple[Mapping[str, Effe
     def tried(name: str, thing: object) -> dict[str, EffectSpec]:
         try:
             specs = announced(thing)
-            prove(robot, specs)
+            prove(robot.plain, specs)
         except BadEffect as error:
             raise Unusable(str(error)) from error
         return {spec.id: spec for spec in specs}
@@ -42,5 +49,5 @@ def catalogue(robot: Robot, file: Path | None = None) -> tuple[Mapping[str, Effe
     found = installed(GROUP, CATALOGUE, tried)
     own = effects_from_file(file) if file is not None else ()
     merged = with_effects(own, found.usable)
-    prove(robot, own)
+    prove(robot.plain, own)
     return merged, (*found.broken.values(), *found.doubts.values())

@@ -52,7 +52,7 @@ class Entry:
     @property
     def remedy(self) -> str:
         """What a person can do about it."""
-        return f"mend it or remove it: pip uninstall {self.package}"
+        return f"repair it or remove it: pip uninstall {self.package}"
 
 
 def installed(
@@ -92,7 +92,9 @@ def _settled(
     for name in {**offers, **faults}:
         offered, wrong = offers.get(name, []), faults.get(name, [])
         if name in own or name in missing:
-            taken = [f"{e}: the name {name} is this software's own and stays so; {e.remedy}" for e, _ in offered]
+            taken = [
+                f"{e}: the name {name} belongs to this software and is not replaced; {e.remedy}" for e, _ in offered
+            ]
             doubts[name] = "\n".join([*taken, *wrong])
         elif len(offered) == 1:
             usable[name] = offered[0][1]
@@ -110,7 +112,7 @@ def _contested(name: str, entries: Collection[Entry]) -> str:
     entries = sorted(entries, key=str)
     packages = " and ".join(f"{e.package} {e.version}" for e in entries)
     each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(e.package for e in entries))
-    return f"packages {packages} both announce {name}, so neither is used; keep one: {each}"
+    return f"packages {packages} both register {name}, so neither is used; keep one: {each}"
 
 
 def python_file(path: Path) -> ModuleType:
@@ -120,7 +122,7 @@ def python_file(path: Path) -> ModuleType:
     """
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise ConfigError(f"{path}: is no Python file that can be read")
+        raise ConfigError(f"{path}: is not a readable Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # where the annotations of its classes are looked up
     try:

@@ -69,7 +69,7 @@ def _journal_of(run: Path) -> Path:
 def _beside(file: Path, name: str) -> Path:
     """A file that another one names; ConfigError when it lies elsewhere."""
     if not name or Path(name).name != name or "\0" in name or len(name.encode()) > LONGEST_NAME:
-        raise ConfigError(f"{file}: names {name[:80]!r}, which is not a file beside it")
+        raise ConfigError(f"{file}: names {name[:80]!r}, which is not a file in the same folder")
     return file.parent / name
 
 
@@ -77,8 +77,8 @@ def _open(path: Path, campaign: str) -> Recording:
     """One recording of the campaign, or what was recovered of it; an unfinished file is read as far as it goes."""
     saved = path.with_name(f"{path.stem}-recovered.mcap")
     if not path.exists() and not saved.exists():
-        raise ConfigError(f"{path}: is named in the journal but missing; put it beside the journal")
+        raise ConfigError(f"{path}: is named in the journal but missing; put it in the journal's folder")
     recording = Recording.open(path if path.exists() else saved, truncated=True)
     if campaign_of(recording) != campaign:
-        raise ConfigError(f"{recording.path}: belongs to another campaign than the journal says")
+        raise ConfigError(f"{recording.path}: belongs to a different campaign than the journal")
     return recording

@@ -147,7 +147,7 @@ class Stand(Table):
                 raise ValueError(f"{name} must be a unit vector; its length is {length:.4g}")
         along = sum(a * b for a, b in zip(self.axis, self.push, strict=True))
         if abs(along) > 1e-3:
-            raise ValueError(f"push must be at a right angle to axis; their product is {along:.4g}")
+            raise ValueError(f"push must be perpendicular to axis; their dot product is {along:.4g}")
         return self
 
 
@@ -208,8 +208,8 @@ class Limits(Table):
 LONGEST_SOCKET_PATH = 108
 """Bytes that Linux has for the path of a socket, the closing zero included."""
 OPERATORS = (
-    "write console, or unix:/FOLDER/operator.sock: the socket of a program of yours, in a folder of mode 0700, the path "
-    f"shorter than {LONGEST_SOCKET_PATH} bytes"
+    "write console, or unix:/FOLDER/operator.sock: the socket of a program of yours, in a folder of mode 0700, with a "
+    f"path shorter than {LONGEST_SOCKET_PATH} bytes"
 )
 
 

@@ -44,7 +44,9 @@ def to_si(text: str, unit: str) -> float:
         return value
     factors = KINDS.get(unit, {unit: 1.0})
     if name not in factors:
-        raise UnitError(f"{text!r} has the unit {name!r}, but this is in {unit}; use one of {', '.join(factors)}")
+        raise UnitError(
+            f"{text!r} has the unit {name!r}, but a value in {unit} is needed; use one of {', '.join(factors)}"
+        )
     return value * factors[name]
 
 

@@ -8,12 +8,14 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from diagnosis.answer.result import Diagnosis
 from model.compare import ErrorTable
 
 from ..calibration import Calibration
 from ..comparison import Comparison
 from ..files.inputs import Case
 from ..rig.losses import losses
+from .diagnosis_figures import unseen_tips
 from .figures import stiffness_curves, story, tip_curves
 from .report import Report
 
@@ -44,19 +46,28 @@ def write(
     case: Case,
     files: list[Path],
     fit: Calibration,
-    before: Comparison,
-    after: Comparison,
+    compared: tuple[Comparison, Comparison],
     equal: bool,
     seal: Seal,
+    answer: Diagnosis,
 ) -> Path:
-    """The page with everything that was seen."""
+    """The page with everything that was seen; `compared` with the paper's parameters and calibrated."""
+    before, after = compared
     report = Report(
         "A day in the lab, without hardware",
         f"{time.strftime('%Y-%m-%d %H:%M')}, {len(case.table)} states, recorded in {' and '.join(f.name for f in files)}",
-        f"The model with the paper's parameters misses the tip by {before.table.rmse * 1e3:.1f} mm rms; calibrated per "
-        f"spine length by {after.table.rmse * 1e3:.1f} mm. Replayed from the files alone, "
+        f"{answer.statement} Withheld was {seal.effect}. Replayed from the files alone, "
         f"{'every number is the same' if equal else 'numbers DIFFER'}.",
     )
+    found = report.section("What was withheld, and what was found")
+    if "given" in answer.detail["states"]:
+        found.figure(
+            unseen_tips(answer, folder / "unseen.png"),
+            "Measured tip and three models on states that no fit saw: as given, calibrated, with the cause. Below: what the last "
+            "two miss; grey: noise floor. diagnosis.html has the whole answer",
+        )
+    found.text(f"On was {seal.effect} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
+    found.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
     paper = case.robot.spine.modulus if case.robot.spine else {}
     whole = report.section("In one picture")
     whole.figure(
@@ -77,7 +88,7 @@ def write(
     )
     fitted.table(*_errors(after.table))
     fitted.table(
-        ["spine", "A_eff / A", "standard error", "left over, mm rms"],
+        ["spine", "A_eff / A", "standard error", "residual, mm rms"],
         [
             [f"{k * 100:.0f} cm", f"{a.factor.value:.3f}", f"{a.factor.standard_error:.3f}", f"{a.rmse * 1e3:.2f}"]
             for k, a in fit.area_factor_by_length.items()
@@ -85,9 +96,6 @@ def write(
     )
     said, head, rows = losses(files)
     report.section("What was recorded, and what was lost").text(said).table(head, rows)
-    end = report.section("What was withheld")
-    end.text(f"{seal.effect} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
-    end.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
     return report.write(folder / "report.html")
 
 

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: which effects the data tell apart, and how large the named one is."""
+"""Figure of a diagnosis: how large the named effect is."""
 
 from __future__ import annotations
 
@@ -9,46 +9,10 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.patches import Rectangle
 
 from .figures import STYLE, save
 
 BLUE, RED, GREY = "#20639b", "#b5382a", "#8a8a8a"
-SMALLEST, LARGEST = 1.0, 1000.0
-"""Ends of the colour scale of separations."""
-PROBABLE = 0.01
-"""Effects more probable than this are in bold."""
-
-
-def distinguishability(found: Mapping[str, Any], path: Path) -> Path:
-    """T of each effect (row) against each other fitted in its place (column); ties framed, probable effects first."""
-    effects, tied = found["effects"], found["tied_below"]
-    n, values = len(effects), np.array(found["separation"], float)
-    with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(2.6 + 0.33 * n, 2.0 + 0.3 * n), layout="constrained")
-        image = axis.imshow(
-            np.clip(values, SMALLEST, LARGEST), norm=LogNorm(SMALLEST, LARGEST), cmap="viridis", aspect="auto"
-        )
-        for i in range(n):
-            for j in range(n):
-                dark = values[i, j] < 60
-                axis.text(
-                    j, i, _short(values[i, j]), ha="center", va="center", fontsize=5.5, color="w" if dark else "k"
-                )
-                if values[i, j] < tied:
-                    axis.add_patch(Rectangle((j - 0.46, i - 0.46), 0.92, 0.92, fill=False, ec=RED, lw=1.3))
-        axis.set_xticks(range(n), effects, rotation=90, fontsize=7.5)
-        axis.set_yticks(range(n), effects, fontsize=7.5)
-        for label, weight in zip((*axis.get_xticklabels(), *axis.get_yticklabels()), 2 * found["weight"], strict=True):
-            label.set_fontweight("bold" if weight > PROBABLE else "normal")
-        axis.grid(False)
-        axis.set_xlabel("fitted instead (diagonal: nothing fitted)")
-        axis.set_ylabel("at work")
-        bar = figure.colorbar(image, ax=axis, label="T, expected loss of chi-square", extend="both", aspect=40)
-        bar.ax.axhline(tied, color=RED, lw=1.5)
-        bar.ax.text(-0.3, tied, f"{tied:g} ", color=RED, ha="right", va="center", fontsize=8)
-        return save(figure, path)
 
 
 def sizes(found: Sequence[Mapping[str, Any]], path: Path) -> Path:
@@ -92,8 +56,3 @@ def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> 
     axis.set_xlim(left, right)
     axis.set_ylim(0, 1.25)
     axis.set_yticks([])
-
-
-def _short(value: float) -> str:
-    """As few characters as a cell holds."""
-    return f"{value:.0f}" if value < 999.5 else f"{value / 1e3:.0f}k" if value < 999.5e3 else "1M+"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,38 +11,59 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.result import Diagnosis, Waterfall
 from diagnosis.data.levels import levels
 
 from .figures import STYLE, colours, save
 
 Array = NDArray[np.float64]
-GREY, BLUE, RED = "#8a8a8a", "#20639b", "#b5382a"
+GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
 MM = 1e3
 
 
-def waterfall(d: Diagnosis, length: float, path: Path) -> Path:
-    """Rms error of the model as given, calibrated, explained, and on unseen data; `length` m of the robot."""
-    steps = dict(d.detail["waterfall_mm"])
-    floor = steps.pop("noise floor")
-    if d.shrink is not None:
-        steps |= {"unseen: calibrated": d.shrink.before_mm, "unseen: explained": d.shrink.after_mm}
-    if "holdout" in d.detail:
-        held = d.detail["holdout"]
-        steps |= {"held out: calibrated": held["before_mm"], "held out: explained": held["after_mm"]}
+HATCHES = {"calibration": "", "cause": "", "tolerances": "//", "regular": "..", "irregular": "xx", "noise": "||"}
+"""Steps can be told apart without colours."""
+
+
+def waterfall(w: Waterfall, names: Sequence[str], length: float, path: Path) -> Path:
+    """The gap as given and calibrated (left), and what each step takes of the latter (right); `length` m of the robot.
+
+    Two scales: as given the gap is often ten times what calibration leaves.
+    """
+    calibrated = w.steps[0].left_mm
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(7.2, 3.4), layout="constrained")
-        shades = [BLUE if "explained" in name or "hypothesis" in name else GREY for name in steps]
-        names = [name.replace(": ", ":\n").replace("best ", "best\n") for name in steps]
-        bars = axis.bar(names, list(steps.values()), 0.6, color=shades)
-        labels = [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in steps.values()]
-        axis.bar_label(bars, labels, fontsize=8, padding=2)
-        axis.axhline(floor, color=RED, lw=1.2, ls="--", label=f"noise floor {floor:.2f} mm")
-        axis.margins(y=0.2)
-        axis.set_ylabel(f"error of the {d.locate.of}, mm rms")
-        axis.grid(False, axis="x")
-        axis.tick_params(axis="x", labelsize=8)
-        axis.legend()
+        figure, (whole, steps) = plt.subplots(
+            1, 2, figsize=(9.0, 0.9 + 0.42 * len(names)), layout="constrained", width_ratios=(2, 5)
+        )
+        bars = whole.bar(["as given", "calibrated"], [w.given_mm, calibrated], 0.6, color=[LIGHT, GREY], ec="k", lw=0.6)
+        whole.bar_label(
+            bars, [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in (w.given_mm, calibrated)], fontsize=8, padding=2
+        )
+        whole.margins(y=0.25)
+        whole.set_ylabel("error, mm rms, unseen states")
+        whole.grid(False, axis="x")
+        for row, step in enumerate(w.steps[1:]):
+            colour = BLUE if step.step == "cause" else RED if step.step == "noise" else GREY
+            steps.barh(
+                row, step.mm, 0.62, left=step.left_mm, color=colour, ec="w" if step.step == "cause" else "k",
+                hatch=HATCHES[step.step], lw=0.6, alpha=1.0 if step.step == "cause" else 0.55,
+            )  # fmt: skip
+            ends = [step.left_mm + step.low95_mm, step.left_mm + step.high95_mm]
+            steps.plot(ends, [row, row], "-", color="k", lw=1.4)
+            steps.text(
+                max(step.left_mm + step.mm, step.left_mm, *ends),
+                row,
+                f"  {round(step.mm, 2) + 0.0:.2f}",
+                va="center",
+                fontsize=8,
+            )
+            steps.plot([step.left_mm] * 2, [row, row + 1], ":", color="0.5", lw=0.8)
+        steps.set_yticks(range(len(names) - 1), names[1:], fontsize=8)
+        steps.set_ylim(len(names) - 1.4, -0.6)
+        steps.set_xlabel(f"mm rms: from {calibrated:.2f} mm calibrated down to nothing")
+        steps.margins(x=0.12)
+        steps.axvline(0.0, color="k", lw=0.8)
+        steps.grid(False, axis="y")
         return save(figure, path)
 
 
@@ -104,6 +126,45 @@ def loops(d: Diagnosis, path: Path) -> Path:
         return save(figure, path)
 
 
+MODELS = (
+    ("given", ":", "as given"),
+    ("calibrated_unseen", "--", "calibrated"),
+    ("explained_unseen", "-", "with the cause"),
+)
+
+
+def unseen_tips(d: Diagnosis, path: Path) -> Path:
+    """Sideways tip position on the way up over pressure, per spine length: measured, and three models on unseen states.
+
+    Below, what the calibrated model and the one with the cause miss there.
+    """
+    s = _states(d)
+    own = (s["experiment"] == 0) & (s["branch"] == 1)
+    lengths = _levels(s["spine_length"][own], 0.01)
+    axis = int(np.nanargmax(np.nanstd(s["tip"][own, :2], axis=0)))
+    shown = lengths[np.unique(np.linspace(0, len(lengths) - 1, 4).round().astype(int))]
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(2, len(shown), figsize=(2.45 * len(shown), 4.6), layout="constrained", squeeze=False,
+                                    sharex=True, sharey="row", height_ratios=(3, 2))  # fmt: skip
+        for (top, below), length in zip(axes.T, shown, strict=True):
+            at = own & (np.abs(s["spine_length"] - length) < 0.01)
+            pressure, tip = s["pressure"][at], s["tip"][at, axis] * MM
+            for key, style, label in MODELS:
+                colour = BLUE if key == "explained_unseen" else "k" if key == "given" else GREY
+                there = s[key][at, axis] * MM
+                _curve(top, pressure, there, colour, style, label)
+                if key != "given":
+                    _curve(below, pressure, tip - there, colour, style, label)
+            top.plot(pressure / 1e3, tip, "o", color=RED, mfc="none", ms=4, label="measured")
+            top.set_title(f"spine {length * 100:.0f} cm", loc="left")
+            below.axhspan(-d.locate.noise_floor_mm, d.locate.noise_floor_mm, color="0.9")
+            below.set_xlabel("pressure, kPa")
+        axes[0, 0].set_ylabel(f"tip {'xyz'[axis]}, mm")
+        axes[1, 0].set_ylabel("measured minus\nmodel, mm")
+        axes[0, 0].legend(fontsize=7)
+        return save(figure, path)
+
+
 def posterior(d: Diagnosis, path: Path) -> Path:
     """Probability of each hypothesis; those that the data cannot distinguish are marked."""
     ranking = [r for r in d.attribute.ranking if r.probability > 0.002][:10][::-1]
@@ -123,7 +184,7 @@ def posterior(d: Diagnosis, path: Path) -> Path:
 
 def confounding(d: Diagnosis, path: Path) -> Path:
     """Share of each effect's tip displacement that a calibration takes over."""
-    one, per_length = d.detail["masking"]["one"], d.detail["masking"]["per_length"]
+    one, per_length = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
     names = sorted(one, key=lambda e: one[e])
     at = np.arange(len(names))
     with plt.rc_context(STYLE):
@@ -137,7 +198,7 @@ def confounding(d: Diagnosis, path: Path) -> Path:
             label="an area factor for each spine length",
         )
         axis.set_yticks(at, names, fontsize=8)
-        axis.set_xlabel("share of the effect that a calibration takes over, %")
+        axis.set_xlabel("share of the effect that a calibration absorbs, %")
         axis.grid(False, axis="y")
         axis.legend(loc="lower right")
         return save(figure, path)
@@ -170,7 +231,9 @@ def _mapped(s: dict[str, Array], gap: Array, own: NDArray[np.bool_], lengths: Ar
     return out
 
 
-def _curve(axis: Axes, pressure: Array, gap: Array, colour: tuple[float, ...], style: str) -> None:
+def _curve(
+    axis: Axes, pressure: Array, gap: Array, colour: tuple[float, ...] | str, style: str, label: str | None = None
+) -> None:
     if not pressure.size:
         return
     levels = _levels(pressure, 0.6 * _grain(pressure))
@@ -182,4 +245,5 @@ def _curve(axis: Axes, pressure: Array, gap: Array, colour: tuple[float, ...], s
         color=colour,
         lw=1.2,
         ms=4,
+        label=label,
     )

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 
 from diagnosis.answer.result import Diagnosis
-from diagnosis.compare_campaigns import Change
 from recordings.trials import Table
 
 from . import diagnosis_figures as draw
-from .diagnosis_attribution import distinguishability as draw_distinguishability
 from .diagnosis_attribution import sizes as draw_sizes
 from .diagnosis_shapes import shapes as draw_shapes
 from .pushes_figure import pushes as draw_pushes
@@ -30,73 +28,125 @@ MISFIT_LABELS = {
     "discrepancy_gain": "log evidence gained by a large discrepancy",
     "discrepancy_size": "size of the discrepancy, in noise floors",
     "lack_of_fit": "chi-square per degree of freedom",
-    "strain": "prior tension, standard deviations",
-    "strained": "parameter furthest from its prior",
-    "transport": "cross-prediction, chi-square per value",
-    "named": "effects named",
-    "odd_spine": "spine outlier, standard deviations",
-    "beyond": "excess scatter of repeats, factor",
+    "prior_tension": "prior tension, standard deviations",
+    "furthest_from_prior": "parameter furthest from its prior",
+    "cross_prediction": "cross-prediction, chi-square per value",
+    "effects_named": "effects named",
+    "spine_outlier": "spine outlier, standard deviations",
+    "excess_scatter": "excess scatter of repeats, factor",
     "outlier_trial": "trial that the others predict worst",
     "outlier_surprise": "its chi-square per value",
-    "trend": "trend over time, p-value",
 }
-"""Keys of `signs` in diagnosis.json -> labels on the page."""
+"""Keys of `detail.misfit` in diagnosis.json -> labels on the page."""
 
 
-def write(
-    d: Diagnosis, length: float, path: Path, source: str, change: Change | None = None, table: Table | None = None
-) -> Path:
-    """Write one offline page; `length` m of the robot, `source` what was diagnosed, `table` its states, for sensors of the lab's
-    own."""
+def write(d: Diagnosis, length: float, path: Path, source: str, table: Table | None = None) -> Path:
+    """Write one offline page: the answer, where it shows and what to do first; evidence next; details folded.
+
+    `length` m of the robot, `source` what was diagnosed, `table` its states, for sensors of the lab's own.
+    """
     report = Report("The gap between model and robot", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.statement)
+    tips = d.locate.of == "tip"
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        if d.concerns:
-            section = report.section("What these data cannot answer")
-            for concern in d.concerns:
-                section.text(concern)
-        if change is not None:
-            report.section("What changed since the reference").text(change.statement)
-        _how_much(report.section("How large, and how far it shrinks"), d, length, folder)
-        if "holdout" in d.detail:
-            _held_out(report.section("On a campaign that was not fitted"), d.detail["holdout"])
-        _where(report.section("Where"), d, folder)
-        if "stiffness" in d.detail:
-            _pushed(report.section("Stiffness trials"), d, folder)
-        tips = d.locate.of == "tip"
+        _steps(report.section("The gap, step by step"), d, length, folder)
         if tips:
-            _shapes(report.section("The robot's shape"), d, folder)
-        _which(report.section("Which cause"), d, folder)
-        if tips:
-            _distinguishability(report.section("Which effects these data can distinguish"), d, folder)
-        if d.detail["masking"]:
-            _confounding(report.section("Confounding: what a calibration takes over"), d, folder)
+            _where(report.section("Where it is"), d, folder)
         _next(report.section("What to do next"), d)
+        _which(report.section("Evidence: which cause"), d, folder)
+        if "holdout" in d.detail:
+            _held_out(report.section("Evidence: a campaign that was not fitted"), d.detail["holdout"])
+        if d.change is not None:
+            section = report.section("What changed since the reference")
+            section.text(d.change.statement)
+            rows = [[" + ".join(effects) or "nothing", f"{p:.3f}"] for effects, p in d.change.ranking[:6]]
+            section.table(("changed", "probability"), rows)
+        against = _against(d)
+        if against:
+            section = report.section("What speaks against the answer")
+            for line in against:
+                section.text(line)
+        if d.detail["sizes"]:
+            _sizes(report.section("How large the cause is", folded=True), d.detail["sizes"], folder)
+        _by_factor(report.section("The gap by spine length, pressure, branch and time", folded=True), d)
+        if "stiffness" in d.detail:
+            _pushed(report.section("Stiffness trials", folded=tips), d, folder)
+        if tips:
+            _alike(report.section("Which effects these data can distinguish", folded=True), d)
+        if d.detail["confounding"]:
+            _confounding(report.section("Confounding: what a calibration absorbs", folded=True), d, folder)
+        _misfit(report.section("Stages and misfit diagnostics", folded=True), d)
         if table is not None and quantities(table):
-            _sensors(report.section("What the lab's own sensors measured"), table, folder)
+            _sensors(report.section("What the lab's own sensors measured", folded=True), table, folder)
     return report.write(path)
 
 
-def _how_much(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
-    s.figure(
-        draw.waterfall(d, length, folder / "waterfall.png"),
-        f"{'Tip error' if d.locate.of == 'tip' else 'Error of the deflections'} step by step; unseen: each predicted without "
-        "its own data; held out: a campaign of its own (--holdout)",
-    )
-    if d.shrink is None:
+STEPS = {
+    "calibration": "calibration with one area factor",
+    "tolerances": "tolerances of every other effect",
+    "regular": "regular, but unexplained",
+    "irregular": "irregular, above the noise floor",
+    "noise": "noise floor: not repeatable",
+}
+"""Steps of the waterfall -> labels; a cause has its own name."""
+
+
+def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
+    w = d.waterfall
+    if w is None:
         s.text(
             "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown."
         )
         return
-    closed = "nothing can be closed" if d.shrink.share_closed is None else f"{_percent(d.shrink.share_closed)} %"
-    ends = d.shrink.ci95
-    interval = "" if ends is None else f" (95 %: {_percent(ends[0])} .. {_percent(ends[1])} %)"
-    s.text(f"{d.shrink.how}: share of the reducible gap closed: {closed}{interval}")
-    rows = [
-        [f"{100 * x.value:.0f} cm", str(x.n), f"{x.before_mm:.2f}", f"{x.after_mm:.2f}"]
-        for x in d.shrink.by_spine_length
+    names = [x.effect or STEPS[x.step] for x in w.steps]
+    s.figure(
+        draw.waterfall(w, names, length, folder / "waterfall.png"),
+        f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
+        "is what the step takes; whiskers: 95 % over trials drawn anew and orders of the causes.",
+    )
+    rows = [["model as given", "", "", f"{w.given_mm:.2f}"]]
+    rows += [
+        [name, _mm(x.mm), f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}", _mm(x.left_mm)]
+        for name, x in zip(names, w.steps, strict=True)
     ]
-    s.table(("spine", "n", "before, mm", "after, mm"), rows)
+    s.table(("step", "takes, mm rms", "95 %", "leaves, mm rms"), rows)
+    if w.absorbed is not None:
+        a = w.absorbed
+        cause = "" if a.cause_mm is None else f"; one area factor and what is named leave {a.cause_mm:.2f} mm"
+        s.text(
+            f"What a calibration hides ({a.how}, unseen states): one area factor leaves {a.one_mm:.2f} mm, one for each spine "
+            f"length {a.per_length_mm:.2f} mm{cause}."
+        )
+    if d.shrink is not None:
+        closed = (
+            "no gap above the noise floor" if d.shrink.share_closed is None else f"{_percent(d.shrink.share_closed)} %"
+        )
+        ends = d.shrink.ci95
+        interval = "" if ends is None else f" (95 %: {_percent(ends[0])} .. {_percent(ends[1])} %)"
+        named = " and ".join(d.detail["best_hypothesis"]) or "tolerances alone"
+        s.text(f"Share of the reducible gap closed on unseen states with {named}: {closed}{interval}.")
+
+
+def _against(d: Diagnosis) -> list[str]:
+    """Concerns, sizes that cannot be, errors that stages ask for."""
+    lines = list(d.concerns)
+    lines += [
+        f"The data would require {x['name']} = {x['mean']:.3g} {x['unit']}, which is physically impossible: evidence against "
+        "the effect itself."
+        for x in d.detail["sizes"]
+        if x["impossible"]
+    ]
+    if d.attribute.verdict == "effect":
+        lines += [
+            f"Beside what is named, a free-form error in the {e.stage} that varies with {e.dependence} would gain "
+            f"{e.gain:.1f} in log evidence."
+            for e in d.attribute.stage_errors[:2]
+        ]
+    return lines
+
+
+def _mm(value: float) -> str:
+    return f"{round(value, 2) + 0.0:.2f}"
 
 
 def _percent(share: float) -> str:
@@ -106,7 +156,7 @@ def _percent(share: float) -> str:
 def _sensors(s: Section, table: Table, folder: Path) -> None:
     s.figure(
         draw_sensors(table, folder / "sensors.png"),
-        "Each state's mean; bars: one standard deviation of the samples averaged. The model knows nothing of these.",
+        "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them.",
     )
     s.table(*sensor_numbers(table))
 
@@ -114,8 +164,9 @@ def _sensors(s: Section, table: Table, folder: Path) -> None:
 def _held_out(s: Section, found: Mapping[str, Any]) -> None:
     s.text(found["statement"])
     s.text(
-        "Both models were fitted to the diagnosed campaign alone; re-growing, re-jamming and whatever else differs from trial to "
-        "trial is at its expectation. The interval is a bootstrap over the trials of this campaign, within each spine length."
+        "Both models were fitted to the diagnosed campaign alone; what differs from trial to trial, such as re-growing and "
+        "re-jamming, is set to its expected value. The interval is a bootstrap over the trials of this campaign, within "
+        "each spine length."
     )
     rows = [
         [f"{100 * x['value']:.0f} cm", str(x["n"]), f"{x['before_mm']:.2f}", f"{x['after_mm']:.2f}"]
@@ -126,13 +177,14 @@ def _held_out(s: Section, found: Mapping[str, Any]) -> None:
 
 
 def _where(s: Section, d: Diagnosis, folder: Path) -> None:
-    tips = d.locate.of == "tip"
-    if tips:
-        s.figure(
-            draw.gap_map(d, folder / "map.png"),
-            "Gap by spine length and pressure, before and after, on one colour scale",
-        )
-        s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
+    _shapes(s, d, folder)
+    s.figure(
+        draw.gap_map(d, folder / "map.png"), "Gap by spine length and pressure, before and after, on one colour scale"
+    )
+    s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
+
+
+def _by_factor(s: Section, d: Diagnosis) -> None:
     rows = [
         [
             name,
@@ -146,7 +198,7 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
         for c in cells
     ]
     s.table(("factor", "at", "n", "rms, mm", "95 %", "above the floor"), rows)
-    if not tips:
+    if d.locate.of != "tip":
         return
     s.text(
         f"The paper's Euler integration alone would add {d.locate.numerical_error_mm:.2f} mm rms; it is not part of this gap."
@@ -172,24 +224,36 @@ def _at(factor: str, value: float | str) -> str:
 
 
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:
-    s.figure(draw.posterior(d, folder / "posterior.png"), f"Probability of each hypothesis ({d.detail['bench']})")
+    if "given" in d.detail["states"]:
+        s.figure(
+            draw.unseen_tips(d, folder / "unseen.png"),
+            "Measured tip and three models on the way up, each state predicted by fits that did not see it. Below: what the "
+            "calibrated model and the one with the leading hypothesis miss; grey: noise floor",
+        )
+    s.figure(
+        draw.posterior(d, folder / "posterior.png"), f"Probability of each hypothesis ({d.detail['calibrated_on']})"
+    )
     if d.budget:
         words = {"named": "named", "present": "also present", "unseen": "could not be seen in these data"}
         rows = [[c.effect, f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]] for c in d.budget]
-        s.table(("effect", "carries of the gap, mm rms", "95 %", ""), rows)
-    if d.detail["sizes"]:
-        _sizes(s, d.detail["sizes"], folder)
-    for group in d.attribute.cannot_tell_apart:
-        s.text(f"These data cannot distinguish {', '.join(group)}.")
+        s.table(("effect", "moves the tip beyond an area factor by, mm rms", "95 %", ""), rows)
     rows = [
         [" + ".join(r.effects) or "none", f"{r.probability:.3f}", f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
     s.table(("hypothesis", "probability", "log evidence", "held out, mm"), rows)
+
+
+def _misfit(s: Section, d: Diagnosis) -> None:
     stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
     s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
-    found = d.detail["signs"]
+    if d.attribute.stage_errors:
+        s.table(
+            ("stage with an error of free form", "varies with", "log evidence gained"),
+            [[e.stage, e.dependence, f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
+        )
+    found = d.detail["misfit"]
     s.table(
         ("misfit diagnostic", "value"),
         [[MISFIT_LABELS.get(k, k.replace("_", " ")), _diagnostic(v)] for k, v in found.items()],
@@ -214,12 +278,6 @@ def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None
         for x in sizes
     ]  # fmt: skip
     s.table(("size", "unit", "fitted", "sd", "90 %", "physically possible"), rows)
-    for x in sizes:
-        if x["impossible"]:
-            s.text(
-                f"The data ask for {x['name']} = {x['mean']:.3g} {x['unit']}, beyond what is physically possible: "
-                "this speaks against the effect itself."
-            )
 
 
 def _bound(value: float | None) -> str:
@@ -233,7 +291,7 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         return
     s.figure(
         draw_shapes(states, folder / "shapes.png"),
-        "The state that is missed most at a spine length, at most four; equal axes, mm, base frame",
+        "The state with the largest error at each spine length, at most four; equal axes, mm, base frame",
     )
     rows = [
         [f"{100 * x['spine_length']:.0f} cm", f"{x['pressure'] / 1e3:.0f}", x["branch"], str(x["trial"]),
@@ -253,29 +311,29 @@ def _miss(state: Mapping[str, Any], model: str) -> str:
     return f"{1e3 * float(np.linalg.norm(missed)):.2f} {_point(missed)}"
 
 
-def _distinguishability(s: Section, d: Diagnosis, folder: Path) -> None:
-    found = d.detail["apart"]
-    effects, tied = found["effects"], found["tied_below"]
-    s.figure(
-        draw_distinguishability(found, folder / "apart.png"),
-        "T: chi-square lost when the column's effect is fitted in place of the row's, the discrepancy integrated out. Below "
-        f"{tied:g} (red frames) they are tied; probable effects come first, in bold. Sizes: as fitted where an effect is "
-        "probable, else its plausible scale",
+def _alike(s: Section, d: Diagnosis) -> None:
+    found = d.detail["distinguishability"]
+    effects, tied, separation = found["effects"], found["tied_below"], found["separation"]
+    seen = [i for i in range(len(effects)) if separation[i][i] >= tied]
+    pairs = sorted(
+        (min(separation[i][j], separation[j][i]), effects[i], effects[j])
+        for k, i in enumerate(seen)
+        for j in seen[k + 1 :]
+        if min(separation[i][j], separation[j][i]) < tied
     )
-    rows = []
-    for i, (effect, weight) in enumerate(zip(effects, found["weight"], strict=True)):
-        others = sorted((t, effects[j]) for j, t in enumerate(found["separation"][i]) if j != i)
-        seen = found["separation"][i][i] >= tied
-        alike = ", ".join(e for t, e in others if t < tied) if seen else "not detectable"
-        nearest = f"{others[0][1]} ({others[0][0]:.1f})" if others else ""
-        rows.append([effect, f"{weight:.3f}", f"{found['separation'][i][i]:.1f}", nearest, alike])
-    s.table(("effect", "probability", "T against none", "nearest rival (T)", "tied with"), rows)
+    s.text(
+        f"T is the chi-square lost when one effect is fitted in place of the other. Below {tied:g} these data cannot distinguish "
+        f"two effects; an effect whose T against none is below {tied:g} cannot be seen in them."
+    )
+    s.table(("effect", "taken for", "T"), [[a, b, f"{t:.1f}"] for t, a, b in pairs])
+    hidden = [effects[i] for i in range(len(effects)) if i not in seen]
+    s.text(f"Cannot be seen: {', '.join(hidden)}." if hidden else "Every effect could be seen.")
 
 
 def _confounding(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(
-        draw.confounding(d, folder / "masking.png"),
-        "Share of each effect's tip displacement that a calibration takes over",
+        draw.confounding(d, folder / "confounding.png"),
+        "Share of each effect's tip displacement that a calibration absorbs",
     )
 
 
@@ -285,7 +343,7 @@ def _next(s: Section, d: Diagnosis) -> None:
         return
     if d.next_experiment[0].expected_bits < LITTLE:
         s.text(
-            "The leading hypothesis is so far ahead that no experiment is expected to add much; any of these can test it."
+            "The leading hypothesis is so probable that no experiment is expected to add much; any of these can test it."
         )
     rows = [
         [p.do, f"{p.expected_bits:.2f}", f"{p.cost_min:.0f}", "; ".join(" | ".join(x) for x in p.separates[:3])]

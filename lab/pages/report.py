@@ -29,6 +29,8 @@ class Section:
     """A heading and what stands under it."""
 
     title: str
+    folded: bool = False
+    """Shown as its heading alone until it is opened."""
     items: list[Item] = field(default_factory=list)
 
     def text(self, text: str) -> Section:
@@ -56,9 +58,9 @@ class Report:
     lead: str
     sections: list[Section] = field(default_factory=list)
 
-    def section(self, title: str) -> Section:
+    def section(self, title: str, folded: bool = False) -> Section:
         """Start the next section."""
-        self.sections.append(Section(title))
+        self.sections.append(Section(title, folded))
         return self.sections[-1]
 
     def write(self, path: Path) -> Path:

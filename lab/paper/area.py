@@ -92,13 +92,13 @@ class AreaFindings:
         weak = ", ".join(f"{r.rms_credit * 1e3:.1f}" for r in self.readings)
         area = ", ".join(f"{r.rms_area * 1e3:.1f}" for r in self.readings)
         lines = [
-            f"Robust (both readings of the pressure load): adding stiffnesses instead of mixing moduli takes "
-            f"{min(shares):.0%} to {max(shares):.0%} of the growth of A_eff away, and the curves ask for {min(credits):.2f} to "
-            f"{max(credits):.2f} of the spine's credited stiffness; area moments predict "
+            "Robust (both readings of the pressure load): adding stiffnesses instead of mixing moduli removes "
+            f"{min(shares):.0%} to {max(shares):.0%} of the growth of A_eff, and the curves require {min(credits):.2f} to "
+            f"{max(credits):.2f} of the stiffness credited to the spine; area moments predict "
             f"{self.predicted_credit:.2f}. The spine is credited with about {1 / max(credits):.1f} to {1 / min(credits):.1f} "
             "times its bending contribution.",
-            "Not shown: that area moments are the cause. A weak, leaking or thin spine of the same share does it as well or "
-            f"better ({weak} mm rms against {area} mm); the share is identified, not its cause.",
+            "Not shown: that area moments are the cause. A weak, leaking or thin spine of the same share explains it as "
+            f"well or better ({weak} mm rms against {area} mm); the share is identified, not its cause.",
         ]
         for r, (r_ratio, r_slope) in zip(self.readings, after, strict=True):
             lines.append(
@@ -123,7 +123,7 @@ class AreaFindings:
 def area_findings(robot: Robot, states: Condition) -> AreaFindings:
     """Refit the paper's curves, all states of Fig. 5. Raises ValueError without a spine, `SolveFailed` when a state fails."""
     if robot.spine is None:
-        raise ValueError("the robot has no spine: there is nothing that eq. 10 could mix in")
+        raise ValueError("the robot has no spine: eq. 10 has nothing to mix in")
     lengths = np.array([length for length, _ in states.by_spine_length()])
     added = _added_bending(robot, lengths)
     volume_share = np.pi * robot.spine.radius**2 / (np.pi * robot.spine.radius**2 + body_area(robot))

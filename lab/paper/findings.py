@@ -54,8 +54,9 @@ class StepFindings:
             f"The Euler step with N = {self.steps} moves the tip by up to {self.worst * 1e3:.1f} mm. Against Table III that is "
             f"{low:.0%} to {high:.0%} of the mean error in X (most at {longest:g} cm) and {self.share[:, 1].min():.0%} to "
             f"{self.share[:, 1].max():.0%} in Y.",
-            "It is what the step can make, not a part to subtract: the paper does not give its N, and an A_eff fitted with the "
-            f"same integrator takes up all but {self.after_calibration.max() * 1e3:.2f} mm rms of it.",
+            "This is what the step can cause, not a part to subtract: the paper does not give its N, and an A_eff fitted "
+            "with the "
+            f"same integrator absorbs all but {self.after_calibration.max() * 1e3:.2f} mm rms of it.",
         )
 
     def as_dict(self) -> dict[str, object]:
@@ -86,7 +87,7 @@ class Findings:
         parts = (
             ("1. Table II: what makes the modulus grow with length", _forms(self.moduli), self.moduli.sentences()),
             ("2. A_eff 1.5 -> 2.4: how eq. 10 mixes the spine in", _factors(self.area), self.area.sentences()),
-            ("3. Table III: what the Euler step alone can make", None, self.step.sentences()),
+            ("3. Table III: what the Euler step alone can cause", None, self.step.sentences()),
         )
         for title, table, sentences in parts:
             console.print(title, style="bold")

@@ -8,7 +8,7 @@ makes it depend on the length, each cause in its own way:
     root or arm gives   1/E = 1/E0 + d/L^3
     dead length         E = E0 (1 - d/L)^3          the first d of the spine does not bend
 
-Errors are of log E: each row of the table counts alike.
+Errors are of log E: all rows of the table have the same weight.
 """
 
 from __future__ import annotations
@@ -131,7 +131,8 @@ class ModuliFindings:
             f"Table II grows {self.growth:.0f}-fold. One modulus misses it by {constant.log_rms:.0%} (rms of log E); "
             f"{e0:.1f} MPa with a shear-like compliance a/L^2, a = {shear.values[1]:.4f} m^2/MPa, by {shear.log_rms:.1%}, and by "
             f"{shear.leave_one_out:.1%} at a length left out, the best of all forms tried.",
-            f"Out as sole causes: a root that turns ({turn.log_rms:.0%}) and a root or arm that gives ({shift.log_rms:.0%}).",
+            f"Excluded as sole causes: rotation of the root ({turn.log_rms:.0%}) and translation of root or arm "
+            f"({shift.log_rms:.0%}).",
             f"Not settled: {' and '.join(self.tied) or 'no other form'} fits as well ({affine.log_rms:.1%}, but "
             f"{affine.leave_one_out:.0%} at a length left out, and negative below {affine.shortest * 100:.1f} cm); there are six "
             f"points without scatter; and a solid bar of this radius would need G = {self.shear_modulus:.3f} MPa, E0/G = "

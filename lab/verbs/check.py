@@ -27,7 +27,6 @@ from ..rig.assembly import Rig
 from ..rig.checked import Moved, keep
 from ..rig.interrupts import Interrupts
 from ..rig.losses import newly_lost
-from ..rig.moves import STEP, moves
 
 VACUUM = 80e3
 """Pa below ambient that the supply is set to."""
@@ -75,6 +74,8 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
 
 def _may_move(file: RigFile, yes: bool) -> Robot:
     """The robot that may be moved; raises ConfigError, or Stopped when the person says no."""
+    from ..rig.moves import STEP  # with the rod model, which no other check waits for; here, before the rig is opened
+
     robot = load(file.robot, Robot)
     if file.instruments.pressure is not None and robot.max_pressure is None:
         raise ConfigError(
@@ -90,13 +91,15 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
         f"This inflates each channel to {STEP / 1e3:g} kPa, homes the spine and moves it by 1 cm, opens the valve and moves the "
         f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, with nobody within reach."
     )
-    if input("yes to go on: ").strip().lower() not in ("y", "yes"):
+    if input("Type yes to continue: ").strip().lower() not in ("y", "yes"):
         raise Stopped("not confirmed; nothing moved")
     return robot
 
 
 def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
     """Try what the rig has, land it, and tell each outcome; the landing is the last of them."""
+    from ..rig.moves import moves
+
     seen: list[Moved] = []
     screen = Screen("check", rig.clock.speed, quiet=as_json)
     markers = len(getattr(rig.file.instruments.mocap, "markers", ()) or ())
@@ -126,7 +129,7 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
             for result in moves(bench, rig.file, robot):
                 tell(result)
         except (ProtocolError, KeyboardInterrupt) as e:
-            tell(Moved("check", False, str(e) or "stopped at once by the person at the rig"))
+            tell(Moved("check", False, str(e) or "stopped immediately by the operator"))
         finally:
             report = rig.make_safe()
             rig.record_to(None)

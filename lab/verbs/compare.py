@@ -9,11 +9,14 @@ from typing import Any
 
 from rich.table import Table as Sheet
 
+from diagnosis.errors import DiagnosisError
 from model.compare import ErrorTable
 
 from ..comparison import comparison
 from ..console import note, out
+from ..files.config import ConfigError
 from ..files.inputs import clipped_note, read_case
+from ..files.own_effects import stated_by
 from ..pages.figures import tip_curves
 from ..pages.sensors_figure import quantities, sensors
 
@@ -22,7 +25,10 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
     """Print the error table; with a folder also draw the curves."""
     case = read_case(inputs, robot)
     note(case.table.warnings)
-    c = comparison(case)
+    try:
+        c = comparison(case, stated_by(case.robot))
+    except DiagnosisError as e:
+        raise ConfigError(str(e)) from e
     figure = measured = None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)

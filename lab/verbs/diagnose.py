@@ -12,7 +12,7 @@ import yaml
 from rich.table import Table as Sheet
 
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
-from diagnosis.compare_campaigns import Change, compare_campaigns
+from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
@@ -22,7 +22,7 @@ from recordings.errors import RecordingError
 
 from ..cluster import cluster
 from ..console import Screen, note, out
-from ..files.config import ConfigError
+from ..files.config import ConfigError, demand_writable
 from ..files.inputs import Case, clipped_note, read_case
 from ..files.own_effects import catalogue
 from ..pages.diagnosis_report import write
@@ -63,7 +63,7 @@ def diagnose(
     Raises ConfigError, BadEffect, RecordingError.
     """
     comparisons = comparisons or Comparisons()
-    _writable(outputs)
+    demand_writable(outputs.json, outputs.report)
     cores = workers if workers is not None else len(os.sched_getaffinity(0))
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
@@ -72,32 +72,30 @@ def diagnose(
     note(clipped_note(case.table))
     with cluster(scheduler) if scheduler is not None else nullcontext() as others:
         elsewhere = None if others is None else others.in_order
-        answer, change = _answer(case, robot, comparisons, Executor(cores, remote_map=elsewhere))
+        answer = _answer(case, robot, comparisons, Executor(cores, remote_map=elsewhere))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
         write_protocols(answer.next_experiment, outputs.protocols)
-    _show(answer, change)
+    _show(answer)
     if outputs.report is not None:
-        write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), change, case.table)
+        write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), case.table)
         out.print(f"report: {outputs.report}")
     return 0
 
 
-def _answer(
-    case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor
-) -> tuple[Diagnosis, Change | None]:
+def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor) -> Diagnosis:
     weighed, left_out = catalogue(case.robot, comparisons.effects)
     held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
     try:
         with Screen("weighing hypotheses") as screen:
             found = diagnosed(case, Options(catalogue=weighed, holdout=held, executor=_shown(screen, executor)))
-        answer = replace(found, concerns=(*found.concerns, *(f"not weighed: {why}" for why in left_out)))
+        answer = replace(found, concerns=(*found.concerns, *(f"not considered: {why}" for why in left_out)))
         if comparisons.reference is None:
-            return answer, None
+            return answer
         earlier = read_case([comparisons.reference], robot)
         with Screen("comparing") as screen:
-            return answer, compare_campaigns(case, earlier, weighed, _shown(screen, executor))
+            return replace(answer, change=compare_campaigns(case, earlier, weighed, _shown(screen, executor)))
     except BadHoldout as e:
         raise ConfigError(f"--holdout {comparisons.holdout}: {e}") from e
     except (DiagnosisError, ModelError) as e:
@@ -115,13 +113,6 @@ def _held_out(path: Path, robot: Path | None) -> Case:
         raise ConfigError(f"--holdout {path}: {e}") from e
 
 
-def _writable(outputs: Outputs) -> None:
-    """A missing folder is reported before minutes are spent, not after."""
-    for path in (outputs.json, outputs.report):
-        if path is not None and (path.is_dir() or not path.parent.is_dir()):
-            raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
-
-
 def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     """One protocol file for each proposed experiment, as `lab run` takes it."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -134,15 +125,13 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     return written
 
 
-def _show(d: Diagnosis, change: Change | None) -> None:
+def _show(d: Diagnosis) -> None:
     out.print(d.statement)
     for concern in d.concerns:
         out.print(f"  note: {concern}")
-    if change is not None:
-        out.print(change.statement)
+    if d.change is not None:
+        out.print(d.change.statement)
     out.print(_ranking(d.attribute.ranking))
-    for group in d.attribute.cannot_tell_apart:
-        out.print(f"these data cannot distinguish: {', '.join(group)}")
     if d.next_experiment:
         out.print(_proposals(d))
 

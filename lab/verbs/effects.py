@@ -27,7 +27,7 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json
     shown = robot if robot is not None else load_robot(paper_robot())
     effects, left_out = catalogue(shown, more)
     note(left_out)
-    found = signatures(shown, effects)
+    found = signatures(shown.plain, effects)
     out.mkdir(parents=True, exist_ok=True)
     from ..pages.effects_figure import draw
 
@@ -46,7 +46,7 @@ def _table(found: list[Signature], robot: str) -> Table:
     table.add_column("plausible size")
     table.add_column("moves", justify="right", no_wrap=True)
     table.add_column("hidden*", justify="right", no_wrap=True)
-    table.add_column("seen best in")
+    table.add_column("best seen in")
     for stage in STAGES:
         for i, s in enumerate([s for s in found if s.effect.stage == stage]):
             if i == 0:
@@ -56,7 +56,7 @@ def _table(found: list[Signature], robot: str) -> Table:
             hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" else ""
             sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")
             table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
-    table.caption = "* share of the squared tip change that one common factor on the chamber area would take over"
+    table.caption = "* share of the squared tip change that one common factor on the chamber area would absorb"
     return table
 
 

@@ -45,9 +45,11 @@ PATIENT: dict[str, Any] = {
 """Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
 be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""
 
-PATIENT_SETTLE = ("settle.still_distance=5 mm", "settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
+PATIENT_PAUSES = ("settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
 """The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms
 of a busy computer."""
+PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
+"""The same, and how still the tip must be."""
 
 
 def serve(a: argparse.Namespace) -> int:
@@ -64,7 +66,7 @@ def serve(a: argparse.Namespace) -> int:
     with rig:
         if a.rig is not None:
             write_rig(rig, a.rig, robot=a.robot)
-            out.print(f"{a.rig} reaches the fakes; Ctrl-C ends them")
+            out.print(f"{a.rig} reaches the fakes; Ctrl-C stops them")
         else:
             out.print(rig.rig_yaml(str(a.robot or paper_robot())), soft_wrap=True)
         ended.wait()
@@ -94,13 +96,14 @@ def _asked(option: str, role: str, driver: str) -> str:
     known = of_role(role, found_fakes().usable)
     if driver not in known:
         raise ConfigError(
-            f"{option}: must be one of {', '.join(known) or 'those of installed packages; there is none'}"
+            f"{option}: must be one of {', '.join(known)}" if known else f"{option}: no fake for {role} is installed"
         )
     if driver in OWN:
         return driver
     if driver not in drivers():
         raise ConfigError(
-            f"{option}: there is a fake {driver}, but no driver of this name; announce it in softlab.drivers"
+            f"{option}: there is a fake {driver}, but no driver of this name; register it in the entry-point group "
+            "softlab.drivers"
         )
     if drivers()[driver].role != role:
         raise ConfigError(f"{option}: its fake is for {role}, its driver for {drivers()[driver].role}; make them agree")
@@ -118,7 +121,7 @@ def _demand_agreement(instruments: Mapping[str, Any]) -> None:
             drivers()[driver].config.model_validate(table)
         except ValidationError as e:
             faults = "; ".join(f"{'.'.join(map(str, f['loc']))} = {f['input']!r}: {f['msg']}" for f in e.errors())
-            raise ConfigError(f"{key}: the fake of {driver} gives what its driver refuses: {faults}") from e
+            raise ConfigError(f"{key}: the driver {driver} rejects the settings of its own fake: {faults}") from e
 
 
 def _rig(a: argparse.Namespace) -> FakeRig:
@@ -172,7 +175,7 @@ def played(robot: Robot) -> RobotTruth:
     try:
         return RobotTruth(**known)
     except ValidationError as e:
-        raise ConfigError(f"{robot.name}: cannot be played: {e.errors()[0]['msg']}") from e
+        raise ConfigError(f"{robot.name}: cannot be simulated: {e.errors()[0]['msg']}") from e
 
 
 def regulators(a: argparse.Namespace) -> Regulators:

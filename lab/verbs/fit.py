@@ -1,34 +1,57 @@
-"""`lab fit`: moduli from stiffness trials, the effective chamber area from bending states, and a robot.yaml that holds them."""
+"""`lab fit`: moduli from stiffness trials, the effective chamber area from bending states, or effects with their posterior, and
+a robot.yaml that holds them."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
 from rich.table import Table as Sheet
 
-from model.errors import ModelError
+from diagnosis.errors import DiagnosisError
+from diagnosis.fit_effects import Fitted, fit_effects
+from model.errors import BadEffect, ModelError
 from model.estimate import Estimate
 
 from ..calibration import Calibration, calibrate
-from ..console import note, out
+from ..console import Screen, note, out
 from ..files.config import ConfigError
-from ..files.inputs import read_case
+from ..files.inputs import Case, read_case
+from ..files.own_effects import catalogue
+from ..files.robot_file import write_robot
+from ..samples import drawn, write_samples
+
+
+@dataclass(frozen=True)
+class WithEffects:
+    """What `lab fit --with` is asked for."""
+
+    effects: tuple[str, ...]
+    file: Path | None = None
+    """Python file with effects of one's own."""
+    samples: int = 0
+    """Robots to draw from the posterior."""
+    seed: int = 0
 
 
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
     """Print the calibration; with a folder also write the calibrated robot.yaml."""
     case = read_case(inputs, robot)
     note(case.table.warnings)
+    if case.robot != case.robot.plain:
+        note(
+            ["the effects in robot.yaml are left out, as this calibrates the model without any; to keep them: "
+             f"--with {','.join(case.robot.effects)}"]
+        )  # fmt: skip
     try:
-        result = calibrate(case)
+        result = calibrate(Case(case.robot.plain, case.table))
     except ModelError as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "robot.yaml").write_text(yaml.safe_dump(result.robot.model_dump(mode="json"), sort_keys=False))
+        write_robot(result.robot, folder / "robot.yaml")
     if as_json:
         print(json.dumps(result.as_dict(), indent=1))
     else:
@@ -36,10 +59,84 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
     return 0
 
 
+def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None, as_json: bool) -> int:
+    """Print area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
+
+    Raises ConfigError, BadEffect, RecordingError.
+    """
+    if asked.samples < 0:
+        raise ConfigError(f"--samples {asked.samples}: must be at least 1")
+    if asked.samples and folder is None:
+        raise ConfigError(f"--samples {asked.samples}: needs --out FOLDER to write the robots into")
+    case = read_case(inputs, robot)
+    note(case.table.warnings)
+    known, left_out = catalogue(case.robot, asked.file)
+    note(left_out)
+    try:
+        with Screen("fitting", quiet=as_json) as screen:
+            found = fit_effects(case, asked.effects, known, lambda share: screen.progress(share, 1.0))
+    except BadEffect:
+        raise
+    except (DiagnosisError, ModelError) as e:
+        raise ConfigError(str(e)) from e
+    note(found.concerns)
+    written: list[Path] = []
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        written.append(write_robot(found.robot, folder / "robot.yaml"))
+        if asked.samples:
+            names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
+            with Screen("writing robots", quiet=as_json) as screen:
+                for k, _ in enumerate(write_samples(names, values, robots, folder / "samples"), 1):
+                    screen.progress(k, len(robots))
+            written.append(folder / "samples" / "samples.csv")
+    if as_json:
+        print(json.dumps({**found.as_dict(), "files": [str(path) for path in written]}, indent=1))
+        return 0
+    out.print(effects_sheet(found))
+    for line in residual_lines(found):
+        out.print(line)
+    for path in written:
+        out.print(f"written: {path}")
+    return 0
+
+
+def effects_sheet(f: Fitted) -> Sheet:
+    """The fitted parameters as a table."""
+    named = " + ".join(f.effects) or "no effect"
+    t = Sheet(title=f"Robot with {named} (± standard deviation)", title_justify="left")
+    for column in ("parameter", "value", "unit"):
+        t.add_column(column)
+    before = ""
+    for name, p in f.parameters.items():
+        kind = name.partition(".")[0]
+        group = "effect" if kind in f.effects else "tolerance" if "." in name else "area"
+        if before and group != before:
+            t.add_section()
+        before = group
+        t.add_row(name, f"{p.value:.4g} ± {p.sd:.2g}", "" if p.unit == "1" else p.unit)
+    return t
+
+
+def residual_lines(f: Fitted) -> list[str]:
+    """How far the tip is off before and after, and what a prediction takes its interval from."""
+    posterior = f.robot.posterior
+    lines = [
+        f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
+        f"{f.calibrated_mm:.2f} mm rms with one area factor and no effect, {f.fitted_mm:.2f} mm with the effects"
+    ]
+    if posterior is not None:
+        lines.append(
+            f"noise floor {1e3 * posterior.noise.floor:.2f} mm, law error {100 * posterior.law_error:.1f} % of what an effect "
+            f"does, unexplained {1e3 * posterior.discrepancy:.2f} mm along each axis"
+        )
+    return lines
+
+
 def sheet(c: Calibration) -> Sheet:
     """The calibration as a table."""
     t = Sheet(title="Calibration (± standard error)", title_justify="left")
-    for column in ("parameter", "spine", "value", "n", "left over"):
+    for column in ("parameter", "spine", "value", "n", "residual"):
         t.add_column(column)
     for length, e in c.spine_modulus.items():
         t.add_row("E of the spine", f"{length * 100:.1f} cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N")

@@ -44,7 +44,7 @@ def info(file: Path, as_json: bool) -> int:
         t.add_row(topic, str(at.count), f"{at.rate:.1f} Hz", f"{jitter} ms", str(at.gaps), f"{at.longest:.3f} s",
                   *("?" if n is None else str(n) for n in (stream.dropped, stream.lost)))  # fmt: skip
     out.print(t)
-    ended = s.outcome or f"ended abruptly; {s.readable} of {s.size} bytes are whole"
+    ended = s.outcome or f"ended abruptly; {s.readable} of {s.size} bytes can be read"
     out.print(
         f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
     )
@@ -55,11 +55,12 @@ def info(file: Path, as_json: bool) -> int:
     for topic, stream in s.streams.items():
         if stream.restarts:
             out.print(
-                f"{topic} began anew {_times(stream.restarts)}: its numbers went back; what was lost then is not known"
+                f"{topic} restarted {_times(stream.restarts)}: its sample numbers went back; losses at that moment are not "
+                "known"
             )
     for topic, clock in s.clocks.items():
         out.print(
-            f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay beyond the least "
+            f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay above the minimum "
             f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
         )
     return 0 if s.complete else 3
@@ -78,7 +79,7 @@ def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_js
         for other in recordings[1:]:
             if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
                 raise ConfigError(
-                    f"{other.path}: was recorded with another robot.yaml than {first.path}; export them apart"
+                    f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately"
                 )
         table = joined(tables(recordings))
         export_case(first, folder, table)

@@ -68,23 +68,30 @@ def job(
     """
     rig = load_rig(rig_path)
     robot = load(rig.robot, Robot)
+    known = _known(rig, robot)
+    experiment, parameters, plan = protocol_plan(protocol, settings, known, source, own)
+    if not known.spine:
+        experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
+    missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
+    if missing:
+        raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them")
+    if beyond := problems(plan, rig, rig_path, robot):
+        raise ConfigError("\n".join(beyond))
+    return Job(experiment, parameters, plan, rig, rig_path)
+
+
+def protocol_plan(
+    protocol: str, settings: list[str], known: RobotFacts, source: Source | None = None, own: Path | None = None
+) -> tuple[Experiment, Parameters, Plan]:
+    """A protocol with its parameters and its plan, for a robot of which so much is known; raises ConfigError."""
     source = _with(source or source_of(protocol), settings)
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
     experiment = _experiment(name, own, source.name)
     values = {k: v for k, v in table.items() if k != "protocol"}
-    known = _known(rig, robot)
     values = {**experiment.parameters.defaults_for(known), **values}
     parameters = check(Source(source.name, values, source.lines), experiment.parameters)
-    if not known.spine:
-        experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
-    missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
-    if missing:
-        raise ConfigError(f"{rig_path}: {name} needs instruments.{', instruments.'.join(missing)}; add them")
-    plan = _planned(experiment, parameters)
-    if beyond := problems(plan, rig, rig_path, robot):
-        raise ConfigError("\n".join(beyond))
-    return Job(experiment, parameters, plan, rig, rig_path)
+    return experiment, parameters, _planned(experiment, parameters)
 
 
 OF_SPINE = ("spine", "valve", "gauge")
@@ -109,7 +116,7 @@ def _experiment(name: object, own: Path | None, where: str) -> Experiment:
     if own is not None or (isinstance(name, str) and name.endswith(".py")):
         found = protocol_from_file(own or Path(str(name)))
         if own is not None and found.name != name:
-            raise ConfigError(f"{own}: is the protocol {found.name}, {where} is for {name}")
+            raise ConfigError(f"{own}: defines the protocol {found.name}, but {where} needs {name}")
         return found
     known = found_protocols()
     if isinstance(name, str) and name in known.broken:
@@ -168,7 +175,7 @@ def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> i
     for i, step in enumerate(p.steps, 1):
         out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
     speed = j.rig.clock.speed
-    fast = f" on a rig that runs {speed:g} times as fast as real" if speed != 1 else ""
+    fast = f" on a rig at {speed:g} times real speed" if speed != 1 else ""
     out.print(f"{len(p.steps)} steps, about {clock(p.seconds / speed)}{fast}{'; at most:' if p.limits else ''}")
     for key, value in p.limits.items():
         out.print(f"  {key} {value:g}")
@@ -194,10 +201,12 @@ def run(
     """Run a protocol or resume a run, print what came out, and return the exit code."""
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
-        raise ConfigError("name a protocol, or --resume a run")
+        raise ConfigError("give a protocol, or a run with --resume")
     own = Path(protocol) if broken is not None and protocol is not None and protocol.endswith(".py") else None
     if broken is not None and ((protocol is not None and own is None) or settings or folder is not None):
-        raise ConfigError("--resume continues with the protocol, settings and folder of the run: leave them out")
+        raise ConfigError(
+            "--resume continues with the protocol, settings and folder of the run: do not give them again"
+        )
     j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, own)
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
@@ -234,7 +243,7 @@ def job_again(broken: Broken, rig_path: Path, own: Path | None = None) -> Job:
     source = parse_yaml(broken.protocol, name)
     j = job(name, rig_path, [], source, own)
     if not same_body(j.rig.robot.read_bytes(), broken.robot):
-        raise ConfigError(f"{j.rig.robot}: is not the robot.yaml of the run to resume; start a new run instead")
+        raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")
     return j
 
 
@@ -294,11 +303,11 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
         except Stopped as e:
             error, outcome = e, "stopped"
         except KeyboardInterrupt:
-            error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
+            error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
             error, outcome = e, "failed"
         if interrupts.now:
-            error, outcome = Stopped("stopped at once by the person at the rig"), "stopped"
+            error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         report = _make_safe(rig, screen)
         rig.record_to(None)
         for topic, n in rig.lost().items():
@@ -320,7 +329,7 @@ def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
     recorder.note_lost(topic, newly_lost(before, now))
     if now < before:
         with contextlib.suppress(RecordingError):  # `close` tells the same
-            recorder.log("warning", f"{topic}: the stream was opened again, its losses are counted from then on")
+            recorder.log("warning", f"{topic}: the stream was reopened; its losses are counted from then on")
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:

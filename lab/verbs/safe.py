@@ -73,7 +73,7 @@ def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> tuple[str
     if locked is None:
         return "Safe.", ""
     return (
-        f"Safe now. The rig stays locked: {locked}. When you have looked at it and nobody is in its way: "
-        f"lab safe --clear --rig {rig_path}",
+        f"Safe now. The rig stays locked: {locked}. Once you have inspected it and nobody is within reach: lab safe "
+        f"--clear --rig {rig_path}",
         "",
     )

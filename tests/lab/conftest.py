@@ -1,8 +1,6 @@
-"""A whole rig of fakes at twenty times real speed, started once, without effects."""
+"""The rig of fakes for tests of the command."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import pytest
 from virtual_lab import VirtualLab
@@ -12,11 +10,10 @@ from sim_fakes.rig import FakeRig
 
 
 @pytest.fixture(scope="session")
-def virtual_lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualLab]:
+def virtual_lab(whole_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> VirtualLab:
     rig = tmp_path_factory.mktemp("rig") / "rig.yaml"
-    with FakeRig(speed=20.0, seed=1) as fakes:
-        write_rig(fakes, rig, PATIENT)  # tests/safety tries the limits themselves
-        yield VirtualLab(fakes, rig)
+    write_rig(whole_rig, rig, PATIENT)  # tests/safety tries the limits themselves
+    return VirtualLab(whole_rig, rig)
 
 
 @pytest.fixture(autouse=True)

@@ -64,7 +64,7 @@ def campaign(
     rng = np.random.default_rng(seed)
     theta = np.zeros(len(forward.parameters))
     for k, p in enumerate(forward.parameters):
-        spread = {"spine_length": AGAIN, "spine_stiffness": JAM}.get(p.source, 0.0) if p.trial is not None else 0.0
+        spread = {"spine_length": AGAIN, "spine_stiffness": JAM}.get(p.source, 0.0) if p.recurs else 0.0
         theta[k] = effects.get(p.name, spread * rng.normal())
     unused = set(effects) - {p.name for p in forward.parameters}
     if unused:

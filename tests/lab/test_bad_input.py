@@ -62,7 +62,7 @@ def test_all_mistakes_of_a_rig_file_come_at_once(
         (["--set", "pressures=[250]"], ["pressures[0] = 250 Pa", "at least 1000 Pa"]),
         (["--set", "pressures=[350 kPa]"], ["350000 Pa", "at most 300000 Pa"]),
         (["--set", "pressures=[5 cm]"], ["'cm'", "kPa"]),
-        (["--set", "pressures=[200 kPa, 100 kPa]"], ["must rise"]),
+        (["--set", "pressures=[200 kPa, 100 kPa]"], ["must increase"]),
         (["--set", "settle.band=-1"], ["settle.band", "above 0 Pa"]),
         (["--set", "nonsense"], ["KEY=VALUE"]),
     ],

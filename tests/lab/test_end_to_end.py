@@ -16,7 +16,7 @@ from virtual_lab import VirtualLab
 from lab.calibration import calibrate
 from lab.cli import main
 from lab.files.inputs import read_case
-from lab.verbs.fakes import PATIENT_SETTLE
+from lab.verbs.fakes import PATIENT_PAUSES, PATIENT_SETTLE
 from sim_fakes.virtual_robot.truth import TABLE_II
 
 LATE = [word for setting in PATIENT_SETTLE[1:] for word in ("--set", setting)]
@@ -94,13 +94,16 @@ def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_all_six_length
     assert lab("run", "stiffness", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
     found = calibrate(read_case([recorded(tmp_path)])).spine_modulus
     assert sorted(round(x, 3) for x in found) == sorted(TABLE_II)
+    beyond = 0
     for length, modulus in found.items():
         truth = TABLE_II[round(length, 2)]
         low, high = modulus.interval
-        # The stated 95 % interval, half as wide again: six of them are to hold at once, in every run.
-        half = 0.75 * (high - low)
-        assert abs(modulus.value - truth) < half, f"{length} m: {modulus} against {truth}"
-        assert half < 0.2 * truth
+        half = 0.5 * (high - low)
+        # The stated 95 % interval, half as wide again, is missed by chance in 1.4 of a hundred; twice that width hardly ever.
+        beyond += abs(modulus.value - truth) >= 1.5 * half
+        assert abs(modulus.value - truth) < min(3 * half, 0.1 * truth), f"{length} m: {modulus} against {truth}"
+        assert half < 0.1 * truth
+    assert beyond <= 1
 
 
 def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
@@ -119,6 +122,7 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
         "rate=2 kPa/s",
         "--set",
         "settle.average=10",  # half a second of the host's
+        *(word for pause in PATIENT_PAUSES for word in ("--set", pause)),
     ]
     assert lab("run", "bending", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
     rows = read_case([recorded(tmp_path)]).table

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from virtual_lab import VirtualLab
 
 import lab
 from lab.cli import main
 from lab.files.example import paper_robot
-from lab.verbs.fakes import PATIENT, write_rig
-from sim_fakes.rig import FakeRig
 
 
 def test_importing_it_costs_next_to_nothing_and_its_names_are_known() -> None:
@@ -34,14 +33,13 @@ def test_prediction_follows_the_rod() -> None:
     assert np.allclose(lab.predict(robot, [0.0] * 9), tips[:1], atol=1e-9)
 
 
-def test_a_run_on_fakes_is_read_fitted_and_compared(tmp_path: Path) -> None:
-    with FakeRig(speed=20.0, seed=3) as fakes:
-        write_rig(fakes, tmp_path / "rig.yaml", PATIENT)
-        with lab.open_rig(tmp_path / "rig.yaml", needs=("pressure", "spine", "valve", "gauge", "mocap")) as rig:
-            assert "arm" not in rig.identities
-            settle = {"min_samples": 3, "still_distance": 5e-3, "max_hidden": 5.0, "max_gap": 10.0, "within": 300.0}
-            file = lab.run(rig, "bending", out=tmp_path, spine_lengths=[0.05], pressures=[60e3, 120e3], settle=settle)
-        assert float(max(fakes.plant.chamber_pressure)) < 5e3 and not fakes.plant.valve_on
+def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    with lab.open_rig(virtual_lab.rig, needs=("pressure", "spine", "valve", "gauge", "mocap")) as rig:
+        assert "arm" not in rig.identities
+        settle = {"min_samples": 3, "still_distance": 5e-3, "max_hidden": 5.0, "max_gap": 10.0, "within": 300.0}
+        file = lab.run(rig, "bending", out=tmp_path, spine_lengths=[0.05], pressures=[60e3, 120e3], settle=settle)
+    plant = virtual_lab.fakes.plant
+    assert float(max(plant.chamber_pressure)) < 5e3 and not plant.valve_on
     recording = lab.read(file)
     assert recording.outcome == "completed" and len(recording.stream("/tip"))
     case = lab.case(file)

@@ -62,7 +62,7 @@ def test_a_robot_that_does_not_say_what_it_bears_is_planned_for_no_inflation(rig
 
 def test_the_robot_s_own_pressure_is_a_limit_beside_the_regulator_s(rig: Rig) -> None:
     own, regulators = refused(rig({"max_pressure": 100e3}, pressure={"max_pressure": 200e3}), "bending")
-    assert "asks for 250000 Pa, above max_pressure = 100000 Pa of" in own and "robot.yaml" in own
+    assert "requires 250000 Pa, above max_pressure = 100000 Pa of" in own and "robot.yaml" in own
     assert own.startswith("bending, step ") and "(250 kPa load, spine 0 cm" in own
     assert "250000 Pa, above instruments.pressure.max_pressure = 200000 Pa" in regulators
 
@@ -76,14 +76,14 @@ def test_every_limit_that_is_not_kept_has_its_line(rig: Rig) -> None:
     lines = refused(path, "elongation")
     asked = [
         "150000 Pa, above instruments.pressure.max_pressure = 100000 Pa",
-        "a sum over the chambers of 1.35e+06 Pa, above limits.max_total_pressure = 500000 Pa",
+        "a total over the chambers of 1.35e+06 Pa, above limits.max_total_pressure = 500000 Pa",
         "25000 Pa/s, above instruments.pressure.max_rate = 10000 Pa/s",
         "0.3 m, above instruments.spine.max_length = 0.2 m",
         "0.02 m/s, above instruments.spine.max_speed = 0.01 m/s",
-        "vacuum of 80000 Pa, above limits.max_vacuum = 60000 Pa",
+        "a vacuum of 80000 Pa, above limits.max_vacuum = 60000 Pa",
     ]
     for words in asked:
-        assert sum(f"asks for {words}" in line for line in lines) == 1, (words, lines)
+        assert sum(f"requires {words}" in line for line in lines) == 1, (words, lines)
     assert len(lines) == len(asked) and all("elongation, step" in line and "; " in line for line in lines)
 
 

@@ -18,7 +18,7 @@ def test_what_was_dropped_and_what_never_came_is_told_for_each_stream(tmp_path: 
     said, head, rows = losses([tmp_path / "a.mcap"])
     told = {row[1]: dict(zip(head, row, strict=True)) for row in rows}
     assert said.startswith("5 of 16 samples were lost") and set(told) == {"/valve", "/vacuum"}
-    columns = ("generated", "written", "dropped", "lost on the way")
+    columns = ("generated", "written", "dropped", "lost in transit")
     assert [told["/valve"][c] for c in columns] == ["11", "10", "1", "0"]
     assert [told["/vacuum"][c] for c in columns] == ["1", "1", "0", "4"]
 

@@ -87,7 +87,7 @@ def test_a_broken_package_is_named_with_its_error_and_its_cure_and_hinders_nobod
     assert found.usable == {"zero": 0, "one": 1} and not found.doubts
     assert found.broken["odd"] == (
         "package odd 1.0: entry point odd = odd:ONE of softlab.numbers: is no number but 'a'; "
-        "mend it or remove it: pip uninstall odd"
+        "repair it or remove it: pip uninstall odd"
     )
     assert "AttributeError" in found.broken["gone"] and "SystemExit: no licence" in found.broken["worse"]
 
@@ -97,7 +97,10 @@ def test_a_name_of_our_own_stays_ours_and_of_two_packages_neither_has_it(install
     install("second", "ONE = 2", numbers={"mine": ":ONE", "lost": ":TWO"})
     found = installed("softlab.numbers", {"zero": 0}, number, {"lost": "install it"})
     assert found.usable == {"zero": 0}
-    assert "package first 1.0" in found.doubts["zero"] and "this software's own and stays so" in found.doubts["zero"]
+    assert (
+        "package first 1.0" in found.doubts["zero"]
+        and "belongs to this software and is not replaced" in found.doubts["zero"]
+    )
     assert found.broken["lost"] == "install it" and "package second 1.0" in found.doubts["lost"]
     both = found.broken["mine"]
     assert "first 1.0" in both and "second 1.0" in both and "pip uninstall first or pip uninstall second" in both
@@ -134,7 +137,7 @@ def test_fakes(install: Install, capsys: pytest.CaptureFixture[str], tmp_path: P
         (["--valve", "mixed"], "its fake is for valve, its driver for gauge"),
         (["--arm", "alicat"], "--arm alicat: must be one of ur5"),
         (["--sensor", "skin"], "--sensor skin: must be NAME=DRIVER"),
-        (["--sensor", "skin=alone"], "those of installed packages; there is none"),
+        (["--sensor", "skin=alone"], "no fake for sensor is installed"),
     ):
         assert main(["fakes", *words]) == 2
         text = " ".join(capsys.readouterr().err.split())
@@ -148,7 +151,9 @@ def test_a_fake_that_its_own_driver_would_refuse_is_told_before_it_is_started(
     text = DRIVER + LOST + FAKE.format(role="gauge").replace("[]", "[Lost()]")
     install("apart", text, fakes={"apart": ":FAKE"}, drivers={"apart": ":DRIVER"})
     assert main(["fakes", "--gauge", "apart"]) == 2
-    assert "gauge: the fake of apart gives what its driver refuses: port =" in " ".join(capsys.readouterr().err.split())
+    assert "gauge: the driver apart rejects the settings of its own fake: port =" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_a_driver_that_takes_a_name_of_ours_is_told_by_the_check(

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.alicat.wire import UNITS as WIRE
 from lab.files.example import paper_robot
 from sim_fakes.alicat import UNITS
+from tests.lab.commands import Done, run_there
 
 ROOT = Path(__file__).parents[2]
 LIBRARIES = (
@@ -27,36 +24,9 @@ LIBRARIES = (
 RECORDING = ROOT / "tests/recordings/data/bending-schema-1.mcap"
 
 
-COMMANDS = """
-import contextlib, io, json, sys
-
-libraries, commands = json.load(sys.stdin)
-sys.modules.update(dict.fromkeys(libraries))
-from lab.cli import main
-
-done = []
-for words in commands:
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(words)
-    done.append((code, out.getvalue(), err.getvalue()))
-json.dump(done, sys.__stdout__)
-"""
-
-
-@dataclass(frozen=True)
-class Done:
-    returncode: int
-    stdout: str
-    stderr: str
-
-
 def lab(*commands: tuple[str | Path, ...]) -> list[Done]:
     """The command on a computer without these libraries: once for each, in one process."""
-    asked = json.dumps([LIBRARIES, [[str(word) for word in words] for words in commands]])
-    done = subprocess.run([sys.executable, "-c", COMMANDS], input=asked, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
-    return [Done(*one) for one in json.loads(done.stdout)]
+    return run_there(commands, lacking=LIBRARIES)
 
 
 def test_recordings_are_read() -> None:

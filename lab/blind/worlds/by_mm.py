@@ -32,6 +32,11 @@ class Weighed:
     answer: Answer
 
     @property
+    def largest(self) -> str:
+        """The effect that carries most; empty where none is weighed."""
+        return max(self.carries, key=lambda e: self.carries[e], default="")
+
+    @property
     def most(self) -> float:
         """mm of the largest carrier."""
         return max(self.carries.values(), default=0.0)
@@ -65,11 +70,8 @@ class Weighed:
     @property
     def inside(self) -> bool | None:
         """Whether the mm of the largest carrier lies in the interval that the budget states; None where it states none."""
-        if not self.carries:
-            return None
-        name = max(self.carries, key=lambda e: self.carries[e])
-        stated = self.answer.budget.get(name)
-        return None if stated is None else stated[0] <= self.carries[name] <= stated[1]
+        stated = self.answer.budget.get(self.largest)
+        return None if stated is None else stated[0] <= self.most <= stated[1]
 
 
 def weighed(truth: Mapping[str, Any], answer: Answer) -> Weighed | None:
@@ -97,7 +99,7 @@ def mm_metrics(cases: Sequence[Weighed]) -> list[Metric]:
 
 def _known(name: str, own: Sequence[Weighed]) -> list[Metric]:
     sure = [c for c in own if c.answer.verdict == "effect" and c.answer.probability > SURE]
-    largest = [c for c in own if c.causes and max(c.carries, key=lambda e: c.carries[e]) in c.causes]
+    largest = [c for c in own if c.largest in c.causes]
     figures = [
         ("right", "right by mm", _share(own, lambda c: c.right)),
         ("spurious", "something named that carries too little", _share(own, lambda c: c.spurious)),
@@ -124,14 +126,18 @@ def _outside(name: str, own: Sequence[Weighed], known: Sequence[Weighed]) -> lis
     # where the nearest known cause explains it, calling it by that name is no error of the data
     apart = [c for c in own if c.nearest is not None and float(c.nearest["leaves_mm"]) >= 1.5 * c.floor]
     cluttered = name.startswith("cluttered")
-    alike = [c for c in known if c.stratum.startswith("cluttered") == cluttered] or known
-    limit = float(np.quantile([c.answer.unknown_probability for c in alike], 0.9, method="higher")) if alike else np.nan
+    comparable = [c for c in known if c.stratum.startswith("cluttered") == cluttered] or known
+    limit = (
+        float(np.quantile([c.answer.unknown_probability for c in comparable], 0.9, method="higher"))
+        if comparable
+        else np.nan
+    )
     figures = [
         ("flagged", "verdict unknown", _share(own, lambda c: c.answer.verdict == "unknown")),
         ("flagged_apart", "verdict unknown where the nearest effect leaves 1.5 floors",
          _share(apart, lambda c: c.answer.verdict == "unknown")),
         ("at_10", "flagged at 10 % false flags where the nearest effect leaves 1.5 floors",
-         _share(apart if alike else [], lambda c: c.answer.unknown_probability > limit)),
+         _share(apart if comparable else [], lambda c: c.answer.unknown_probability > limit)),
         ("named", f"an effect named with p > {SURE}",
          _share(own, lambda c: c.answer.verdict == "effect" and c.answer.probability > SURE)),
         ("nearest", "named after the nearest effect where it leaves less",

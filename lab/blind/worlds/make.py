@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from recordings.table_file import write_csv
 from recordings.trials import Table, TrialRow
 from sim_fakes.worlds.campaign import Readings, Robot, Trial, courses, read, respond
 from sim_fakes.worlds.campaign import Sweep as Walked
@@ -20,9 +19,9 @@ from sim_fakes.worlds.table import world
 from sim_fakes.worlds.walk import Leg
 
 from ...files.config import ConfigError
-from ..designs import Design, design, joined
-from ..folder import SetFolder, seal
-from ..make import ATTEMPTS, robot_yaml
+from ..designs import Design, design
+from ..folder import SetFolder, new_set, seal
+from ..make import ATTEMPTS, write_case
 from ..sweeps import BASE, BASE_SETTLED, MENU, State, Sweep
 from ..workers import Crew, spread
 from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, draw, draw_robot
@@ -65,9 +64,7 @@ def make(
     except ValueError as e:
         raise ConfigError(f"--world: {e}") from e
     shown = design(design_name)
-    if root.exists() and any(root.iterdir()):
-        raise ConfigError(f"{root}: is not empty; a set gets a folder of its own, so that no truth is drawn twice")
-    folder = SetFolder(root)
+    folder = new_set(root)
     orders = [
         Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, per_length)
         for place, (stratum, causes) in enumerate(draw(recipe))
@@ -92,7 +89,7 @@ def make_case(order: Order) -> WorldTruth:
             truth, tables = _measured(order, attempt)
         except (NoEquilibrium, _Unequal):
             continue
-        _write(order, truth.case, tables)
+        write_case(order.folder.case(truth.case), tables, order.design, menu=order.menu, per_length=order.per_length)
         return truth
     raise ConfigError(
         f"case {order.place + 1:04d} of world {order.recipe.world}: {ATTEMPTS} draws of its sizes gave no equilibrium or no "
@@ -229,15 +226,3 @@ def table_of(sweep: Sweep, readings: Readings) -> Table:
                 )  # fmt: skip
             )
     return Table(tuple(rows))
-
-
-def _write(order: Order, case: str, tables: dict[str, Table]) -> None:
-    shown, folder = order.design, order.folder.case(case)
-    folder.mkdir(parents=True)
-    (folder / "robot.yaml").write_text(robot_yaml(markers=shown.markers, per_length=order.per_length))
-    extras = [tables[s.name] for s in MENU] if shown.extras else []
-    write_csv(shown.show(joined([tables["base"], *extras])), folder / "trials.csv")
-    if order.menu and not shown.extras:
-        (folder / "menu").mkdir()
-        for name, table in tables.items():
-            write_csv(table, folder / "menu" / f"{name}.csv")

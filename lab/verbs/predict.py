@@ -1,0 +1,364 @@
+"""`lab predict`: where the tip will be, with 95 % intervals; or what to ask of the robot for a wanted tip."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table as Sheet
+
+from model.effects import EffectSpec
+from model.errors import ModelError
+from model.prediction import Prediction, Predictor
+from model.prediction.campaign import ASKED, predict_campaign
+from model.prediction.inverse import REACHED, Reached, inverse, limits_of
+from model.robot import Robot
+from protocols.experiment import Plan
+from protocols.parameters import Parameters, RobotFacts
+
+from ..console import Screen, note, out
+from ..files.config import ConfigError, demand_writable, load
+from ..files.number_table import Columns, read_numbers
+from ..files.own_effects import stated_by
+from .run import protocol_plan
+
+Array = NDArray[np.float64]
+
+AT_REST = {"spine_length", "tip_mass", "roll_deg"}
+"""What a table may tell of states that are each reached from rest by one ramp."""
+MM, SHOWN = 1e3, 40
+"""Rows that are printed; all are written."""
+LEAST_SHOWN = 10.0
+"""Pa."""
+INTERVAL = (
+    "95 %: parameters of robot.yaml to first order, law error, discrepancy, pressure and spine from trial to trial; "
+    "of a reading also its noise"
+)
+PICTURES = (".svg", ".png", ".pdf")
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where a prediction goes besides the screen."""
+
+    json: bool = False
+    csv: Path | None = None
+    figure: Path | None = None
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is wanted of an inverse prediction besides the targets."""
+
+    spine_length: float | None = None
+    """m; free where None."""
+    groups: tuple[tuple[int, ...], ...] | None = None
+    """Chambers that share a regulator."""
+    max_pressure: float | None = None
+
+
+def predict(robot_path: Path, states: Columns, outputs: Outputs, effects: Path | None = None) -> int:
+    """Predict states, those of a trial in their order. Raises ConfigError, ModelError."""
+    robot = _robot(robot_path)
+    _writable(outputs)
+    catalogue = stated_by(robot, effects)
+    _demand_columns(robot, states)
+    with Screen("predicting", quiet=outputs.json):
+        found = _predicted(robot, states, catalogue)
+    bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(found.tip), bool)
+    kept = {name: column[bent] for name, column in states.items() if name != "protocol"}
+    rows = prediction_rows(kept, found)
+    _beyond(robot, kept)
+    if outputs.csv is not None:
+        _write_csv(rows, outputs.csv)
+    if outputs.figure is not None:
+        from ..pages.prediction_figure import tips
+
+        tips(_pressures(robot, kept).max(axis=1), np.asarray(kept["spine_length"], float), found, outputs.figure)
+    if outputs.json:
+        print(json.dumps({**_head(robot, outputs), "states": rows}, indent=1))
+        return 0
+    out.print(_sheet(robot, kept, found))
+    _tell(outputs, len(rows))
+    lost = int((~found.converged).sum())
+    if lost:
+        out.print(f"{lost} of {len(rows)} states have no trusted equilibrium: no tip is given")
+    return 0
+
+
+def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
+    """Each state from rest where no trials are told."""
+    number = np.arange(len(states["spine_length"]))
+    if set(states) & set(ASKED) <= AT_REST:
+        roll = np.radians(np.asarray(states.get("roll_deg", 0.0 * number), float))
+        mass = states.get("tip_mass")
+        pressures = _pressures(robot, states)
+        return Predictor(robot, catalogue)(pressures, states["spine_length"], mass, roll, intervals=True)
+    return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
+
+
+def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Outputs, effects: Path | None = None) -> int:
+    """Pressures and spine lengths for wanted tips. Raises ConfigError, ModelError."""
+    robot = _robot(robot_path)
+    _writable(outputs)
+    table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)", empty=True)
+    place, weight = _coordinates(targets_path, table)
+    fixed = None if wanted.spine_length is None else (wanted.spine_length, wanted.spine_length)
+    try:
+        limits = limits_of(robot, wanted.groups, wanted.max_pressure, fixed)
+        with Screen("searching pressures", quiet=outputs.json) as screen:
+            at = Predictor(robot, stated_by(robot, effects))
+            found = inverse(at, place, limits, weight, lambda share: screen.progress(share, 1.0))
+    except ModelError as e:
+        raise ConfigError(f"{targets_path}: {e}") from e
+    rows = inverse_rows(place, found)
+    if outputs.csv is not None:
+        _write_csv(rows, outputs.csv)
+    if outputs.figure is not None:
+        from ..pages.prediction_figure import targets
+
+        targets(place, found, outputs.figure)
+    if outputs.json:
+        print(json.dumps({**_head(robot, outputs), "targets": rows}, indent=1))
+        return 0
+    out.print(_inverse_sheet(place, found))
+    _tell(outputs, len(rows))
+    missed = np.flatnonzero(~found.reached)
+    if missed.size:
+        nearest = ", ".join(f"{i + 1} ({MM * found.miss[i]:.1f} mm)" for i in missed[:10].tolist())
+        out.print(
+            f"{missed.size} of {len(rows)} targets cannot be reached within the limits; distance of the nearest point that "
+            f"can: {nearest}{' ..' if missed.size > 10 else ''}"
+        )
+    return 0
+
+
+def table_states(path: Path) -> Columns:
+    """What a table says was or will be done to the robot: trials.csv, or a table with p1 .. and spine_length alone."""
+    found = read_numbers(path, ASKED, r"p\d+", "p1 .. (Pa) and spine_length (m)", empty=True)
+    for name, column in found.items():
+        if column.dtype == np.float64 and np.isnan(column).all():
+            raise ConfigError(f"{path}: the column {name} is empty, leave it out")
+    n = len(next(iter(found.values())))
+    found.setdefault("spine_length", np.zeros(n))
+    return found
+
+
+def protocol_states(protocol: str, settings: list[str], robot_path: Path) -> Columns:
+    """The states that a protocol will read, as its plan has them; raises ConfigError for one that inflates nothing."""
+    robot = _robot(robot_path)
+    count = len(robot.chambers.azimuths_deg)
+    facts = RobotFacts(count, tuple((c,) for c in range(1, count + 1)), robot.tip_mass, robot.spine is not None)
+    _, parameters, plan = protocol_plan(protocol, settings, facts)
+    rows = list(_read_states(plan, parameters, count))
+    if not rows:
+        raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _read_states(plan: Plan, parameters: Parameters, chambers: int) -> list[dict[str, Any]]:
+    asked = parameters.model_dump()
+    same = {name: float(asked[name]) for name in ("tip_mass", "roll_deg") if isinstance(asked.get(name), (int, float))}
+    rows: list[dict[str, Any]] = []
+    trial, time, spine, vacuum = 0, 0.0, 0.0, 0.0
+    before = np.zeros(chambers)
+    for step in plan.steps:
+        ask = step.ask
+        time += step.seconds
+        if ask.spine_length is not None:
+            trial, spine, before = trial + 1, ask.spine_length, np.zeros(chambers)
+            vacuum = ask.vacuum or 0.0
+        if not ask.pressures or not ask.pressure_rate:
+            continue
+        if len(ask.pressures) > chambers:
+            raise ConfigError(
+                f"protocol {plan.protocol}: inflates chamber {len(ask.pressures)}, the robot has {chambers}: set chambers"
+            )
+        pressure = np.zeros(chambers)
+        pressure[: len(ask.pressures)] = ask.pressures
+        change = float(np.abs(pressure - before).max())
+        falls = bool(pressure.sum() < before.sum()) or _still_down(rows, trial, change)
+        rows.append(
+            {
+                "trial": max(trial, 1), "branch": "unload" if falls else "load", "t": time, "rate": ask.pressure_rate,
+                "hold": max(step.seconds - change / ask.pressure_rate, 0.0), "spine_length": spine,
+                **({"vacuum": vacuum} if vacuum else {}), **same,
+                **{f"p{c + 1}": float(p) for c, p in enumerate(pressure)},
+            }
+        )  # fmt: skip
+        before = pressure
+    return rows
+
+
+def _still_down(rows: Sequence[Mapping[str, Any]], trial: int, change: float) -> bool:
+    """Whether a state at the pressure of the one before it belongs to the way down as well."""
+    return bool(rows) and not change and rows[-1]["trial"] == trial and rows[-1]["branch"] == "unload"
+
+
+def prediction_rows(states: Columns, found: Prediction) -> list[dict[str, Any]]:
+    """One flat row a state: what was asked, then the reading and the ends of its interval, SI."""
+    low, high = found.interval()
+    assert found.orientation_sd is not None and found.shape_sd is not None
+    rows = []
+    for i in range(len(found.tip)):
+        row: dict[str, Any] = {name: _cell(column[i]) for name, column in states.items()}
+        row |= _triple("xyz", found.tip[i], low[i], high[i])
+        row |= {f"q{k}": _cell(v) for k, v in zip("wxyz", found.orientation[i], strict=True)}
+        row |= {f"sd_r{k}": _cell(v) for k, v in zip("xyz", found.orientation_sd[i], strict=True)}
+        for m, (place, sd) in enumerate(zip(found.shape[i], found.shape_sd[i], strict=True), 1):
+            row |= _triple([f"m{m}{k}" for k in "xyz"], place, place - 1.96 * sd, place + 1.96 * sd)
+        rows.append(row)
+    return rows
+
+
+def inverse_rows(wanted: Array, found: Reached) -> list[dict[str, Any]]:
+    """One flat row a target: where it is, whether it can be reached, what to ask, where the tip will be, SI."""
+    low, high = found.prediction.interval(model_only=True)
+    rows = []
+    for i in range(len(wanted)):
+        row: dict[str, Any] = {f"target_{k}": _cell(v) for k, v in zip("xyz", wanted[i], strict=True)}
+        row |= {"reached": bool(found.reached[i]), "miss": _cell(found.miss[i])}
+        row |= {f"p{c}": _cell(p) for c, p in enumerate(found.pressures[i], 1)}
+        row["spine_length"] = _cell(found.spine_length[i])
+        rows.append(row | _triple("xyz", found.prediction.tip[i], low[i], high[i]))
+    return rows
+
+
+def _triple(names: Sequence[str], value: Array, low: Array, high: Array) -> dict[str, Any]:
+    row = {n: _cell(v) for n, v in zip(names, value, strict=True)}
+    return row | {
+        f"{n}_{end}": _cell(v) for k, n in enumerate(names) for end, v in (("low", low[k]), ("high", high[k]))
+    }
+
+
+def _cell(value: Any) -> Any:
+    """A number or text as JSON has it; None for one that there is not."""
+    if isinstance(value, (np.floating, float)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _robot(path: Path) -> Robot:
+    return load(path, Robot)
+
+
+def _demand_columns(robot: Robot, states: Columns) -> None:
+    count = len(robot.chambers.azimuths_deg)
+    if not any(re.fullmatch(r"p\d+", name) for name in states):
+        raise ConfigError(f"the table has no pressures: give columns p1 .. p{count}, in Pa")
+
+
+def _pressures(robot: Robot, states: Columns) -> Array:
+    n = len(states["spine_length"])
+    count = len(robot.chambers.azimuths_deg)
+    return np.stack([np.asarray(states.get(f"p{c}", np.zeros(n)), float) for c in range(1, count + 1)], axis=1)
+
+
+def _beyond(robot: Robot, states: Columns) -> None:
+    """Says so where more pressure is asked for than the robot bears: the model was never compared with a robot there."""
+    highest = float(_pressures(robot, states).max())
+    if robot.max_pressure is not None and highest > robot.max_pressure:
+        note([f"up to {highest / 1e3:g} kPa are asked for, robot.yaml allows {robot.max_pressure / 1e3:g} kPa"])
+
+
+def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
+    """Targets (m, 3), NaN where free, and their weights (m, 3)."""
+    m = len(next(iter(table.values())))
+    place = np.stack([np.asarray(table.get(k, np.full(m, np.nan)), float) for k in "xyz"], axis=1)
+    weight = np.stack([np.asarray(table.get(f"w{k}", np.ones(m)), float) for k in "xyz"], axis=1)
+    none = ~np.isfinite(place).any(axis=1)
+    if none.any():
+        raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} wants no coordinate; give x, y or z in m")
+    return place, np.where(np.isfinite(weight), weight, 1.0)
+
+
+def _writable(outputs: Outputs) -> None:
+    demand_writable(outputs.csv, outputs.figure)
+    if outputs.figure is not None and outputs.figure.suffix not in PICTURES:
+        raise ConfigError(f"--figure {outputs.figure}: must end in {', '.join(PICTURES)}")
+
+
+def _write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {k: "" if v is None else repr(v) if isinstance(v, float) else v for k, v in r.items()} for r in rows
+    )
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _head(robot: Robot, outputs: Outputs) -> dict[str, Any]:
+    return {
+        "schema": "prediction/1",
+        "robot": robot.name,
+        "effects": list(robot.effects),
+        "interval": INTERVAL,
+        "files": [str(p) for p in (outputs.csv, outputs.figure) if p is not None],
+    }
+
+
+def _tell(outputs: Outputs, rows: int) -> None:
+    if rows > SHOWN:
+        out.print(f"{rows - SHOWN} more rows; --out FILE.csv writes all")
+    out.print(f"± {INTERVAL}")
+    for path in (outputs.csv, outputs.figure):
+        if path is not None:
+            out.print(f"written: {path}")
+
+
+def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
+    low, high = found.interval()
+    pressure = _pressures(robot, states).max(axis=1)
+    named = " + ".join(robot.effects) or "no effect"
+    t = Sheet(title=f"Expected readings of the tip: {robot.name}, {named}", title_justify="left")
+    for column in ("spine", "highest pressure", "x, mm", "y, mm", "z, mm"):
+        t.add_column(column, justify="right")
+    for i in range(min(len(found.tip), SHOWN)):
+        t.add_row(
+            f"{100 * float(states['spine_length'][i]):.1f} cm",
+            f"{pressure[i] / 1e3:.1f} kPa",
+            *_with_half(found.tip[i], low[i], high[i]),
+        )
+    return t
+
+
+def _inverse_sheet(wanted: Array, found: Reached) -> Sheet:
+    low, high = found.prediction.interval(model_only=True)
+    t = Sheet(title=f"Pressures for wanted tips (there: within {MM * REACHED:g} mm)", title_justify="left")
+    for column in ("target, mm", "there", "spine", "kPa (chambers)", "x, mm", "y, mm", "z, mm"):
+        t.add_column(column)
+    for i in range(min(len(wanted), SHOWN)):
+        target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
+        t.add_row(
+            target,
+            "yes" if found.reached[i] else f"{MM * found.miss[i]:.1f} mm off",
+            f"{100 * found.spine_length[i]:.1f} cm",
+            _inflated(found.pressures[i]),
+            *_with_half(found.prediction.tip[i], low[i], high[i]),
+        )
+    return t
+
+
+def _inflated(pressures: Array) -> str:
+    """kPa and, in brackets, the chambers that have it."""
+    by: dict[str, list[str]] = {}
+    for c, p in enumerate(pressures.tolist(), 1):
+        if p > LEAST_SHOWN:
+            by.setdefault(f"{p / 1e3:.1f}", []).append(str(c))
+    return "; ".join(f"{kpa} ({', '.join(own)})" for kpa, own in by.items()) or "none"
+
+
+def _with_half(value: Array, low: Array, high: Array) -> list[str]:
+    return [
+        "none" if not np.isfinite(v) else f"{MM * v:.2f} ± {MM * (h - l) / 2:.2f}"
+        for v, l, h in zip(value, low, high, strict=True)
+    ]

@@ -1,0 +1,45 @@
+"""Several commands of `lab` in one process of their own, on a computer that is unlike this one."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+COMMANDS = """
+import contextlib, io, json, sys
+
+lacking, commands = json.load(sys.stdin)
+sys.modules.update(dict.fromkeys(lacking))
+from lab.cli import main
+
+done = []
+for words in commands:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(words)
+    done.append((code, out.getvalue(), err.getvalue()))
+json.dump(done, sys.__stdout__)
+"""
+
+
+class Done(NamedTuple):
+    """What a command ended with."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run_there(
+    commands: Sequence[Sequence[object]], env: Mapping[str, str] | None = None, lacking: Sequence[str] = ()
+) -> list[Done]:
+    """Each command once, with this environment (None: ours) and without these libraries."""
+    asked = json.dumps([lacking, [[str(word) for word in words] for words in commands]])
+    done = subprocess.run(
+        [sys.executable, "-c", COMMANDS], env=env, input=asked, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+    return [Done(*one) for one in json.loads(done.stdout)]
