@@ -18,10 +18,10 @@ demo: $(READY)
 	$(BIN)/lab demo --out demo
 
 # One thread of linear algebra a process: they share the processors with the fakes. What several processes would compile at
-# once is compiled before, model and virtual robot beside each other.
+# once is compiled before, the plain rod and the virtual robot beside each other; the full rod is first needed by one process.
 test: room $(READY_DEV)
-	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & $(BIN)/python -m model.warm_up full & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
+	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:
 	@$(if $(filter-out $(ROOMS),$(ROOM)),echo "ROOM=$(ROOM): no such room; one of: $(ROOMS)" >&2; exit 2)

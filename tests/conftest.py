@@ -1,7 +1,7 @@
-"""Tests run in three processes. Whatever runs a whole rig of fakes shares one of them, and so does what would starve a rig (a
-cluster of processes): two rigs starve each other on two processors, from four on the room safety has its own. Whatever solves
-rods shares another, since each kind of rod is compiled once, in the process that first needs it. All others stay together file by
-file. What talks to instruments waits mostly, and is late when it may not run at once: all else has a lower priority."""
+"""Tests run in four processes. Whatever runs a whole rig of fakes shares one of two, `WHOLE` and `SAFETY`: a rig waits more
+than it computes, but three starve each other on two processors; what would starve a rig (a cluster of processes) is with them.
+Whatever solves rods shares another, since each kind of rod is compiled once, in the process that first needs it. All others stay
+together file by file. What talks to instruments is late when it may not run at once: all else has a lower priority."""
 
 from __future__ import annotations
 
@@ -15,26 +15,25 @@ from xdist.scheduler import LoadScopeScheduling
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
 
-RIG, CALLS, RODS = "rig", "call order", "rods"
-SAFETY = "rig of safety" if (os.cpu_count() or 1) >= 4 else RIG
+WHOLE, SAFETY, CALLS, RODS = "whole rig", "safety", "call order", "rods"
 GROUPS = {
-    "docs": RIG,
+    "docs": WHOLE,
     "safety": SAFETY,
     "test_call_order.py": CALLS,
     "test_call_order_network.py": CALLS,
-    "test_contract.py": RIG,
-    "test_bad_input.py": RIG,
-    "test_blind_wire.py": RIG,
-    "test_check_moves.py": RIG,
-    "test_cluster.py": RIG,
-    "test_end_to_end.py": RIG,
-    "test_front_door.py": RIG,
-    "test_own_protocol.py": RIG,
-    "test_plain_text_on_a_rig.py": RIG,
-    "test_proposed_experiments.py": RIG,
-    "test_resume.py": RIG,
-    "test_three_chambers.py": RIG,
-    "test_who_may_speak.py": RIG,
+    "test_contract.py": SAFETY,
+    "test_bad_input.py": WHOLE,
+    "test_blind_wire.py": WHOLE,
+    "test_check_moves.py": WHOLE,
+    "test_cluster.py": WHOLE,
+    "test_end_to_end.py": WHOLE,
+    "test_front_door.py": WHOLE,
+    "test_own_protocol.py": WHOLE,
+    "test_plain_text_on_a_rig.py": WHOLE,
+    "test_proposed_experiments.py": WHOLE,
+    "test_resume.py": WHOLE,
+    "test_three_chambers.py": WHOLE,
+    "test_who_may_speak.py": WHOLE,
     "diagnosis": RODS,
     "model": RODS,
     "test_blind_bench.py": RODS,
@@ -50,7 +49,7 @@ GROUPS = {
     "test_use.py": RODS,
 }
 """By folder or file. (The marks of pytest-xdist 3.8 for groups do nothing with pytest 9.2.)"""
-ORDER = (RIG, SAFETY, RODS, CALLS)
+ORDER = (WHOLE, SAFETY, RODS, CALLS)
 """What takes longest begins first, then what talks to instruments: a process that has stepped back does not come forward."""
 NICE = 15
 
@@ -74,14 +73,14 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> ByGroup:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The groups of `ORDER` first."""
-    items.sort(key=lambda item: (*ORDER, group(item.nodeid)).index(group(item.nodeid)))
+    """The groups of `ORDER` first; the pages of the docs last of theirs, since by then the rods they solve are compiled."""
+    items.sort(key=lambda item: ((*ORDER, group(item.nodeid)).index(group(item.nodeid)), "tests/docs/" in item.nodeid))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Beside other processes, whatever does not talk to instruments steps back."""
     name = group(item.nodeid)
-    talks = name in (RIG, SAFETY, CALLS) or name.startswith("drivers/")
+    talks = name in (WHOLE, SAFETY, CALLS) or name.startswith("drivers/")
     if hasattr(item.config, "workerinput") and not talks and os.getpriority(os.PRIO_PROCESS, 0) < NICE:
         os.setpriority(os.PRIO_PROCESS, 0, NICE)
 

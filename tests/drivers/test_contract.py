@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,7 +18,8 @@ from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from recordings.campaign.replay import replay, table_of
 from recordings.file.reader import Recording
 from recordings.table_file import read_csv, write_csv
-from tests.lab.commands import Done, run_there
+from tests.drivers.installed import install
+from tests.lab.commands import run_there
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "tests/drivers/bench_arm")
@@ -33,19 +33,6 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     for package in PACKAGES:
         install(folder, package)
     return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (folder, *PACKAGES)))}
-
-
-def install(folder: Path, package: Path) -> None:
-    """What an installer writes of a package's entry points."""
-    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
-    about = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    groups = (
-        f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in entries.items())
-        for group, entries in project["entry-points"].items()
-    )
-    (about / "entry_points.txt").write_text("\n".join(groups))
 
 
 @pytest.mark.parametrize(
@@ -132,71 +119,3 @@ def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
     again = read_csv(tmp_path / "trials.csv")
     assert not again.ignored and [row.sensors for row in again] == [row.sensors for row in table]
     assert replay(file)["sensor_skin_humidity"] == pytest.approx(0.38)
-
-
-BROKEN = {
-    "lacking": ("raise ImportError('no serial for you')", "cannot be loaded: ImportError: no serial for you"),
-    "number": ("DRIVER = 3", "is of type int, not drivers.registry.Driver"),
-    "misspelt": (
-        "from drivers.registry import Driver\nDRIVER = Driver('presure', dict, dict)",
-        "role 'presure' must be one of arm",
-    ),
-    "made_of_numbers": (
-        "from drivers.registry import Driver\nDRIVER = Driver('pressure', dict, 1)",
-        "config must be a subclass of drivers.configs.RegulatorsConfig; make must be callable",
-    ),
-    "unreachable": (
-        "from drivers.registry import Driver\nfrom drivers.configs import SensorConfig\n"
-        "DRIVER = Driver('sensor', SensorConfig, print, quantities={'T': 'K'})",
-        "config must have one of port, ports, host, server, local, the address of the instrument; quantity 'T': 'K' must be",
-    ),
-}
-"""Packages whose driver is none, all of them installed: what their module says, and what is said of it."""
-Said = dict[tuple[str, str], Done]
-
-
-@pytest.fixture(scope="module")
-def said(tmp_path_factory: pytest.TempPathFactory) -> Said:
-    """What (verb, driver of the regulators) ends with on a machine on which they are installed; nobody answers at the rig."""
-    folder = tmp_path_factory.mktemp("littered")
-    for name, (module, _) in BROKEN.items():
-        package = tmp_path_factory.mktemp(name)
-        (folder / f"{name}.py").write_text(module)
-        entries = f'[project.entry-points."softlab.drivers"]\n{name} = "{name}:DRIVER"\n'
-        (package / "pyproject.toml").write_text(f'[project]\nname = "{name}"\nversion = "1"\n{entries}')
-        install(folder, package)
-    text = (ROOT / "examples/rig/rig.yaml").read_text().replace("../paper", str(ROOT / "examples/paper"))
-    asked: dict[tuple[str, str], tuple[str, ...]] = {}
-    for name in ("alicat", *BROKEN):
-        rig = folder / f"{name}.yaml"
-        rig.write_text(text.replace("192.168.0.", "127.0.0.").replace("driver: alicat", f"driver: {name}"))
-        asked["plan", name] = ("plan", "bending", "--rig", str(rig))
-        if name in BROKEN:
-            asked["safe", name] = ("safe", "--rig", str(rig), "--json")
-    done = run_there(list(asked.values()), {**os.environ, "PYTHONPATH": str(folder)})
-    return dict(zip(asked, done, strict=True))
-
-
-def test_packages_whose_driver_is_none_hinder_nobody_who_does_not_use_them(said: Said) -> None:
-    code, out, err = said["plan", "alicat"]
-    assert code == 0, out + err
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_package_whose_driver_is_none_is_named_where_it_is_used_and_nowhere_else(said: Said, name: str) -> None:
-    words = BROKEN[name][1]
-    code, out, err = said["plan", name]
-    assert code == 2, out + err
-    assert f"instruments.pressure.driver = {name}: package {name} 1: entry point {name}" in err and words in err
-    assert not any(f"package {other} 1" in err for other in BROKEN if other != name)
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_landing_goes_on_without_a_driver_that_is_none_and_tells_each_of_the_others_for_itself(
-    said: Said, name: str
-) -> None:
-    code, out, _ = said["safe", name]
-    steps = {step["instrument"]: step for step in json.loads(out)["steps"]}
-    assert code == 1 and set(steps) == {"arm", "pressure", "spine", "valve"}
-    words = BROKEN[name][1]
-    assert words in steps["pressure"]["text"] and words not in steps["valve"]["text"]
