@@ -31,8 +31,10 @@ from .wire import ServerClient
 
 OLDEST_VERSION = (3, 0)
 """First NatNet version whose frames have the layout relied on here."""
-POLL = 0.001
-"""Pause between two looks at the sockets, s."""
+LONGEST_WAIT = 0.02
+"""s until the sockets are looked at again though nothing has come: to keep alive, and to end."""
+PAUSE = 0.001
+"""s, after what could not be read."""
 ASK_AGAIN = 0.3
 """Pause before a request is repeated, s: datagrams get lost."""
 FARTHEST = 20.0
@@ -267,10 +269,10 @@ class NatNetMocap:
     def _serve(self, client: ServerClient) -> None:
         """Take what has arrived. A damaged datagram is dropped; the count of frames will show it."""
         try:
+            client.wait(LONGEST_WAIT)
             client.update_sync()
         except Exception:  # the client raises whatever unpacking raises, and the network whatever it likes
-            time.sleep(POLL)
-        time.sleep(POLL)
+            time.sleep(PAUSE)
 
     # -- streaming
     def _run(self, client: ServerClient) -> None:

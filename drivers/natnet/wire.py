@@ -6,6 +6,7 @@ The package's own sockets listen on all interfaces and take a frame from whoever
 from __future__ import annotations
 
 import math
+import select
 import socket
 import time
 from collections.abc import Callable
@@ -61,19 +62,23 @@ class ServerClient(NatNetClient):  # type: ignore[misc]
         )
         self._elsewhere = elsewhere
         self._kept_alive = -math.inf
-        self._made = 0
+        self._sockets: list[ServerSocket] = []
 
     def _NatNetClient__create_socket(self, addr: str = "", port: int = 0) -> ServerSocket:
         """In the place of the package's own, by the only name under which it can be replaced."""
-        self._made += 1
-        return ServerSocket(self.local_ip_address, self.server_ip_address, self._elsewhere)
+        self._sockets.append(ServerSocket(self.local_ip_address, self.server_ip_address, self._elsewhere))
+        return self._sockets[-1]
 
     def connect(self, timeout: float = 5.0) -> None:
         """See NatNetClient; NatNetError when the package makes its sockets in a way that is not known here."""
-        self._made = 0
+        self._sockets = []
         super().connect(timeout)
-        if self._made != 2:
+        if len(self._sockets) != 2:
             raise NatNetError("this version of the natnet package opens sockets that anybody can send to; use 0.3.0")
+
+    def wait(self, longest: float) -> None:
+        """Return when something has come, or after `longest` s. Raises OSError or ValueError when the sockets are closed."""
+        select.select(self._sockets, [], [], longest)
 
     def send_request(self, command: int, command_str: str = "") -> int:
         if command == self.NAT_KEEPALIVE:

@@ -68,7 +68,7 @@ def integration_steps(rows: Array) -> Steps:
 
 def solve(rows: Array, arcs: Array, steps: Steps, start: rod.Solution | None = None, inside: bool = True) -> Solved:
     """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is the solution of rows nearby."""
-    rods = _rods(rows)
+    rods = full_rods(rows)
     method = replace(METHOD, steps=steps)
     solution = rod.solve(rods, method) if start is None else _go_on(rods, steps, start)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
@@ -89,7 +89,7 @@ def look_inside(solved: Solved) -> Solved:
 
 def _fill_stations(solved: Solved, inside: bool) -> None:
     """Fill the results that are not at the tip, in one pass."""
-    rods, result = _rods(solved.rows), solved.result
+    rods, result = full_rods(solved.rows), solved.result
     places = _places(rods, solved.arcs, base=True)
     marked = places.shape[1]
     if inside:
@@ -123,7 +123,7 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
     and the strains, in this order.
     """
-    rods = _rods(solved.rows)
+    rods = full_rods(solved.rows)
     own = int(solved.inside)
     places = _places(rods, solved.arcs, base=False)[:, 1 - own :]
     method = replace(METHOD, steps=solved.steps)
@@ -154,7 +154,8 @@ def nudged(solved: Solved, step: float) -> Array:
     return out
 
 
-def _rods(rows: Array) -> rod.Rods:
+def full_rods(rows: Array) -> rod.Rods:
+    """Rods in the full form, from rows (n, WIDTH)."""
     values = np.array(rows, order="C")
     for element in range(at.FORM.elements):
         values[:, at.ELEMENTS + element * at.ELEMENT_WIDTH + at.REST_STRAIN + 2] += 1.0

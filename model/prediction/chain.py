@@ -119,7 +119,7 @@ class Chain:
         built, moved = rod_columns(q, self._shear), rod_columns(beside, self._shear)
         by = np.broadcast_to(varied.by[:, None], (len(varied.by), len(s)))
         changed, change = moved.changes(built, by)
-        equilibria = solved(built.rows(len(s)), changed)
+        equilibria = solved(built.rows(len(s)))
         result = equilibria.result(arcs)
         here = self._after(q, result[None], values)
         motion = equilibria.motion(arcs, changed, change) * varied.by[:, None, None]

@@ -1,4 +1,5 @@
-"""Rods without memory in the plainest form that holds them: springs and graded sections cost most of the time of a solve."""
+"""Rods without memory, solved in the plainest form that holds them: springs and graded sections cost most of the time of a
+solve, and are no burden to derivatives."""
 
 from __future__ import annotations
 
@@ -11,12 +12,11 @@ from numpy.typing import NDArray
 from model import rods as rod
 from model.effects import layout as at
 from model.effects.compose import directions
-from model.effects.solver import DIVISIONS, METHOD, integration_steps
+from model.effects.solver import DIVISIONS, METHOD, full_rods, integration_steps
 from model.rods.columns import BLOCK, HEAD
 from model.rotation import from_vector, multiply
 
 Array = NDArray[np.float64]
-Columns = NDArray[np.intp]
 
 FURTHER = [at.ELEMENTS + e * at.ELEMENT_WIDTH + k for e in range(at.FORM.elements) for k in range(at.SERIES, BLOCK)]
 """Columns of hyperelastic and graded sections."""
@@ -24,10 +24,11 @@ FURTHER = [at.ELEMENTS + e * at.ELEMENT_WIDTH + k for e in range(at.FORM.element
 
 @dataclass(frozen=True)
 class Equilibria:
-    """Solved rods and the columns of the full layout that they have."""
+    """Solved rods, and their rows in the full layout."""
 
     rods: rod.Rods
-    kept: Columns
+    rows: Array
+    """(n, WIDTH)."""
     method: rod.Fast
     solution: rod.Solution
 
@@ -50,9 +51,9 @@ class Equilibria:
         n = len(self.rods)
         if not changed:
             return np.zeros((change.shape[1], n, 6 + 3 * len(arcs)))
-        along = directions(changed)[None][..., self.kept]
-        places = self._places(arcs)
-        d = rod.sensitivities(self.rods, self.solution, along, self.method, arc_lengths=places)
+        along, places = directions(changed)[None], self._places(arcs)
+        # In the full form also where the rods have a plainer one: one kind of derivative to compile.
+        d = rod.sensitivities(full_rods(self.rows), self.solution, along, self.method, arc_lengths=places)
         marked = d.position.reshape(n, len(changed), 3 * len(arcs))
         return np.asarray((change @ np.concatenate([d.tip, d.rotation, marked], axis=-1)).swapaxes(0, 1))
 
@@ -60,9 +61,9 @@ class Equilibria:
         return np.minimum(arcs[None, :], self.rods.whole_length[:, None])
 
 
-def solved(rows: Array, changed: Sequence[int] = ()) -> Equilibria:
-    """Solve rows (n, WIDTH); columns that are `changed` for a derivative are kept though they may be zero."""
-    used = {*np.flatnonzero(rows.any(axis=0)).tolist(), *changed}
+def solved(rows: Array) -> Equilibria:
+    """Solve rows (n, WIDTH)."""
+    used = set(np.flatnonzero(rows.any(axis=0)).tolist())
     stiffness = {at.SPRINGS + k * at.SPRING_WIDTH + at.SPRING_STIFFNESS for k in range(at.FORM.springs)}
     springs, full = bool(used & stiffness), bool(used & set(FURTHER))
     form = rod.Form(at.FORM.elements, at.FORM.springs if springs else 0, full)
@@ -71,7 +72,7 @@ def solved(rows: Array, changed: Sequence[int] = ()) -> Equilibria:
     rods = rod.Rods(form, np.ascontiguousarray(rows[:, kept]))
     rods.field("rest_strain")[..., 2] += 1.0
     method = rod.Fast(DIVISIONS, METHOD.close, steps=integration_steps(rows))
-    return Equilibria(rods, kept, method, rod.solve(rods, method))
+    return Equilibria(rods, rows, method, rod.solve(rods, method))
 
 
 def moved_by(result: Array, motion: Array) -> Array:
