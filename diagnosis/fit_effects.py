@@ -10,7 +10,6 @@ what is written down is the most probable point and how uncertain it is. Effects
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.spec import EffectSpec
-from model.errors import BadEffect
+from model.errors import BadEffect, nearest
 from model.robot import Robot, robot_from_dict
 from model.stated import AREA_FACTOR, Stated
 
@@ -124,9 +123,7 @@ def fit_effects(
 def _known(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> tuple[str, ...]:
     for effect in effects:
         if effect not in catalogue:
-            near = difflib.get_close_matches(effect, list(catalogue), n=1, cutoff=0.5)
-            hint = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(catalogue)}"
-            raise BadEffect(f"effect {effect!r}: is not known, {hint}")
+            raise BadEffect(f"effect {effect!r}: is not known, {nearest(effect, catalogue)}")
     return tuple(id for id in catalogue if id in effects)
 
 

@@ -12,6 +12,9 @@ Each message names the field, the value with its unit, the limit and what to do 
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class ModelError(Exception):
     """Anything the model refuses or cannot do."""
@@ -35,3 +38,10 @@ class BadEffect(ModelError, ValueError):
 
 class NotIdentified(ModelError, ValueError):
     """The data do not determine what is to be fitted."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """What a message adds about a name that is not known: the one that was probably meant, else all there are."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    return f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"

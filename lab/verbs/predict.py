@@ -17,7 +17,7 @@ from rich.table import Table as Sheet
 
 from model.effects import EffectSpec
 from model.errors import ModelError
-from model.prediction import Prediction, Predictor
+from model.prediction import NORMAL_95, Prediction, Predictor
 from model.prediction.campaign import ASKED, predict_campaign
 from model.prediction.inverse import REACHED, Reached, inverse, limits_of
 from model.robot import Robot
@@ -214,7 +214,7 @@ def prediction_rows(states: Columns, found: Prediction) -> list[dict[str, Any]]:
         row |= {f"q{k}": _cell(v) for k, v in zip("wxyz", found.orientation[i], strict=True)}
         row |= {f"sd_r{k}": _cell(v) for k, v in zip("xyz", found.orientation_sd[i], strict=True)}
         for m, (place, sd) in enumerate(zip(found.shape[i], found.shape_sd[i], strict=True), 1):
-            row |= _triple([f"m{m}{k}" for k in "xyz"], place, place - 1.96 * sd, place + 1.96 * sd)
+            row |= _triple([f"m{m}{k}" for k in "xyz"], place, place - NORMAL_95 * sd, place + NORMAL_95 * sd)
         rows.append(row)
     return rows
 

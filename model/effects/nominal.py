@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -15,7 +14,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec, Law, Values
 from model.effects.tolerance import ALWAYS, JAMMING
-from model.errors import BadRobot
+from model.errors import BadRobot, nearest
 from model.robot import Robot
 from model.stated import Stated, Table
 
@@ -41,25 +40,20 @@ def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterab
     for id, own in table.items():
         if id not in known:
             own_effect = "; if it is an effect of your own, install its package or give its file with --effects"
-            yield f"{key}.{id}: is not known, {_near(id, known)}{own_effect if key == 'effects' else ''}"
+            yield f"{key}.{id}: is not known, {nearest(id, known)}{own_effect if key == 'effects' else ''}"
             continue
         parameters = {p.name: p for p in known[id].parameters}
         for name, stated in own.items():
             place = f"{key}.{id}.{name}"
             p = parameters.get(name)
             if p is None:
-                yield f"{place}: is no parameter of {id}, {_near(name, parameters)}"
+                yield f"{place}: is no parameter of {id}, {nearest(name, parameters)}"
             elif stated.unit != p.unit:
                 yield f"{place}: unit {stated.unit!r}, must be {p.unit!r}: convert value and sd"
             elif not p.low <= stated.value <= p.high:
                 yield f"{place} = {stated.value:g} {p.unit}: must be within {p.low:g} and {p.high:g} {p.unit}".replace(
                     " 1:", ":"
                 )
-
-
-def _near(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
 
 
 def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})) -> list[tuple[Law, Values]]:

@@ -13,6 +13,6 @@ Where things are
     inverse     pressures (and spine length) for wanted tips
 """
 
-from model.prediction.predictor import Prediction, Predictor
+from model.prediction.predictor import NORMAL_95, Prediction, Predictor
 
-__all__ = ["Prediction", "Predictor"]
+__all__ = ["NORMAL_95", "Prediction", "Predictor"]
