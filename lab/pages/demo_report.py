@@ -62,7 +62,7 @@ def write(
     found = report.section("What was withheld, and what was found")
     if "given" in answer.detail["states"]:
         found.figure(
-            unseen_tips(answer, folder / "unseen.png"),
+            unseen_tips(answer, folder / "unseen.svg"),
             "Measured tip and three models on states that no fit saw: as given, calibrated, with the cause. Below: what the last "
             "two miss; grey: noise floor. diagnosis.html has the whole answer",
         )
@@ -71,19 +71,19 @@ def write(
     paper = case.robot.spine.modulus if case.robot.spine else {}
     whole = report.section("In one picture")
     whole.figure(
-        story(fit.spine_modulus, paper, before, after, folder / "story.png"), "Stiffness, tip and error of this run."
+        story(fit.spine_modulus, paper, before, after, folder / "story.svg"), "Stiffness, tip and error of this run."
     )
     stiff = report.section("Stiffness of the spine")
     stiff.figure(
-        stiffness_curves(case.of("stiffness"), fit.spine_modulus, paper, folder / "stiffness.png"),
+        stiffness_curves(case.of("stiffness"), fit.spine_modulus, paper, folder / "stiffness.svg"),
         "Force on the spine's tip over its deflection, and Young's modulus by eq. 9.",
     )
     bend = report.section("Bending: measured against the model with the paper's parameters")
-    bend.figure(tip_curves(before, folder / "paper.png"), "Marks: measured tip, loading and unloading. Lines: model.")
+    bend.figure(tip_curves(before, folder / "paper.svg"), "Marks: measured tip, loading and unloading. Lines: model.")
     bend.table(*_errors(before.table))
     fitted = report.section("After calibration")
     fitted.figure(
-        tip_curves(after, folder / "calibrated.png"),
+        tip_curves(after, folder / "calibrated.svg"),
         "The same marks; the model with one chamber area per spine length.",
     )
     fitted.table(*_errors(after.table))

@@ -100,7 +100,7 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         return
     names = [x.effect or STEPS[x.step] for x in w.steps]
     s.figure(
-        draw.waterfall(w, names, length, folder / "waterfall.png"),
+        draw.waterfall(w, names, length, folder / "waterfall.svg"),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
         "is what the step takes; whiskers: 95 % over trials drawn anew and orders of the causes.",
     )
@@ -155,7 +155,7 @@ def _percent(share: float) -> str:
 
 def _sensors(s: Section, table: Table, folder: Path) -> None:
     s.figure(
-        draw_sensors(table, folder / "sensors.png"),
+        draw_sensors(table, folder / "sensors.svg"),
         "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them.",
     )
     s.table(*sensor_numbers(table))
@@ -179,9 +179,9 @@ def _held_out(s: Section, found: Mapping[str, Any]) -> None:
 def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
-        draw.gap_map(d, folder / "map.png"), "Gap by spine length and pressure, before and after, on one colour scale"
+        draw.gap_map(d, folder / "map.svg"), "Gap by spine length and pressure, before and after, on one colour scale"
     )
-    s.figure(draw.loops(d, folder / "loops.png"), "Sideways gap up and down; grey: noise floor")
+    s.figure(draw.loops(d, folder / "loops.svg"), "Sideways gap up and down; grey: noise floor")
 
 
 def _by_factor(s: Section, d: Diagnosis) -> None:
@@ -208,7 +208,7 @@ def _by_factor(s: Section, d: Diagnosis) -> None:
 def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     found = d.detail["stiffness"]
     s.figure(
-        draw_pushes(found, folder / "pushes.png"),
+        draw_pushes(found, folder / "pushes.svg"),
         "Force error over the specimen's stiffness, as a deflection; grey: noise floor",
     )
     rows = [[name, f"{value:.3f}"] for name, value in found["waterfall_mm"].items()]
@@ -226,12 +226,12 @@ def _at(factor: str, value: float | str) -> str:
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     if "given" in d.detail["states"]:
         s.figure(
-            draw.unseen_tips(d, folder / "unseen.png"),
+            draw.unseen_tips(d, folder / "unseen.svg"),
             "Measured tip and three models on the way up, each state predicted by fits that did not see it. Below: what the "
             "calibrated model and the one with the leading hypothesis miss; grey: noise floor",
         )
     s.figure(
-        draw.posterior(d, folder / "posterior.png"), f"Probability of each hypothesis ({d.detail['calibrated_on']})"
+        draw.posterior(d, folder / "posterior.svg"), f"Probability of each hypothesis ({d.detail['calibrated_on']})"
     )
     if d.budget:
         words = {"named": "named", "present": "also present", "unseen": "could not be seen in these data"}
@@ -268,7 +268,7 @@ def _diagnostic(value: float | str | None) -> str:
 
 def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
     s.figure(
-        draw_sizes(sizes, folder / "sizes.png"),
+        draw_sizes(sizes, folder / "sizes.svg"),
         "Size of the leading hypothesis: normal posterior of the problem linearised at the fit, widened as calibrated "
         "(dashed), cut at the physical bounds (red). Left: the physically possible range; right: close up, 90 % shaded",
     )
@@ -290,7 +290,7 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         s.text("The model has no equilibrium in the measured states, so there is no shape to show.")
         return
     s.figure(
-        draw_shapes(states, folder / "shapes.png"),
+        draw_shapes(states, folder / "shapes.svg"),
         "The state with the largest error at each spine length, at most four; equal axes, mm, base frame",
     )
     rows = [
@@ -332,7 +332,7 @@ def _alike(s: Section, d: Diagnosis) -> None:
 
 def _confounding(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(
-        draw.confounding(d, folder / "confounding.png"),
+        draw.confounding(d, folder / "confounding.svg"),
         "Share of each effect's tip displacement that a calibration absorbs",
     )
 

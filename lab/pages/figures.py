@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
     "figure.dpi": 110, "savefig.dpi": 150, "legend.frameon": False, "axes.titlesize": 10, "text.parse_math": False,
+    "svg.hashsalt": "softlab",
 }  # fmt: skip
 
 
@@ -35,8 +36,8 @@ def colours(n: int) -> list[tuple[float, float, float, float]]:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write and close."""
-    figure.savefig(path, bbox_inches="tight")
+    """Write and close; the same figure is the same file, on every day."""
+    figure.savefig(path, bbox_inches="tight", metadata={"Date": None} if path.suffix == ".svg" else None)
     plt.close(figure)
     return path
 

@@ -11,6 +11,8 @@ from jinja2 import Environment, FileSystemLoader
 
 from ..plain import plain
 
+IMAGES = {".svg": "image/svg+xml", ".png": "image/png"}
+
 
 @dataclass(frozen=True)
 class Item:
@@ -38,9 +40,10 @@ class Section:
         self.items.append(Item("text", text=text))
         return self
 
-    def figure(self, png: Path, caption: str) -> Section:
-        """Add a picture; it is put into the page."""
-        self.items.append(Item("figure", caption=caption, data=base64.b64encode(png.read_bytes()).decode()))
+    def figure(self, picture: Path, caption: str) -> Section:
+        """Add a picture (.svg or .png); it is put into the page as an image, so that nothing in it can run."""
+        data = f"data:{IMAGES[picture.suffix]};base64,{base64.b64encode(picture.read_bytes()).decode()}"
+        self.items.append(Item("figure", caption=caption, data=data))
         return self
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:

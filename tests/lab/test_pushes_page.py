@@ -48,5 +48,5 @@ def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(tmp_path: Path
     text, told = page.read_text(), json.loads(answer.read_text())
     assert told["locate"]["of"] == "deflection" and told["attribute"]["effects"] == ["force_bias"]
     assert re.findall(r"<h2>([^<]+)</h2>", text) == SECTIONS
-    assert len(re.findall(r'src="data:image/png;base64,', text)) == 4
+    assert len(re.findall(r'src="data:image/svg.xml;base64,', text)) == 4
     assert "Error of the deflection, mm rms" in text and "Tip error" not in text
