@@ -49,6 +49,7 @@ GROUPS = {
     "test_predict_verb.py": RODS,
     "test_sampled_evidence.py": RODS,
     "test_use.py": RODS,
+    "test_residual.py": RODS,
 }
 """By folder or file. (The marks of pytest-xdist 3.8 for groups do nothing with pytest 9.2.)"""
 ORDER = (WHOLE, SAFETY, RODS, CALLS)
