@@ -1,9 +1,9 @@
 """Calibration of probabilities: constants fitted on a benchmark of sealed cases.
 
 Evidence is overconfident, because no model is exact. Log evidence is divided by a temperature, so that the stated
-probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue follows from
-what free-form errors of the stages gain, which is evidence like any other, and from a logistic regression on the misfit
-diagnostics, fitted on the same benchmark.
+probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue begins at the
+share that the prior leaves to it, and follows from what free-form errors of the stages gain, which is evidence like any other,
+and from three misfit diagnostics (decision 059).
 """
 
 from __future__ import annotations
@@ -11,14 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
+from ..inference.posterior import PRIOR_SHARES
 from .misfit import MisfitDiagnostics
 
-MOST_TENSION = 20.0
-"""Larger values count as this."""
-TYPICAL_SPINE_OUTLIER = 3.5
-"""Standard deviations: the most outlying of about forty spines is usually this far from its prior."""
 TYPICAL_EXCESS, MOST_EXCESS = 2.0, 10.0
 """Factors of excess scatter: less than the first is chance, more than the second counts as the second."""
 USUAL_GAIN = 4.0
@@ -34,11 +29,9 @@ class ProbabilityCalibration:
     """Constants fitted on the benchmark."""
 
     temperature: float
-    intercept: float
-    """Log odds of a cause outside the catalogue when no diagnostic stands out."""
-    prior_tension: float
+    prior_outside: float
+    """Probability of a cause outside the catalogue when no diagnostic stands out: what the prior leaves to it."""
     cross_prediction: float
-    spine_outlier: float
     excess_scatter: float
     many_effects: float
     """Coefficients of the log odds, one for each diagnostic."""
@@ -52,17 +45,16 @@ class ProbabilityCalibration:
     def probability_outside(self, s: MisfitDiagnostics, stage_gain: float = 0.0) -> float:
         """Probability of a cause outside the catalogue; `stage_gain` the log evidence that free-form errors of the stages
         gain."""
-        odds = self.intercept + max(stage_gain - USUAL_GAIN, 0.0) / self.temperature
-        odds += self.prior_tension * float(np.clip(s.prior_tension, 0.0, MOST_TENSION))
+        odds = math.log(self.prior_outside / (1 - self.prior_outside))
+        odds += max(stage_gain - USUAL_GAIN, 0.0) / self.temperature
         odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))
-        odds += self.spine_outlier * max(s.spine_outlier - TYPICAL_SPINE_OUTLIER, 0.0)
         odds += self.excess_scatter * max(math.log(min(s.excess_scatter, MOST_EXCESS) / TYPICAL_EXCESS), 0.0)
         odds += self.many_effects * max(s.effects_named - FEW_EFFECTS, 0)
         return 1 / (1 + math.exp(-min(odds, MOST_ODDS)))
 
 
 CALIBRATED = ProbabilityCalibration(
-    temperature=2.0, intercept=-2.4, prior_tension=0.25, cross_prediction=1.0, spine_outlier=0.8,
-    excess_scatter=3.0, many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
+    temperature=2.0, prior_outside=1 - sum(PRIOR_SHARES.values()), cross_prediction=1.0, excess_scatter=3.0,
+    many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
     benchmark="calibrated on the blind bench, docs/explanations/blind.md",
 )  # fmt: skip
