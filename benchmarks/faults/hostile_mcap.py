@@ -145,7 +145,7 @@ def _json(inner: list[Record], rng: random.Random) -> None:
 
 def _head(inner: list[Record], rng: random.Random) -> None:
     i = _pick(inner, rng, Opcode.MESSAGE)
-    if i is None:
+    if i is None or len(inner[i][1]) < 22:  # none, or one that an earlier change has cut off
         return
     channel, sequence, log, publish = struct.unpack("<HIQQ", inner[i][1][:22])
     match rng.randrange(3):
