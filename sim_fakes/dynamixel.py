@@ -14,7 +14,6 @@ Faults by name in `faults.extra`:
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -22,6 +21,7 @@ from typing import Any, ClassVar
 from .clock import SimClock
 from .plant import Plant
 from .pty_fake import Device, PtyFake
+from .punctual import Silence
 
 HEADER = b"\xff\xff\xfd\x00"
 PING, READ, WRITE, REBOOT, STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
@@ -119,7 +119,7 @@ class DrumMotor(Device):
         self._trajectory = float(self.counts)
         self._overloaded_for = 0.0
         self._tick = 0.0
-        self.last_instruction = time.monotonic()
+        self.silence = Silence()
         self.table = bytearray(147)
         self._defaults(model)
         plant.spine_drive = start_length
@@ -208,8 +208,8 @@ class DrumMotor(Device):
             self.fail(OVERLOAD)
 
     def _check_watchdog(self) -> None:
-        limit = self.table[98]
-        if self.get(64) and 1 <= limit <= 127 and time.monotonic() - self.last_instruction > 0.02 * limit:
+        limit, silent = self.table[98], self.silence.now()
+        if self.get(64) and 1 <= limit <= 127 and silent > 0.02 * limit:
             self.table[98] = 0xFF
             self._hold()
 
@@ -291,7 +291,7 @@ class DynamixelFake(PtyFake):
         if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
             self._status(CRC_ERROR)
             return True
-        self.motor.last_instruction = time.monotonic()
+        self.motor.silence.heard()
         body = unstuffed(packet[7:-2])
         self._answer(body[0], body[1:])
         return True

@@ -22,6 +22,7 @@ from typing import Any, ClassVar
 from .clock import SimClock
 from .plant import Plant
 from .pty_fake import Device, PtyFake
+from .punctual import Silence
 
 FRAME = struct.Struct(">BBBBi")
 MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 3, 4, 5, 6, 9, 10, 13, 136
@@ -69,7 +70,7 @@ class StepperDrum(Device):
         """s of host time; 0 = off."""
         self.ticks = 0.0
         """ms since the start, or since it was set."""
-        self.last_command = time.monotonic()
+        self.silence = Silence()
         self._direction = direction
         self._per_metre = direction * MICROSTEPS / metres_per_turn
         self._encoder_offset = -start_length * self._per_metre
@@ -114,7 +115,8 @@ class StepperDrum(Device):
 
     def process(self, dt: float) -> None:
         """Advance by dt seconds of rig time; the heartbeat looks at host time."""
-        if self.heartbeat and time.monotonic() - self.last_command > self.heartbeat:
+        silent = self.silence.now()
+        if self.heartbeat and silent > self.heartbeat:
             self.halt()
         self.ticks += 1000 * dt
         remaining = dt
@@ -220,7 +222,7 @@ class TmclFake(PtyFake):
         address, command, kind, motor, value = FRAME.unpack(frame[:8])
         if address != self.address:
             return True
-        self.drum.last_command = time.monotonic()
+        self.drum.silence.heard()
         nak = self.faults.extra.get("nak")
         if isinstance(nak, int):
             status, result = nak, value
