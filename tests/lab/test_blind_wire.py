@@ -52,7 +52,8 @@ def test_both_ways_give_the_same_rows_and_columns(wired: Table, driven: list[Tab
     assert keys[0] == keys[1]
     assert set(wired.columns) == set(driven[0].columns)
     assert [r.hold == 0 for r in wired] == [r.hold == 0 for r in driven[0]]
-    assert np.diff(wired["t"]) == pytest.approx(np.diff(driven[0]["t"]), rel=0.8)
+    # a busy computer takes longer over a state, never much less
+    assert np.all(np.diff(wired["t"]) > 0.2 * np.diff(driven[0]["t"]))
 
 
 def test_both_ways_scatter_alike(wired: Table, driven: list[Table]) -> None:
