@@ -85,7 +85,7 @@ class Hosted:
             ours, theirs = Pipe()
             command = [sys.executable, "-m", "lab.guard.hosted", str(theirs.fileno())]
             self._process = subprocess.Popen(
-                command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, process_group=0
+                command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
             )
             theirs.close()
             ours.send(self._setup)
@@ -194,6 +194,6 @@ def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple
 
 
 if __name__ == "__main__":
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTTOU):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     _serve(Connection(int(sys.argv[1])))

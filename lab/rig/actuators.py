@@ -73,7 +73,7 @@ class Actuators:
         passed = (theirs.fileno(), their_pulse, their_samples.fileno())
         command = [sys.executable, "-m", "lab.guard.process", *map(str, passed)]
         with _held_back():
-            self._process = subprocess.Popen(command, pass_fds=passed, stdin=subprocess.DEVNULL, process_group=0)
+            self._process = subprocess.Popen(command, pass_fds=passed, stdin=subprocess.DEVNULL, start_new_session=True)
         theirs.close()
         their_samples.close()
         os.close(their_pulse)

@@ -51,7 +51,7 @@ class HostedArmState:
         ours, theirs = Pipe()
         command = [sys.executable, "-m", "lab.rig.hosted_stream", str(theirs.fileno())]
         self._process = subprocess.Popen(
-            command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, process_group=0
+            command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
         )
         theirs.close()
         self._line, self._opened = ours, queue.Queue()
@@ -166,6 +166,6 @@ def _doubt(driver: Any) -> InstrumentError | None:
 
 
 if __name__ == "__main__":
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTTOU):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     _serve(Connection(int(sys.argv[1])))

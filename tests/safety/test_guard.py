@@ -195,12 +195,6 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
         guard.close()
 
 
-def test_the_guard_hears_no_ctrl_c_and_is_scheduled_with_the_program(rig: Rig) -> None:
-    pid = rig.actuators.pid
-    assert os.getpgid(pid) != os.getpgid(0)
-    assert os.getsid(pid) == os.getsid(0)  # a session of its own has to wait for the others on a busy computer
-
-
 def test_a_rig_that_was_closed_leaves_no_file_open(small: House) -> None:
     def pipes() -> int:
         links = (os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if fd.isdigit() and valid(fd))
