@@ -1,8 +1,7 @@
-"""Tests run in three processes. Whatever runs a whole rig of fakes shares one of them, and so does what would starve a rig (a
-cluster of processes): beside a second rig on two processors an arm's watchdog now and then bites, so that only from four on the
-room safety has its own. Whatever solves rods shares another, since each kind of rod is compiled once, in the process
-that first needs it. All others stay together file by file. What talks to instruments is late when it may not run at once: all
-else has a lower priority."""
+"""Tests run in four processes. Whatever runs a whole rig of fakes shares one of two, `WHOLE` and `SAFETY`: a rig waits more
+than it computes, but three starve each other on two processors; what would starve a rig (a cluster of processes) is with them.
+Whatever solves rods shares another, since each kind of rod is compiled once, in the process that first needs it. All others stay
+together file by file. What talks to instruments is late when it may not run at once: all else has a lower priority."""
 
 from __future__ import annotations
 
@@ -16,14 +15,13 @@ from xdist.scheduler import LoadScopeScheduling
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
 
-WHOLE, CALLS, RODS = "whole rig", "call order", "rods"
-SAFETY = "safety" if (os.cpu_count() or 1) >= 4 else WHOLE
+WHOLE, SAFETY, CALLS, RODS = "whole rig", "safety", "call order", "rods"
 GROUPS = {
     "docs": WHOLE,
     "safety": SAFETY,
     "test_call_order.py": CALLS,
     "test_call_order_network.py": CALLS,
-    "test_contract.py": SAFETY,
+    "test_contract.py": WHOLE,
     "test_bad_input.py": WHOLE,
     "test_blind_wire.py": WHOLE,
     "test_check_moves.py": WHOLE,

@@ -22,6 +22,7 @@ from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
 from ..files.all_drivers import drivers
 from ..files.clock import RigClock
 from .instruments import make
+from .priority import come_first
 
 PING_PERIOD = 0.1
 SILENT_AFTER = 0.6
@@ -196,4 +197,5 @@ def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple
 if __name__ == "__main__":
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    come_first()
     _serve(Connection(int(sys.argv[1])))

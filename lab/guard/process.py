@@ -26,11 +26,10 @@ from .force_limit import overload
 from .guard import Guard
 from .latch import RigLocked
 from .messages import Event, RigLanded, Start
+from .priority import come_first
 from .pulse import BEAT, FRESH, SIGNAL, Listener
 from .takeover import Request, Requests
 
-PRIORITY = -10
-"""The guard and what it starts come before others on a busy computer, where the system lets them (CAP_SYS_NICE, RLIMIT_NICE)."""
 LOOK = 0.05
 """Longest host seconds between two looks at the pulse."""
 BEAT_BACK = 0.2
@@ -155,7 +154,6 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
 if __name__ == "__main__":
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(PRIORITY)
+    come_first()
     code = main(Connection(int(sys.argv[1])), Listener(int(sys.argv[2])), Connection(int(sys.argv[3]), readable=False))
     os._exit(code)  # threads may be stuck in a driver that does not come back

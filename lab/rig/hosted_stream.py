@@ -23,6 +23,7 @@ from drivers.interfaces import ArmSample, Identity, Sink
 
 from ..files.all_drivers import drivers
 from ..files.clock import RigClock
+from ..guard.priority import come_first
 
 OPEN_WITHIN, CLOSE_WITHIN = 10.0, 5.0
 """Host seconds. A sound controller sends its state within one or two; the library itself waits without end."""
@@ -168,4 +169,5 @@ def _doubt(driver: Any) -> InstrumentError | None:
 if __name__ == "__main__":
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    come_first()
     _serve(Connection(int(sys.argv[1])))

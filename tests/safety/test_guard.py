@@ -23,6 +23,7 @@ from lab.files.rig_file import load_rig
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
 from lab.guard.messages import RigLanded
+from lab.guard.priority import PRIORITY, SESSION
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
 from protocols.actions import ramp
@@ -193,6 +194,18 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
         assert report.confirmed and not small.latch.exists()
     finally:
         guard.close()
+
+
+def test_the_guard_and_its_session_come_first_where_the_system_allows_it(rig: Rig) -> None:
+    pid = rig.actuators.pid
+    assert os.getsid(pid) == pid  # no Ctrl-C of the terminal reaches it
+    may = (
+        subprocess.run(["nice", "-n", str(PRIORITY), "true"], capture_output=True, text=True, check=False).stderr == ""
+    )
+    assert os.getpriority(os.PRIO_PROCESS, pid) == (PRIORITY if may else os.getpriority(os.PRIO_PROCESS, 0))
+    scheduled = Path(f"/proc/{pid}/autogroup")
+    if may and scheduled.exists():
+        assert scheduled.read_text().endswith(f" nice {SESSION}\n")
 
 
 def test_a_rig_that_was_closed_leaves_no_file_open(small: House) -> None:
