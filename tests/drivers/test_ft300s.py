@@ -55,7 +55,7 @@ def samples() -> list[WrenchSample]:
 @pytest.fixture
 def sensor(request: pytest.FixtureRequest, samples: list[WrenchSample]) -> Iterator[FT300S]:
     port = HARDWARE or request.getfixturevalue("fake").port
-    sensor = FT300S("force", Config(port=port), SimClock(), samples.append)
+    sensor = FT300S("force", Config(port=port, timeout=2.0), SimClock(), samples.append)
     yield sensor
     sensor.close()
 
@@ -173,7 +173,7 @@ def test_frames_that_never_come_are_counted(sensor: FT300S, fake: Ft300sFake) ->
 def test_the_speed_of_the_rigs_clock_does_not_count_as_loss(fake: Ft300sFake) -> None:
     fake.clock.speed = 50.0
     samples: list[WrenchSample] = []
-    sensor = FT300S("force", Config(port=fake.port), fake.clock, samples.append)
+    sensor = FT300S("force", Config(port=fake.port, timeout=2.0), fake.clock, samples.append)
     sensor.open()
     try:
         assert eventually(lambda: len(samples) >= 60)
