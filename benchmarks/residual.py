@@ -8,10 +8,11 @@ and up to 200 kPa, twice each. Four models then predict tips that no fit saw, in
     calibrated         one area factor and the tolerances of the set-up, no effect
     residual           that, and a Gaussian process over spine length and pressure for what it misses
     cause              one area factor, tolerances and the withheld effect, which is given: no diagnosis is asked
-    cause + residual   that, and a Gaussian process for what it misses
+    cause + residual   that, and what `lab fit --with CAUSE --residual` learns of what it misses
 
-Reported: rms distance from the tip in mm, median over robots, and in how many robots the cause predicts better than the
-residual (Clopper-Pearson 95 %). The Gaussian processes are scikit-learn's (extra `check`).
+Reported: rms distance from the tip in mm, median over robots; in how many robots the cause predicts better than the residual
+(Clopper-Pearson 95 %); and the share of coordinates within the 95 % intervals of the last model. The Gaussian process of the
+second is scikit-learn's (extra `check`).
 """
 
 from __future__ import annotations
@@ -61,6 +62,8 @@ class Outcome:
     withheld: tuple[str, ...]
     rms: Mapping[int, Mapping[str, Mapping[str, float]]]
     """States about -> where -> model -> m."""
+    covered: Mapping[int, Mapping[str, float]]
+    """States about -> where -> share of readings within the 95 % interval of the last model."""
 
 
 def sweep(states: int) -> Sweep:
@@ -91,9 +94,15 @@ def _inflated(pressure: Array) -> Array:
 
 
 def modelled(robot: Robot) -> Predict:
-    """Tips by the rod."""
+    """Tips by the rod, and by what robot.yaml has learnt beyond it."""
     at = Predictor(robot)
     return lambda pressures, lengths: at(pressures, lengths, rate=RATE, hold=HOLD).tip
+
+
+def covered(robot: Robot, pressures: Array, lengths: Array, tip: Array) -> float:
+    """Share of the coordinates of read tips (n, 3) m within their 95 % interval."""
+    low, high = Predictor(robot)(pressures, lengths, rate=RATE, hold=HOLD, intervals=True).interval()
+    return float(np.mean((tip >= low) & (tip <= high)))
 
 
 def with_residual(base: Predict, case: Case) -> Predict:
@@ -133,10 +142,14 @@ def learn(truth: Truth, states: int) -> Outcome:
         kept = np.isfinite(reached).all(axis=1)
         judged[where] = read[kept], grown[kept], reached[kept] + NOISE * rng.normal(size=(int(kept.sum()), 3))
     found: dict[int, dict[str, dict[str, float]]] = {}
+    within: dict[int, dict[str, float]] = {}
     for count in LENGTHS_BY_PRESSURES:
         case = campaign(truth, (sweep(count),))
-        plain, named = (modelled(fit_effects(case, effects).robot) for effects in ((), truth.effects))
-        models = (plain, with_residual(plain, case), named, with_residual(named, case))
+        plain = modelled(fit_effects(case, ()).robot)
+        last = fit_effects(case, truth.effects, residual=True).robot
+        named = last.model_copy(update={"residual": None})
+        models = (plain, with_residual(plain, case), modelled(named), modelled(last))
+        within[count] = {where: covered(last, *seen) for where, seen in judged.items()}
         found[count] = {
             where: {
                 name: float(np.sqrt(np.nanmean(np.sum((predict(p, length) - tip) ** 2, axis=1))))
@@ -144,7 +157,7 @@ def learn(truth: Truth, states: int) -> Outcome:
             }
             for where, (p, length, tip) in judged.items()
         }
-    return Outcome(tuple(truth.effects), found)
+    return Outcome(tuple(truth.effects), found, within)
 
 
 def summary(outcomes: list[Outcome]) -> dict[str, object]:
@@ -158,6 +171,7 @@ def summary(outcomes: list[Outcome]) -> dict[str, object]:
                 "median_mm": {name: 1e3 * float(np.median(v)) for name, v in rms.items()},
                 "cause_better": better / len(outcomes),
                 "interval": clopper_pearson(better, len(outcomes)),
+                "covered": float(np.mean([o.covered[count][where] for o in outcomes])),
             }
     return out
 
@@ -184,7 +198,7 @@ def main() -> int:
         console.print(f"{', '.join(truth.effects)}: 100 states, beyond: {far} mm, {time.monotonic() - begun:.0f} s")
     figures = summary(outcomes)
     table = Sheet(title=f"{len(outcomes)} robots, rms of unseen tips in mm, medians", title_justify="left")
-    for column in ("states", "where", *MODELS, "cause better than residual", "95 %"):
+    for column in ("states", "where", *MODELS, "cause better than residual", "95 %", "covered"):
         table.add_column(column)
     for count in LENGTHS_BY_PRESSURES:
         for where in (INSIDE, BEYOND):
@@ -192,10 +206,17 @@ def main() -> int:
             assert isinstance(own, dict)
             low, high = own["interval"]
             cells = [f"{own['median_mm'][name]:.2f}" for name in MODELS]
-            table.add_row(str(count), where, *cells, f"{own['cause_better']:.2f}", f"{low:.2f} .. {high:.2f}")
+            table.add_row(
+                str(count),
+                where,
+                *cells,
+                f"{own['cause_better']:.2f}",
+                f"{low:.2f} .. {high:.2f}",
+                f"{own['covered']:.2f}",
+            )
     console.print(table)
     a.json.parent.mkdir(parents=True, exist_ok=True)
-    robots = [{"withheld": list(o.withheld), "rms": o.rms} for o in outcomes]
+    robots = [{"withheld": list(o.withheld), "rms": o.rms, "covered": o.covered} for o in outcomes]
     a.json.write_text(json.dumps({"figures": figures, "robots": robots}, indent=1), encoding="utf-8")
     return 0
 

@@ -6,6 +6,8 @@ what is written down is the most probable point and how uncertain it is. Effects
     fitted = fit_effects(case, ["spine_slip"])
     fitted.robot          # for robot.yaml
     fitted.parameters     # area_factor, spine_slip.moment .. with sd and unit
+
+With `residual=True` what the robot then still misses is learnt on top, see `diagnosis.fit_residual`.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from .answer.attribute import calibrated
 from .answer.shrink import rms
 from .data.case import CaseLike, states
 from .errors import BadCase
+from .fit_residual import learn_residual
 from .inference.evidence import KNOWN, weigh
 from .inference.linear import Linear, Prior
 from .inference.prepare import Prepared, prepare
@@ -67,6 +70,8 @@ class Fitted:
     fitted_mm: float
     """The same with the effects."""
     concerns: tuple[str, ...]
+    left_out_mm: float | None = None
+    """With effects and learnt residual, on trials that the residual did not learn from."""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able."""
@@ -82,6 +87,7 @@ class Fitted:
             "noise_floor_mm": MM * posterior.noise.floor if posterior else None,
             "law_error": posterior.law_error if posterior else None,
             "discrepancy_mm": MM * posterior.discrepancy if posterior else None,
+            "residual_left_out_mm": self.left_out_mm,
         }
 
 
@@ -90,11 +96,13 @@ def fit_effects(
     effects: Sequence[str],
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     progress: Callable[[float], None] = lambda share: None,
+    residual: bool = False,
 ) -> Fitted:
     """Fit area factor, effects (none: the calibrated baseline) and tolerances to the states of a case.
 
     Effects that its robot.yaml has and that are not named stay as they are. Raises `BadEffect` for an effect that is not in
-    the catalogue, `BadRobot` for one that robot.yaml states wrongly, `BadCase` when the table cannot be used.
+    the catalogue, `BadRobot` for one that robot.yaml states wrongly, `BadCase` when the table cannot be used, or is too short
+    for a residual.
     """
     named = _known(effects, catalogue)
     own, concerns = states(case)
@@ -102,7 +110,7 @@ def fit_effects(
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     robot = case.robot
     kept = {id: stated for id, stated in robot.effects.items() if id not in named}
-    robot = robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None})
+    robot = robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
     progress(0.1)
@@ -112,11 +120,18 @@ def fit_effects(
     progress(0.6)
     found = search.fitted(named)
     progress(1.0)
-    before, after = (_rms(p, f.theta) for f in (baseline, found.fit))
+    missed = _missed(p, found.fit.theta)
+    before, after = _rms(p, _missed(p, baseline.theta)), _rms(p, missed)
     stated, posterior = _posterior(p, found, after)
+    written = _written(robot, p, named, stated, posterior)
+    learnt = None
+    if residual:
+        main = own.main
+        learnt = learn_residual(written, own.trial[main], own.pressure[main], own.spine_length[main], missed[main])
+        written = written.model_copy(update={"residual": learnt.residual})
     return Fitted(
-        _written(robot, p, named, stated, posterior), named, stated, len(own), len(np.unique(own.trial)),
-        MM * before, MM * after, concerns,
+        written, named, stated, len(own), len(np.unique(own.trial)), MM * before, MM * after, concerns,
+        None if learnt is None else MM * learnt.left_out,
     )  # fmt: skip
 
 
@@ -127,13 +142,16 @@ def _known(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> tuple
     return tuple(id for id in catalogue if id in effects)
 
 
-def _rms(p: Prepared, theta: Array) -> float:
-    """m, of the tip, with what is written alone: what recurs or drifts is at its expectation."""
+def _missed(p: Prepared, theta: Array) -> Array:
+    """(n, 3) m, measured - predicted tips with what is written alone: what recurs or drifts is at its expectation."""
     there = p.problem.parameters.mean.copy()
     written = list(_lasting(p, p.problem.parameters.ids).values())
     there[written] = theta[written]
-    missed = p.problem.observed - p.problem.forward.predict(there)
-    gap = np.linalg.norm(p.tip(missed)[p.states.main], axis=1)
+    return p.tip(p.problem.observed - p.problem.forward.predict(there))
+
+
+def _rms(p: Prepared, missed: Array) -> float:
+    gap = np.linalg.norm(missed[p.states.main], axis=1)
     return rms(gap[np.isfinite(gap)])
 
 

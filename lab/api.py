@@ -153,14 +153,16 @@ def fit(measured: Case) -> Calibration:
     return calibrate(Case(measured.robot.plain, measured.table))
 
 
-def fit_with(measured: Case, *effects: str) -> Fitted:
+def fit_with(measured: Case, *effects: str, residual: bool = False) -> Fitted:
     """Area factor, effects and tolerances with their uncertainty; `.robot` has them. Raises DiagnosisError, BadEffect.
+
+    `residual`: what the model still misses is learnt on top, for predictions.
 
     >>> fitted = fit_with(case("campaign"), "chamber_azimuth")
     >>> fitted.parameters["chamber_azimuth.angle"].unit, list(fitted.robot.effects)
     ('rad', ['chamber_azimuth'])
     """
-    return fit_effects(measured, effects, catalogue(measured.robot)[0])
+    return fit_effects(measured, effects, catalogue(measured.robot)[0], residual=residual)
 
 
 def compare(measured: Case) -> Comparison:

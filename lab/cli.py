@@ -83,12 +83,13 @@ def _replay(a: argparse.Namespace) -> int:
 def _fit(a: argparse.Namespace) -> int:
     from .verbs.fit import WithEffects, fit, fit_with
 
-    if a.with_effects is None:
+    if a.with_effects is None and not a.residual:
         for option, given in (("--samples", a.samples), ("--effects", a.effects)):
             if given:
                 raise _usage(f"{option}: needs --with EFFECT[,EFFECT..]")
         return fit(a.inputs, a.robot, a.out, a.json)
-    return fit_with(a.inputs, a.robot, WithEffects(a.with_effects, a.effects, a.samples, a.seed), a.out, a.json)
+    asked = WithEffects(a.with_effects or (), a.effects, a.samples, a.seed, a.residual)
+    return fit_with(a.inputs, a.robot, asked, a.out, a.json)
 
 
 def _predict(a: argparse.Namespace) -> int:
@@ -317,6 +318,11 @@ def parser() -> argparse.ArgumentParser:
                 type=_names,
                 metavar="EFFECT[,EFFECT..]",
                 help="fit these effects too, and write them into robot.yaml with their uncertainty",
+            )
+            p.add_argument(
+                "--residual",
+                action="store_true",
+                help="learn what the model still misses (with the effects of --with, or with none), for predictions",
             )
             p.add_argument(
                 "--samples",

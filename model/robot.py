@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, T
 
 from model.errors import BadRobot
 from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
-from model.stated import AREA_FACTOR, Noise, Posterior, Stated, Table, named, problems
+from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
 Array = NDArray[np.float64]
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -125,6 +125,8 @@ class Robot(BaseModel):
     """Where the obstacle of the effect `contact` stands, seen from the base; where the campaign bends to unless given."""
     posterior: Posterior | None = None
     """How uncertain area factor, effects and tolerances are together."""
+    residual: Residual | None = None
+    """What is missed beyond all of these, learnt; part of predictions alone."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:
@@ -186,10 +188,9 @@ class Robot(BaseModel):
 
     @property
     def plain(self) -> Robot:
-        """The same robot without effects, tolerances and their posterior: what the paper's model knows of it."""
-        return self.model_copy(
-            update={"effects": {}, "tolerances": {}, "posterior": None, "obstacle_azimuth_deg": None}
-        )
+        """The same robot without effects, tolerances, posterior and residual: what the paper's model knows of it."""
+        nothing = {"posterior": None, "obstacle_azimuth_deg": None, "residual": None}
+        return self.model_copy(update={"effects": {}, "tolerances": {}, **nothing})
 
     def uncertainty(self) -> tuple[tuple[str, ...], Array]:
         """Names (k) of all parameters that are not exact, and their covariance (k, k) in the units in which they are stated.
@@ -277,6 +278,7 @@ def _unit_of(loc: tuple[int | str, ...]) -> str:
         "base_to_world": Pose,
         "posterior": Posterior,
         "noise": Noise,
+        "residual": Residual,
     }
     owner: type[BaseModel] = Robot
     if "[key]" in loc:

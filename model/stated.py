@@ -126,6 +126,29 @@ class Posterior(BaseModel):
         return out
 
 
+State = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class Residual(BaseModel):
+    """What the model with its effects still misses, learnt from a campaign: a Gaussian process (`model.prediction.residual`)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    amplitude: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Standard deviation along each axis far from all states."""
+    pressure_scale: FiniteFloat = Field(gt=0, le=1e9, json_schema_extra={"unit": "Pa"})
+    """Over which it changes with the sums of pressures in `states`."""
+    length_scale: FiniteFloat = Field(gt=0, le=1e3, json_schema_extra={"unit": "m"})
+    """Over which it changes with the spine's length."""
+    trial: FiniteFloat = Field(ge=0, le=1, json_schema_extra={"unit": "m"})
+    """Standard deviation along each axis from trial to trial."""
+    reading: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    """The same from reading to reading of one trial."""
+    states: tuple[State, ...] = Field(min_length=1, max_length=1000)
+    """Number of the trial; sums over the chambers of p cos az, p sin az and p, Pa; spine length, m; what the model misses there
+    (measured - predicted) along x, y and z of the base frame, m."""
+
+
 def problems(effects: Table, tolerances: Table, posterior: Posterior | None, area_is_number: bool) -> list[str]:
     """What contradicts itself between the three."""
     found = [

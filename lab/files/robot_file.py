@@ -10,7 +10,7 @@ import yaml
 
 from model.robot import Robot
 
-LATER = ("effects", "tolerances", "obstacle_azimuth_deg", "posterior")
+LATER = ("effects", "tolerances", "obstacle_azimuth_deg", "posterior", "residual")
 """Keys that are left out where there is nothing to say."""
 
 

@@ -34,6 +34,8 @@ class WithEffects:
     samples: int = 0
     """Robots to draw from the posterior."""
     seed: int = 0
+    residual: bool = False
+    """Learn what the model still misses."""
 
 
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
@@ -74,7 +76,7 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
     note(left_out)
     try:
         with Screen("fitting", quiet=as_json) as screen:
-            found = fit_effects(case, asked.effects, known, lambda share: screen.progress(share, 1.0))
+            found = fit_effects(case, asked.effects, known, lambda share: screen.progress(share, 1.0), asked.residual)
     except BadEffect:
         raise
     except (DiagnosisError, ModelError) as e:
@@ -129,6 +131,11 @@ def residual_lines(f: Fitted) -> list[str]:
         lines.append(
             f"noise floor {1e3 * posterior.noise.floor:.2f} mm, law error {100 * posterior.law_error:.1f} % of what an effect "
             f"does, unexplained {1e3 * posterior.discrepancy:.2f} mm along each axis"
+        )
+    if f.left_out_mm is not None:
+        lines.append(
+            f"{f.left_out_mm:.2f} mm with the learnt residual on each trial that it did not learn from (effects and tolerances "
+            "are those of all trials); predictions have it, a diagnosis does not"
         )
     return lines
 

@@ -17,6 +17,7 @@ from model.effects.spec import EffectSpec
 from model.errors import BadCondition
 from model.prediction.chain import Read, Slopes
 from model.prediction.predictor import PRESSURE_STEP, Prediction
+from model.prediction.residual import residual_of
 from model.prediction.spread import PRESSURE, standard_deviations, uncertain
 from model.robot import Robot
 from model.rotation import from_vector, multiply
@@ -42,8 +43,10 @@ def predict_campaign(
     design = design_from_columns(robot, _observed(robot, columns))
     forward = ForwardModel(robot, design, area="per_length", catalogue=effects)
     zero = np.zeros(len(forward.parameters))
+    learnt, asked = residual_of(robot), (design.pressure, design.spine_length)
+    missed = 0.0 if learnt is None else learnt.mean(*asked)
     if not intervals:
-        return _prediction(_read(forward, forward.predict(zero)))
+        return _prediction(_read(forward, forward.predict(zero)), missed)
     predicted, slope = forward.linearise(zero)
     here = _read(forward, predicted)
     names, covariance = uncertain(robot)
@@ -51,7 +54,8 @@ def predict_campaign(
     absent = [_read(forward, forward.predict(_without(forward, id))) for id in effects]
     tip, turn, shape = _parts(forward, by)
     slopes = Slopes(tip, _turns(_parts(forward, predicted[None])[1][0], turn), shape)
-    return _prediction(here, standard_deviations(robot, covariance, here, slopes, absent))
+    unexplained = None if learnt is None else learnt.variance(*asked)
+    return _prediction(here, missed, standard_deviations(robot, covariance, here, slopes, absent, unexplained))
 
 
 def _observed(robot: Robot, columns: Columns) -> Columns:
@@ -87,8 +91,8 @@ def _read(forward: ForwardModel, predicted: Array) -> Read:
     return Read(tip, multiply(from_vector(turn), forward.observations.reference[: len(tip)]), shape)
 
 
-def _prediction(r: Read, spread: Mapping[str, Array] | None = None) -> Prediction:
-    return Prediction(r.tip, r.orientation, r.shape, **(spread or {}))
+def _prediction(r: Read, missed: Array | float, spread: Mapping[str, Array] | None = None) -> Prediction:
+    return Prediction(r.tip + missed, r.orientation, r.shape, **(spread or {}))
 
 
 def _column(forward: ForwardModel, slope: Array, name: str) -> Array:

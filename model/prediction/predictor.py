@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from model.effects.design import HOLD, NOMINAL_VACUUM, RATE
 from model.effects.spec import EffectSpec
 from model.errors import BadCondition
 from model.prediction.chain import Chain, Varied
+from model.prediction.residual import residual_of
 from model.prediction.spread import PRESSURE, standard_deviations, uncertain
 from model.prediction.states import States, design_of, states_of
 from model.robot import Robot
@@ -86,7 +87,7 @@ class Predictor:
     """
 
     def __init__(self, robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE, cores: int | None = None) -> None:
-        self.robot, self._chain = robot, Chain(robot, catalogue)
+        self.robot, self._chain, self._residual = robot, Chain(robot, catalogue), residual_of(robot)
         self._cores = cores if cores is not None else len(os.sched_getaffinity(0))
         self._names, self._covariance = uncertain(robot)
         bounds = {f"{id}.{p.name}": p for id, spec in self._chain.specs.items() for p in spec.parameters}
@@ -129,7 +130,7 @@ class Predictor:
 
         def part(rows: Order) -> Prediction:
             own = states_of(self.robot, design_of(asked[rows], vacuum, rate, hold))
-            return self._predicted(own, places, intervals, gradient)
+            return self._with_residual(own, self._predicted(own, places, intervals, gradient))
 
         n = len(asked)
         # Rods that are solved together share their steps: alike ones need fewer.
@@ -157,13 +158,31 @@ class Predictor:
             r, by_parameter = chain.slopes(s, chain.values, arcs, self._parameters(s))
             absent = [chain.read(s, chain.without(id), arcs) for id in self.robot.effects]
             covariance = self._covariance if self._names else np.zeros((1, 1))
-            found |= standard_deviations(self.robot, covariance, r, by_parameter, absent)
+            found |= standard_deviations(self.robot, covariance, r, by_parameter, absent, self._unexplained(s))
         elif gradient and len(arcs):
             r = chain.read(s, chain.values, arcs)
         if by_input is not None:
             found["tip_by_pressure"] = by_input.tip[:-1].transpose(1, 2, 0)
             found["tip_by_length"] = by_input.tip[-1]
         return Prediction(r.tip, r.orientation, r.shape, **found)
+
+    def _unexplained(self, s: States) -> Array | None:
+        if self._residual is None:
+            return None
+        return self._residual.variance(s.design.pressure, s.design.spine_length)
+
+    def _with_residual(self, s: States, p: Prediction) -> Prediction:
+        """The tip and its slopes with what was learnt beyond the model; orientation and shape are the model's."""
+        if self._residual is None:
+            return p
+        asked = s.design.pressure, s.design.spine_length
+        tip = p.tip + self._residual.mean(*asked)
+        if p.tip_by_pressure is None or p.tip_by_length is None:
+            return replace(p, tip=tip)
+        by_pressure, by_length = self._residual.slopes(*asked)
+        return replace(
+            p, tip=tip, tip_by_pressure=p.tip_by_pressure + by_pressure, tip_by_length=p.tip_by_length + by_length
+        )
 
     def _inputs(self, s: States) -> Varied:
         """Each chamber's pressure, then the spine's length."""

@@ -3,8 +3,9 @@
     variance = sum_ij J_i C_ij J_j  +  sum_e (f d_e)^2  +  g^2  +  sum_k (J_k n_k)^2  (+ n_r^2 for a reading)
 
 with J the slopes and C the covariance of the parameters, f the law error (share) and d_e what effect e does to the reading, g
-the discrepancy (m), n_k the standard deviations of pressure, spine length, spine stiffness and mounting from trial to trial and
-n_r that of a reading; f, g and n are those of robot.yaml's `posterior`, as its fit found them.
+the discrepancy (m) or, in its place, what a learnt residual leaves open, n_k the standard deviations of pressure, spine length,
+spine stiffness and mounting from trial to trial and n_r that of a reading; f, g and n are those of robot.yaml's `posterior`, as
+its fit found them.
 """
 
 from __future__ import annotations
@@ -29,11 +30,17 @@ TRIAL = ("spine_length.excess", "spine_stiffness.excess")
 
 
 def standard_deviations(
-    robot: Robot, covariance: Array, here: Read, slopes: Slopes, absent: Sequence[Read]
+    robot: Robot,
+    covariance: Array,
+    here: Read,
+    slopes: Slopes,
+    absent: Sequence[Read],
+    unexplained: Array | None = None,
 ) -> dict[str, Array]:
     """`model_sd`, `sd`, `orientation_sd` and `shape_sd` of a `Prediction`.
 
-    `slopes` by what `covariance` (k, k) is of, see `uncertain`; `absent`: the readings without each of the robot's effects.
+    `slopes` by what `covariance` (k, k) is of, see `uncertain`; `absent`: the readings without each of the robot's effects;
+    `unexplained` (n, 1) m^2: variance of the tip in place of the discrepancy, where a residual was learnt.
     """
     posterior = robot.posterior
     share, loose, read = (
@@ -52,8 +59,11 @@ def standard_deviations(
         shapes = shapes + (share * (here.shape - other.shape)) ** 2
         turns = turns + (share * rotation_vector(multiply(here.orientation, other.orientation * CONJUGATE))) ** 2
     tips, shapes = (
-        spread + loose**2 + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
-        for spread, place in ((tips, here.tip), (shapes, here.shape))
+        spread + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
+        for spread, open_, place in (
+            (tips, loose**2 if unexplained is None else unexplained, here.tip),
+            (shapes, loose**2, here.shape),
+        )
     )
     turns = turns + turn**2
     return {

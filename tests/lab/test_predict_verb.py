@@ -63,6 +63,22 @@ def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, capsys
     assert code == 0 and "--with chamber_azimuth" in " ".join(told.split()) and "area_factor" in said
 
 
+def test_what_the_model_still_misses_is_learnt_for_predictions(
+    case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said, _ = run(capsys, "fit", case, "--residual", "--out", tmp_path, "--json")
+    fitted = json.loads(said)
+    assert code == 0 and fitted["effects"] == [] and fitted["residual_left_out_mm"] < 0.5 * fitted["calibrated_mm"]
+    robot = lab.load_robot(tmp_path / "robot.yaml")
+    assert (
+        robot.residual is not None and len(robot.residual.states) == fitted["states"] and robot.plain.residual is None
+    )
+    code, said, _ = run(capsys, "compare", case, "--robot", tmp_path / "robot.yaml", "--json")
+    assert code == 0 and 1e3 * json.loads(said)["rmse"] < fitted["residual_left_out_mm"]
+    code, said, _ = run(capsys, "fit", case, "--with", EFFECT, "--residual")
+    assert code == 0 and "each trial that it did not learn from" in " ".join(said.split())
+
+
 def test_a_protocol_is_predicted_with_intervals(
     robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,134 @@
+"""What a fitted robot still misses, learnt: the Gaussian process of `model.prediction.residual`, its scales by their evidence.
+
+The most probable scales maximise
+
+    log N(y_x) + log N(y_y) + log N(y_z) + log p(scales),    y ~ N(0, C),
+
+y the distances missed along the three axes, C their covariance, and p a wide log-normal prior that keeps the scales of few
+states near the range of the campaign. How good it is is told from trials that were left out: with Q = C^-1, the
+residual of trial b without its own states is Q_bb^-1 (Q y)_b (Rasmussen & Williams, 2006, ch. 5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from model.prediction.residual import covariance, kernel, section_sums
+from model.robot import Robot
+from model.stated import Residual
+
+from .answer.shrink import rms
+from .errors import BadCase
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LEAST_STATES = 6
+MOST_STATES = 1000
+"""That robot.yaml holds; of more, whole trials evenly."""
+MOST_FOR_SCALES = 400
+"""From which the scales are learnt; likewise."""
+SCALE_RANGE, SCALE_SD = 0.7, 1.0
+"""Prior of both scales: log-normal about this share of the campaign's range, its standard deviation in ln."""
+LOW, HIGH = 0.05, 20.0
+"""Bounds of both scales, in ranges."""
+LEAST_NOISE = 1e-3
+"""Of the rms: below, two equal states would be one."""
+STARTS = ((1.0, 0.7, 0.7, 0.3, 0.3), (1.0, 0.3, 0.3, 0.1, 0.3), (0.5, 1.5, 1.5, 0.7, 0.7))
+"""Amplitude, scales, trial and reading, in units of the rms and of the ranges."""
+DIGITS = 7
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A residual and how far the tip is off with it (m, rms)."""
+
+    residual: Residual
+    without: float
+    """On the trials that it learnt from, before it."""
+    left_out: float
+    """With it, each trial left out of the residual (not of the fit of the robot)."""
+    trials: int
+
+
+def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, missed: Array) -> Learnt:
+    """From n states: pressures (n, chambers) Pa, spine lengths (n,) m, and measured - predicted tips `missed` (n, 3) m.
+
+    Raises `BadCase` for fewer states than scales need.
+    """
+    seen = np.isfinite(missed).all(axis=1)
+    trial, pressure, length, missed = trial[seen], pressure[seen], length[seen], missed[seen]
+    trials = np.unique(trial)
+    if len(missed) < LEAST_STATES or len(trials) < 2:
+        raise BadCase(
+            f"residual: {len(missed)} states with a tip in {len(trials)} trial(s), it needs at least {LEAST_STATES} states in "
+            "two trials: record more, or leave --residual out"
+        )
+    kept = _some(trial, trials, MOST_STATES)
+    trial, pressure, length, missed = trial[kept], pressure[kept], length[kept], missed[kept]
+    u = section_sums(robot, pressure)
+    ranges = _range(np.linalg.norm(u, axis=1)), _range(length)
+    kept = _some(trial, np.unique(trial), MOST_FOR_SCALES)
+    scales = _scales(u[kept], length[kept], trial[kept], missed[kept], ranges)
+    table = np.column_stack([trial, u, length, missed])
+    own = Residual(
+        **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
+        states=[[float(f"{v:.{DIGITS}g}") for v in row] for row in table.tolist()],
+    )
+    return Learnt(own, _rms(missed), _rms(_left_out(own, u, length, trial, missed)), len(trials))
+
+
+def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, float]) -> list[float]:
+    size = max(_rms(missed) / np.sqrt(3), 1e-9)
+    unit = np.log([size, ranges[0], ranges[1], size, size])
+
+    def cost(x: Array) -> float:
+        amplitude, pressure_scale, length_scale, per_trial, reading = np.exp(x + unit)
+        correlation = kernel(u, length, u, length, pressure_scale, length_scale)
+        c = covariance(amplitude, per_trial, reading, trial, correlation)
+        factor = cho_factor(c / size**2, lower=True)
+        fit = float((missed * cho_solve(factor, missed)).sum()) / size**2
+        prior = (((x[1:3] - np.log(SCALE_RANGE)) / SCALE_SD) ** 2).sum()
+        return 0.5 * (fit + 3 * 2 * float(np.log(np.diag(factor[0])).sum()) + float(prior))
+
+    bounds = [
+        (np.log(1e-2), np.log(1e2)),
+        *[(np.log(LOW), np.log(HIGH))] * 2,
+        *[(np.log(LEAST_NOISE), np.log(10.0))] * 2,
+    ]
+    found = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
+    best = min(found, key=lambda f: float(f.fun))
+    return [float(f"{v:.{DIGITS}g}") for v in np.exp(best.x + unit).tolist()]
+
+
+def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array) -> Array:
+    """(n, 3) m that are missed with a residual that each state's trial had no part in."""
+    correlation = kernel(u, length, u, length, own.pressure_scale, own.length_scale)
+    c = covariance(own.amplitude, own.trial, own.reading, trial, correlation)
+    inverse = np.linalg.inv(c)
+    weights = inverse @ missed
+    out = np.empty_like(missed)
+    for number in np.unique(trial):
+        rows = np.flatnonzero(trial == number)
+        out[rows] = np.linalg.solve(inverse[np.ix_(rows, rows)], weights[rows])
+    return out
+
+
+def _some(trial: Ints, trials: Ints, most: int) -> NDArray[np.bool_]:
+    """States of so many whole trials, evenly, that about `most` remain, and no more."""
+    step = int(np.ceil(len(trial) / most))
+    chosen = np.isin(trial, trials[::step]) if step > 1 else np.ones(len(trial), bool)
+    return chosen & (np.cumsum(chosen) <= most)
+
+
+def _range(values: Array) -> float:
+    return max(float(np.max(np.abs(values))), 1e-6)
+
+
+def _rms(distance: Array) -> float:
+    return rms(np.linalg.norm(distance, axis=1))

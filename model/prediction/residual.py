@@ -1,0 +1,90 @@
+"""What a robot's model still misses, as a Gaussian process over its inputs.
+
+    r(u, L_s) ~ GP(0, a^2 exp(-|u - u'|^2 / (2 l_p^2) - (L_s - L_s')^2 / (2 l_L^2))),    u = sum_i p_i (cos az_i, sin az_i, 1)
+
+along each axis of the base frame alike. u (Pa) is what the pressures p_i of the chambers at azimuths az_i do to the
+cross-section: two bending moments and a thrust, up to a factor. A learnt state j differs from r by what its trial (sd s_t, the
+same for all states of the trial) and its reading (sd s_r) add. Given n of them,
+
+    mean r = k^T C^-1 y,    var r = a^2 - k^T C^-1 k,    C_ij = k(i, j) + s_t^2 [same trial] + s_r^2 [i = j]
+
+so that far from all of them the mean is zero and the variance a^2 (Rasmussen & Williams, Gaussian Processes, 2006, ch. 2).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from model.robot import Robot
+from model.stated import Residual
+
+Array = NDArray[np.float64]
+Numbers = NDArray[Any]
+
+
+def section_sums(robot: Robot, pressure: Array) -> Array:
+    """(n, 3) Pa: the sums u of pressures (n, chambers)."""
+    return np.asarray(pressure @ _directions(robot))
+
+
+def kernel(u: Array, length: Array, v: Array, other: Array, pressure_scale: float, length_scale: float) -> Array:
+    """(n, m) correlation of states u (n, 3) Pa, length (n,) m with states v (m, 3), other (m,)."""
+    squares = ((u**2).sum(axis=1)[:, None] + (v**2).sum(axis=1) - 2 * u @ v.T) / pressure_scale**2
+    return np.asarray(np.exp(-0.5 * (np.maximum(squares, 0.0) + ((length[:, None] - other) / length_scale) ** 2)))
+
+
+def covariance(amplitude: float, per_trial: float, reading: float, trial: Numbers, correlation: Array) -> Array:
+    """(n, n) m^2 of learnt states: what is common to them, to those of one trial, and to one reading (sd, m)."""
+    same = trial[:, None] == trial
+    return np.asarray(amplitude**2 * correlation + per_trial**2 * same + reading**2 * np.eye(len(trial)))
+
+
+class LearntResidual:
+    """The residual that a robot.yaml states, ready to be asked."""
+
+    def __init__(self, robot: Robot, own: Residual) -> None:
+        self._robot, self._own = robot, own
+        table = np.array(own.states, float)
+        self._u, self._length = table[:, 1:4], table[:, 4]
+        c = covariance(own.amplitude, own.trial, own.reading, table[:, 0], self._correlation(self._u, self._length))
+        self._factor = cho_factor(c, lower=True)
+        self._weights = own.amplitude**2 * cho_solve(self._factor, table[:, 5:8])
+
+    def _correlation(self, u: Array, length: Array) -> Array:
+        own = self._own
+        return kernel(u, length, self._u, self._length, own.pressure_scale, own.length_scale)
+
+    def mean(self, pressure: Array, length: Array) -> Array:
+        """(n, 3) m to be added to the tip, at pressures (n, chambers) Pa and spine lengths (n,) m."""
+        return np.asarray(self._correlation(section_sums(self._robot, pressure), length) @ self._weights)
+
+    def variance(self, pressure: Array, length: Array) -> Array:
+        """(n, 1) m^2 along each axis."""
+        own = self._own
+        k = own.amplitude**2 * self._correlation(section_sums(self._robot, pressure), length)
+        known = (k * cho_solve(self._factor, k.T).T).sum(axis=1)
+        return np.asarray(np.maximum(own.amplitude**2 - known, 0.0)[:, None])
+
+    def slopes(self, pressure: Array, length: Array) -> tuple[Array, Array]:
+        """The mean's slopes (n, 3, chambers) m/Pa by pressure and (n, 3) m/m by length."""
+        own, u = self._own, section_sums(self._robot, pressure)
+        k = self._correlation(u, length)
+        by_u = (
+            np.einsum("nj,jd,ja->nad", k, self._u, self._weights) - np.einsum("na,nd->nad", k @ self._weights, u)
+        ) / (own.pressure_scale**2)
+        by_length = ((k * (self._length - length[:, None])) @ self._weights) / own.length_scale**2
+        return np.asarray(by_u @ _directions(self._robot).T), np.asarray(by_length)
+
+
+def residual_of(robot: Robot) -> LearntResidual | None:
+    """The residual of a robot, if it has one."""
+    return None if robot.residual is None else LearntResidual(robot, robot.residual)
+
+
+def _directions(robot: Robot) -> Array:
+    azimuth = np.radians(robot.chambers.azimuths_deg)
+    return np.column_stack([np.cos(azimuth), np.sin(azimuth), np.ones(len(azimuth))])
