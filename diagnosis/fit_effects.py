@@ -121,7 +121,10 @@ def fit_effects(
     found = search.fitted(named)
     progress(1.0)
     missed = _missed(p, found.fit.theta)
-    before, after = _rms(p, _missed(p, baseline.theta)), _rms(p, missed)
+    before, after = (
+        _rms(p, p.tip(p.problem.observed - p.problem.forward.predict(p.common(baseline.theta)))),
+        _rms(p, missed),
+    )
     stated, posterior = _posterior(p, found, after)
     written = _written(robot, p, named, stated, posterior)
     learnt = None

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import (
     AreaFit,
     fit_area_factor,
@@ -18,6 +19,7 @@ from model.calibration import (
 )
 from model.estimate import Estimate
 from model.robot import Robot
+from model.stated import AREA_FACTOR
 from recordings.trials import TrialRow
 
 from .files.inputs import Case
@@ -36,6 +38,8 @@ class Calibration:
     body_modulus: Estimate | None
     area_factor: AreaFit | None
     area_factor_by_length: Mapping[float, AreaFit]
+    calibrated: Fitted | None
+    """One area factor and the tolerances of the set-up: the baseline of a diagnosis. None without tips."""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able; SI units."""
@@ -44,6 +48,7 @@ class Calibration:
             "body_modulus": _number(self.body_modulus) if self.body_modulus else None,
             "area_factor": _area(self.area_factor) if self.area_factor else None,
             "area_factor_by_length": {f"{k:g}": _area(v) for k, v in self.area_factor_by_length.items()},
+            "calibrated": _baseline(self.calibrated) if self.calibrated else None,
         }
 
 
@@ -56,8 +61,13 @@ def _area(a: AreaFit) -> dict[str, float]:
     return {**_number(a.factor), "rmse_m": a.rmse}
 
 
+def _baseline(f: Fitted) -> dict[str, float]:
+    area = f.parameters[AREA_FACTOR]
+    return {"area_factor": area.value, "sd": area.sd, "rmse_m": 1e-3 * f.calibrated_mm}
+
+
 def calibrate(case: Case) -> Calibration:
-    """Everything that this data can calibrate."""
+    """Everything that this data can calibrate. Raises DiagnosisError, ModelError."""
     robot = case.robot
     spine = _spine_modulus(case)
     if spine and robot.spine is not None:
@@ -66,13 +76,14 @@ def calibrate(case: Case) -> Calibration:
             update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})}
         )
     body = _body_modulus(case)
-    one, by_length = None, dict[float, AreaFit]()
+    one, by_length, calibrated = None, dict[float, AreaFit](), None
     if any(r.tip is not None and r.protocol != "stiffness" for r in case.table):
         condition, tip, trial = case.tips
         one = fit_area_factor(robot, condition, tip, trial)
         by_length = fit_area_factor_by_length(robot, condition, tip, trial)
+        calibrated = fit_effects(case, ())
         robot = robot.with_area_factor({k: a.factor.value for k, a in by_length.items()})
-    return Calibration(robot, spine, body, one, by_length)
+    return Calibration(robot, spine, body, one, by_length, calibrated)
 
 
 def _spine_modulus(case: Case) -> dict[float, Estimate]:

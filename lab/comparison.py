@@ -14,8 +14,6 @@ from model.compare import ErrorTable, error_table
 from model.condition import Condition
 from model.effects import CATALOGUE, EffectSpec
 from model.prediction.campaign import predict_campaign
-from model.rods import FINE, solve
-from model.section import rods_of
 from recordings.trials import Table
 
 from .files.inputs import Case
@@ -34,22 +32,11 @@ class Comparison:
 
 
 def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Comparison:
-    """Predict every measured state with the case's robot, in the order in which they happened where its effects ask for it.
+    """Predict every measured state with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
+    trial.
 
     `catalogue` knows the effects that its robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`.
     """
-    if case.robot != case.robot.plain:
-        return _with_effects(case, catalogue)
-    condition, measured, _ = case.tips
-    branch = np.array([r.branch for r in case.table if r.tip is not None and r.protocol != "stiffness"])
-    result = solve(rods_of(case.robot, condition), FINE)
-    ok = result.converged
-    table = error_table(condition[ok], measured[ok], result.tip[ok], case.robot.length)
-    return Comparison(condition[ok], measured[ok], result.tip[ok], branch[ok], table, int((~ok).sum()))
-
-
-def _with_effects(case: Case, catalogue: Mapping[str, EffectSpec]) -> Comparison:
-    """The states as fits and diagnoses see them: vented chambers at zero gauge, trial by trial."""
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)

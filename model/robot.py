@@ -192,6 +192,11 @@ class Robot(BaseModel):
         nothing = {"posterior": None, "obstacle_azimuth_deg": None, "residual": None}
         return self.model_copy(update={"effects": {}, "tolerances": {}, **nothing})
 
+    @property
+    def without_residual(self) -> Robot:
+        """The same robot without what was learnt beyond its model."""
+        return self.model_copy(update={"residual": None})
+
     def uncertainty(self) -> tuple[tuple[str, ...], Array]:
         """Names (k) of all parameters that are not exact, and their covariance (k, k) in the units in which they are stated.
 

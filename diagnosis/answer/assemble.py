@@ -116,7 +116,7 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
     p = f.prepared
     of_robot = p.states.take(~p.states.pushed)
     observed = p.problem.observed
-    given, slope = p.problem.forward.linearise(p.problem.parameters.mean)
+    given, slope = p.given, p.problem.forward.linearise(p.problem.parameters.mean)[1]
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     made: dict[str, Any] = {
         "misfit": asdict(f.misfit),

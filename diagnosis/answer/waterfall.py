@@ -89,8 +89,7 @@ class _Errors:
     """Errors (states,) m of all models, and their rms as the data are and with trials drawn anew."""
 
     def __init__(self, p: Prepared, by_causes: Mapping[frozenset[str], Array], tolerant: Array, smooth: Array) -> None:
-        missed = p.problem.observed - p.problem.forward.predict(p.problem.parameters.mean)
-        self._given: Array = np.linalg.norm(p.gap(missed), axis=1)
+        self._given: Array = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1)
         self._by_causes, self._tolerant, self._smooth = by_causes, tolerant, smooth
         every = np.array([self._given, *by_causes.values(), tolerant, smooth])
         self.seen: NDArray[np.bool_] = np.asarray(np.isfinite(every).all(axis=0))

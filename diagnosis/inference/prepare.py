@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
+from model.prediction.campaign import predict_campaign
 from model.robot import Robot
 from recordings.trials import TEXTS
 
@@ -67,8 +69,24 @@ class Prepared:
         return bool(self.states.pushed.all())
 
     def common(self, theta: Array) -> Array:
-        """Parameters (k,) with those of single trials at their means: what the model predicts for a new trial."""
-        return np.where(self.problem.parameters.recurs, self.problem.parameters.mean, theta)
+        """Parameters (k,) with what belongs to single trials or to this campaign's course (drift) at its mean: what the model
+        predicts for a new trial."""
+        lasts = np.array([p.lasts for p in self.forward.parameters])
+        return np.where(lasts, theta, self.problem.parameters.mean)
+
+    @cached_property
+    def given(self) -> Array:
+        """(values,) by robot.yaml as it stands, with its area factor for each spine length, and nothing fitted."""
+        out = self.problem.forward.predict(self.problem.parameters.mean)
+        if not self.pushes_only:
+            own = self.labels.kind == 0
+            bent = ~self.states.pushed
+            tip = np.full((len(self.states), 3), np.nan)
+            tip[bent] = predict_campaign(
+                self.robot.without_residual, table_columns(self.states.take(bent)), self.forward.catalogue
+            ).tip
+            out[own] = tip[self.labels.state[own], self.labels.axis[own]]
+        return out
 
     def tip(self, values: Array) -> Array:
         """(states, 3) the tip's values of (n,) values; NaN where not measured."""

@@ -81,7 +81,8 @@ class ControlThread:
         return self._thread.is_alive()
 
     def call(self, do: Callable[[Any], T]) -> T:
-        """Run `do(control object)` in the owner's thread. Raises NoReply when it takes longer than the time-out."""
+        """Run `do(control object)` in the owner's thread. Raises NoReply when it takes longer than the time-out, or when the
+        library gives up its connection."""
         if self._broken is not None:
             raise self._broken
         job = _Job(do, Future())
@@ -90,6 +91,8 @@ class ControlThread:
             result: T = job.done.result(self.timeout)
         except TimeoutError as error:
             raise self.give_up(f"no answer within {self.timeout:g} s") from error
+        except RuntimeError as error:  # so the library says that it could not connect anew
+            raise self.give_up(str(error)) from error
         return result
 
     def give_up(self, why: str) -> InstrumentError:

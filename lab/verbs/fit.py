@@ -14,6 +14,7 @@ from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.errors import BadEffect, ModelError
 from model.estimate import Estimate
+from model.stated import AREA_FACTOR
 
 from ..calibration import Calibration, calibrate
 from ..console import Screen, note, out
@@ -49,7 +50,7 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
         )  # fmt: skip
     try:
         result = calibrate(Case(case.robot.plain, case.table))
-    except ModelError as e:
+    except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -58,6 +59,8 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
         print(json.dumps(result.as_dict(), indent=1))
     else:
         out.print(sheet(result))
+        if result.calibrated is not None:
+            out.print(baseline_line(result.calibrated))
     return 0
 
 
@@ -161,13 +164,22 @@ def sheet(c: Calibration) -> Sheet:
         )
     if c.area_factor:
         t.add_row(
-            "A_eff / A, one for all",
+            "A_eff / A alone",
             "all",
             _plain(c.area_factor.factor),
             str(c.area_factor.factor.n),
             f"{c.area_factor.rmse * 1e3:.2f} mm rms",
         )
     return t
+
+
+def baseline_line(f: Fitted) -> str:
+    """The baseline of a diagnosis, in its words."""
+    area = f.parameters[AREA_FACTOR]
+    return (
+        f"calibrated with one area factor ({area.value:.3f} ± {area.sd:.3f}) and the tolerances of the set-up, the model misses "
+        f"the tip by {f.calibrated_mm:.2f} mm rms on the {f.states} states (in-sample): the baseline of lab diagnose"
+    )
 
 
 def _mpa(e: Estimate) -> str:

@@ -14,7 +14,8 @@ from multiprocessing.connection import Connection
 import pytest
 from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised
 
-from drivers.errors import DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
+from drivers.errors import DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
+from drivers.ur5.control import ControlThread
 from drivers.ur5.driver import UR5, Config
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
@@ -181,8 +182,10 @@ def holder(rig: Rig) -> Iterator[tuple[multiprocessing.process.BaseProcess, Conn
             break
         process.kill()
         process.join()
+        rig.fake.wait_for("runtime", 1)
+        ended = rig.fake.backdoor()["ended"]
     else:
-        raise AssertionError("the watchdog bites although it is kicked")
+        raise AssertionError(f"the watchdog bites although it is kicked: {ended}")
     yield process, line
     process.kill()
     process.join()
@@ -202,6 +205,21 @@ def test_the_watchdog_stops_the_arm_when_the_drivers_process_hangs(rig: Rig, hol
 def test_the_watchdog_stops_the_arm_when_the_drivers_process_is_killed(rig: Rig, holder: Holder) -> None:
     holder[0].kill()
     assert "watchdog" in rig.fake.wait_for("runtime", 1)["ended"][0]
+
+
+def test_what_the_library_raises_when_it_loses_the_controller_is_no_reply(rig: Rig) -> None:
+    def lose(library: object) -> None:
+        raise RuntimeError("Timeout connecting to UR dashboard server.")
+
+    control = ControlThread("arm", rig.host, 3.0)
+    control.start()
+    try:
+        with pytest.raises(NoReply, match="Timeout connecting to UR dashboard server"):
+            control.call(lose)
+        with pytest.raises(NoReply, match="close and open it again"):
+            control.operation()
+    finally:
+        assert control.finish(10.0)
 
 
 def test_closing_is_bounded_after_the_controller_was_killed(rig: Rig, holder: Holder) -> None:

@@ -137,6 +137,7 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
 def start(virtual_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
     """A run in a process of its own, as soon as it has inflated the robot."""
     command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(virtual_lab.rig), "--out", str(folder)]
+    command += [word for pause in PATIENT_SETTLE for word in ("--set", pause)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     deadline = time.monotonic() + 120
     while max(virtual_lab.fakes.plant.chamber_pressure) < 40e3:
