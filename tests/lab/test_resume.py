@@ -60,6 +60,11 @@ def shape(table: Table) -> list[tuple[object, ...]]:
     return [(r.trial, r.step, r.repeat, r.branch, r.spine_length, round(r.pressures[8], -4)) for r in table]
 
 
+def always(table: Table) -> list[str]:
+    """Columns that do not depend on how many samples a busy computer has taken."""
+    return [name for name in table.columns if name != "clipped" and not name.startswith("sd_")]
+
+
 def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: VirtualLab, tmp_path: Path) -> None:
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", whole) in (0, 3)
@@ -83,7 +88,7 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: Vi
     assert len(resumed) == 6 and [row[:4] for row in shape(resumed)] == [row[:4] for row in shape(plain)]
     assert [row[4] for row in shape(resumed)] == pytest.approx([row[4] for row in shape(plain)], abs=1e-3)
     assert [row[5] for row in shape(resumed)] == [row[5] for row in shape(plain)]
-    assert (resumed["t"][1:] > resumed["t"][:-1]).all() and resumed.columns == plain.columns
+    assert (resumed["t"][1:] > resumed["t"][:-1]).all() and always(resumed) == always(plain)
 
     assert lab("run", "--resume", journal, "--rig", virtual_lab.rig) in (0, 3)
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows

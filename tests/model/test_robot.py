@@ -65,6 +65,8 @@ UNITLESS = (
     "effects",
     "tolerances",
     "posterior",
+    "residual",
+    "states",
     "noise",
     "parameters",
     "unit",

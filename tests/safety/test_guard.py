@@ -15,6 +15,7 @@ import pytest
 from house import House, until
 
 from drivers.errors import DeviceFault, InstrumentError
+from drivers.ur5.driver import PROTECTIVE_STOP
 from lab.cli import main
 from lab.console import Screen
 from lab.files.clock import RigClock
@@ -346,7 +347,8 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
         assert rig.open_all(lambda name, outcome: None) == []
         rig.actuators.call("valve", "set", True)
         ur.backdoor("protective_stop")
-        assert until(lambda: not rig.streams["arm_state"].latest().program_running)
+        state = rig.streams["arm_state"]
+        assert until(lambda: bool(state.latest().safety_bits & PROTECTIVE_STOP) and not state.latest().program_running)
         with pytest.raises(DeviceFault, match="protective stop"):
             rig.actuators.resume()
         assert rig.make_safe().confirmed and not house.latch.exists()
