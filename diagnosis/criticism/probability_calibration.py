@@ -54,7 +54,7 @@ class ProbabilityCalibration:
 
 
 CALIBRATED = ProbabilityCalibration(
-    temperature=2.0, prior_outside=1 - sum(PRIOR_SHARES.values()), cross_prediction=1.0, excess_scatter=3.0,
+    temperature=4.0, prior_outside=1 - sum(PRIOR_SHARES.values()), cross_prediction=1.0, excess_scatter=3.0,
     many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
     benchmark="calibrated on the blind bench, docs/explanations/blind.md",
 )  # fmt: skip
