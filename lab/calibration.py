@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -66,7 +66,7 @@ def _baseline(f: Fitted) -> dict[str, float]:
     return {"area_factor": area.value, "sd": area.sd, "rmse_m": 1e-3 * f.calibrated_mm}
 
 
-def calibrate(case: Case) -> Calibration:
+def calibrate(case: Case, progress: Callable[[float], None] = lambda share: None) -> Calibration:
     """Everything that this data can calibrate. Raises DiagnosisError, ModelError."""
     robot = case.robot
     spine = _spine_modulus(case)
@@ -81,7 +81,7 @@ def calibrate(case: Case) -> Calibration:
         condition, tip, trial = case.tips
         one = fit_area_factor(robot, condition, tip, trial)
         by_length = fit_area_factor_by_length(robot, condition, tip, trial)
-        calibrated = fit_effects(case, ())
+        calibrated = fit_effects(case, (), progress=progress)
         robot = robot.with_area_factor({k: a.factor.value for k, a in by_length.items()})
     return Calibration(robot, spine, body, one, by_length, calibrated)
 

@@ -49,7 +49,8 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
              f"--with {','.join(case.robot.effects)}"]
         )  # fmt: skip
     try:
-        result = calibrate(Case(case.robot.plain, case.table))
+        with Screen("calibrating", quiet=as_json) as screen:
+            result = calibrate(Case(case.robot.plain, case.table), lambda share: screen.progress(share, 1.0))
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
