@@ -113,17 +113,32 @@ def camera_scale(s: Seeing, x: Array) -> None:
     s.views.append(law)
 
 
+def levelling_off(u: Array) -> Array:
+    """Quickly at first, slower and slower over the campaign u (0..1)."""
+    return np.asarray(np.log1p(20 * u) / np.log(21))
+
+
+def up_and_back(u: Array) -> Array:
+    """Largest half way."""
+    return np.asarray(np.sin(np.pi * u) ** 2)
+
+
+def steadily(u: Array) -> Array:
+    """In proportion to what has passed of the campaign."""
+    return u
+
+
 OUTSIDE = {
     c.id: c
     for c in (
         Cause("chamber_crosstalk", "actuation", 0.15, chamber_crosstalk, "chambers"),
         Cause("weak_chamber", "actuation", 0.25, weak_chamber, "chambers"),
         Cause("eccentric_spine", "structure", 0.007, eccentric_spine, "body"),
-        Cause("granules_settle", "structure", 0.25, granules_settle, "body", lambda u: np.log1p(20 * u) / np.log(21)),
+        Cause("granules_settle", "structure", 0.25, granules_settle, "body", levelling_off),
         Cause("graded_modulus", "material", 0.25, graded_modulus, "body", one_way=False),
-        Cause("warm_room", "material", 0.10, warm_room, "body", lambda u: np.sin(np.pi * u) ** 2, one_way=False),
+        Cause("warm_room", "material", 0.10, warm_room, "body", up_and_back, one_way=False),
         Cause("cable_drag", "load", 0.7, cable_drag, "body"),
-        Cause("mount_turns", "boundary", np.radians(2.0), mount_turns, "body", lambda u: u, one_way=False),
+        Cause("mount_turns", "boundary", np.radians(2.0), mount_turns, "body", steadily, one_way=False),
         Cause("camera_scale", "measurement", 0.02, camera_scale, "seen", one_way=False),
     )
 }

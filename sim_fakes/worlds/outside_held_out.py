@@ -107,12 +107,17 @@ def marker_sags(s: Seeing, x: Array) -> None:
     s.views.append(law)
 
 
+def to_and_fro(u: Array) -> Array:
+    """Up, back and the other way over the campaign u (0..1)."""
+    return np.asarray(np.sin(1.5 * np.pi * u))
+
+
 HELD_OUT = {
     c.id: c
     for c in (
         Cause("thrust_eccentric", "actuation", 0.08, thrust_eccentric, "chambers", one_way=False),
         Cause("swapped_hoses", "actuation", 1.0, swapped_hoses, "chambers"),
-        Cause("barometer", "actuation", 5e3, barometer, "chambers", lambda u: np.sin(1.5 * np.pi * u), one_way=False),
+        Cause("barometer", "actuation", 5e3, barometer, "chambers", to_and_fro, one_way=False),
         Cause("wall_stiffening", "material", 0.25, wall_stiffening, "body"),
         Cause("spine_buckles", "structure", 0.3, spine_buckles, "body"),
         Cause("body_taper", "structure", 0.06, body_taper, "body", one_way=False),

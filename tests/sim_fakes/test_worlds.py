@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from functools import cache
 from itertools import combinations
 from pathlib import Path
@@ -143,6 +144,11 @@ def test_named_worlds_name_a_form_of_every_effect_and_drawn_ones_repeat_themselv
     assert world("drawn:3") == world("drawn:3") != world("drawn:4")
     with pytest.raises(ValueError, match=r"world 'moon': must be one of bench, .* or drawn:SEED"):
         world("moon")
+
+
+def test_a_truth_with_an_outside_cause_goes_from_process_to_process() -> None:
+    for cause in (*OUTSIDE.values(), *HELD_OUT.values()):
+        assert pickle.loads(pickle.dumps(cause)) == cause
 
 
 def a_robot(sizes: dict[str, float], outside: dict[str, float] | None = None, of: World = BENCH) -> Robot:
