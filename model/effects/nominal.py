@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec, Law, Values
-from model.effects.tolerance import ALWAYS, JAMMING, SPINE
+from model.effects.tolerance import ALWAYS, JAMMING
 from model.errors import BadRobot, nearest
 from model.robot import Robot
 from model.stated import Stated, Table
 
 Array = NDArray[np.float64]
 
-TOLERANCES: Mapping[str, EffectSpec] = {source.spec.id: source.spec for source in (*ALWAYS, SPINE, JAMMING)}
+TOLERANCES: Mapping[str, EffectSpec] = {source.spec.id: source.spec for source in (*ALWAYS, JAMMING)}
 """Tolerances of a whole set-up, by id."""
 
 

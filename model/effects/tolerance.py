@@ -171,13 +171,6 @@ JAMMING = Source(
 )
 
 
-SPINE = Source(
-    _tolerance("spine_modulus", "structure", Law(before=_spine_stiffness), Parameter("excess", "1", 0.05, -0.4, 0.4)),
-    "nuisance",
-)
-"""The table of its moduli was measured with an error common to all lengths: a length read 1 % wrong makes 3 % of E."""
-
-
 def mounts(design: Design) -> np.ndarray:
     """Roll (deg) of each mounting, that of most states first."""
     roll, count = np.unique(np.round(np.degrees(design.roll[~design.stiffness])), return_counts=True)
@@ -201,7 +194,7 @@ def sources(
     if len(np.unique(design.repeat[~design.stiffness])) > 1:
         found += REPEATS
     if (design.spine_length > 0).any():
-        found += (SPINE, *BY_TRIAL) if moved else BY_TRIAL
+        found += BY_TRIAL
         spined = design.vacuum[design.spine_length > 0]
         if np.ptp(spined) > 0.05 * design.nominal_vacuum:
             found.append(JAMMING)

@@ -18,7 +18,7 @@ MAX_CHUNK = 64 * 2**20
 """Bytes that the largest chunk of the largest file may hold; ours hold 1 MB at most."""
 SMALL_CHUNK = 8 * 2**20
 """Bytes that a chunk of any file may hold."""
-MAX_CHANNELS = 1000
+MAX_CHANNELS = 256
 """Channels of a file; ours have some fifteen."""
 MAX_MESSAGE = 64 * 2**10
 """Bytes of one message that the protobuf runtime takes apart; a state has about a thousand."""

@@ -265,9 +265,10 @@ def _contents(path: Path) -> list[str]:
         recording.load()
     except RecordingError as error:
         return [str(error)]
+    streams = set(recording.streams)
     for topic in recording.topics:
         try:
-            if topic in recording.streams:
+            if topic in streams:
                 recording.stream(topic)
             written = counts.get(topic, {}).get("written")
             held = len(recording.log_times(topic))
