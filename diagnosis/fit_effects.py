@@ -33,7 +33,7 @@ from .errors import BadCase
 from .fit_residual import learn_residual
 from .inference.evidence import KNOWN, weigh
 from .inference.linear import Linear, Prior
-from .inference.prepare import Prepared, prepare
+from .inference.prepare import Prepared, prepare, with_vented_at_zero
 from .inference.problem import Parameters
 from .inference.search import Candidate, Search
 
@@ -119,7 +119,7 @@ def fit_effects(
     baseline = calibrated(p)
     progress(0.6)
     found = search.fitted(named)
-    progress(1.0)
+    progress(0.9)
     missed = _missed(p, found.fit.theta)
     before, after = (
         _rms(p, p.tip(p.problem.observed - p.problem.forward.predict(p.common(baseline.theta)))),
@@ -130,8 +130,11 @@ def fit_effects(
     learnt = None
     if residual:
         main = own.main
-        learnt = learn_residual(written, own.trial[main], own.pressure[main], own.spine_length[main], missed[main])
+        learnt = learn_residual(
+            written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed[main]
+        )
         written = written.model_copy(update={"residual": learnt.residual})
+    progress(1.0)
     return Fitted(
         written, named, stated, len(own), len(np.unique(own.trial)), MM * before, MM * after, concerns,
         None if learnt is None else MM * learnt.left_out,
