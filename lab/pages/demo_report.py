@@ -51,7 +51,8 @@ def write(
     seal: Seal,
     answer: Diagnosis,
 ) -> Path:
-    """The page with everything that was seen; `compared` with the paper's parameters and calibrated."""
+    """The page with everything that was seen; `compared` with the paper's parameters, and with an area factor for each
+    spine length."""
     before, after = compared
     report = Report(
         "A day in the lab, without hardware",
@@ -81,9 +82,9 @@ def write(
     bend = report.section("Bending: measured against the model with the paper's parameters")
     bend.figure(tip_curves(before, folder / "paper.svg"), "Marks: measured tip, loading and unloading. Lines: model.")
     bend.table(*_errors(before.table))
-    fitted = report.section("After calibration")
+    fitted = report.section("With an area factor for each spine length")
     fitted.figure(
-        tip_curves(after, folder / "calibrated.svg"),
+        tip_curves(after, folder / "by_length.svg"),
         "The same marks; the model with one chamber area per spine length.",
     )
     fitted.table(*_errors(after.table))

@@ -135,7 +135,10 @@ def story(
         middle.set_title("three chambers inflate: tip and model (dotted: paper's)")
         middle.legend(title="spine", fontsize=7, loc="upper left")
         at = np.arange(len(before.table.rows))
-        for offset, c, shade, name in ((-0.2, before, GREY, "paper's parameters"), (0.2, after, BLUE, "calibrated")):
+        for offset, c, shade, name in (
+            (-0.2, before, GREY, "paper's parameters"),
+            (0.2, after, BLUE, "area factor by length"),
+        ):
             right.bar(at + offset, [1e3 * r.rmse for r in c.table.rows], 0.38, color=shade, label=name)
         right.set_xticks(at, [f"{r.spine_length * 100:.0f}" for r in before.table.rows])
         right.set_xlabel("spine length, cm")

@@ -133,7 +133,9 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
     case = read_case(files)
     fit = story.step("lab fit", lambda: _shown(calibrate(case), fit_sheet))
     before = story.step("lab compare: the paper's parameters", lambda: comparison(case))
-    after = story.step("lab compare: calibrated", lambda: comparison(Case(fit.robot, case.table)))
+    after = story.step(
+        "lab compare: an area factor for each spine length", lambda: comparison(Case(fit.robot, case.table))
+    )
     out.print(error_sheet(before.table))
     answers = Outputs(json=folder / "diagnosis.json", report=folder / "diagnosis.html", protocols=folder / "next")
     story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
