@@ -70,6 +70,8 @@ def diagnose(
     case = read_case(inputs, robot)
     note(case.table.warnings)
     note(clipped_note(case.table))
+    if case.robot.residual is not None:
+        note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
     with cluster(scheduler) if scheduler is not None else nullcontext() as others:
         elsewhere = None if others is None else others.in_order
         answer = _answer(case, robot, comparisons, Executor(cores, remote_map=elsewhere))

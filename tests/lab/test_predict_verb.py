@@ -75,6 +75,8 @@ def test_what_the_model_still_misses_is_learnt_for_predictions(
     )
     code, said, _ = run(capsys, "compare", case, "--robot", tmp_path / "robot.yaml", "--json")
     assert code == 0 and 1e3 * json.loads(said)["rmse"] < fitted["residual_left_out_mm"]
+    code, _, told = run(capsys, "diagnose", case, "--robot", tmp_path / "robot.yaml", "--holdout", tmp_path / "none")
+    assert code == 2 and "would hide one" in " ".join(told.split())
     code, said, _ = run(capsys, "fit", case, "--with", EFFECT, "--residual")
     assert code == 0 and "each trial that it did not learn from" in " ".join(said.split())
 
