@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Sheet
 
-from benchmarks.use import HOLD, NOISE, RATE, campaign, driven
+from benchmarks.use import HOLD, NOISE, RATE, campaign, covered, driven
 from diagnosis.fit_effects import fit_effects
 from lab.blind.bench_robot import BenchRobot
 from lab.blind.intervals import clopper_pearson
@@ -99,12 +99,6 @@ def modelled(robot: Robot) -> Predict:
     return lambda pressures, lengths: at(pressures, lengths, rate=RATE, hold=HOLD).tip
 
 
-def covered(robot: Robot, pressures: Array, lengths: Array, tip: Array) -> float:
-    """Share of the coordinates of read tips (n, 3) m within their 95 % interval."""
-    low, high = Predictor(robot)(pressures, lengths, rate=RATE, hold=HOLD, intervals=True).interval()
-    return float(np.mean((tip >= low) & (tip <= high)))
-
-
 def with_residual(base: Predict, case: Case) -> Predict:
     """The same and, for each axis, a Gaussian process for what it misses on the states of a case."""
     from sklearn.exceptions import ConvergenceWarning
@@ -147,9 +141,9 @@ def learn(truth: Truth, states: int) -> Outcome:
         case = campaign(truth, (sweep(count),))
         plain = modelled(fit_effects(case, ()).robot)
         last = fit_effects(case, truth.effects, residual=True).robot
-        named = last.model_copy(update={"residual": None})
+        named = last.without_residual
         models = (plain, with_residual(plain, case), modelled(named), modelled(last))
-        within[count] = {where: covered(last, *seen) for where, seen in judged.items()}
+        within[count] = {where: float(np.mean(covered(last, *seen))) for where, seen in judged.items()}
         found[count] = {
             where: {
                 name: float(np.sqrt(np.nanmean(np.sum((predict(p, length) - tip) ** 2, axis=1))))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Sheet
 
-from benchmarks.residual import BEYOND, INSIDE, MODELS, with_residual
+from benchmarks.residual import BEYOND, INSIDE, MODELS, Predict, with_residual
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.fit_effects import fit_effects
 from diagnosis.inference.posterior import UNKNOWN
@@ -60,16 +60,17 @@ def missed(robot: Robot, fitted: Case, judged: Table, cause: tuple[str, ...]) ->
     plain = fit_effects(fitted, ()).robot
     last = fit_effects(fitted, cause, residual=True).robot
 
-    def modelled(of: Robot) -> Array:
-        return Predictor(of)(pressures, lengths).tip
+    calibrated = _modelled(plain)
+    models = (calibrated, with_residual(calibrated, fitted), _modelled(last.without_residual), _modelled(last))
+    return {
+        name: np.linalg.norm(predict(pressures, lengths) - tip, axis=1)
+        for name, predict in zip(MODELS, models, strict=True)
+    }
 
-    predicted = (
-        modelled(plain),
-        with_residual(lambda p, length: Predictor(plain)(p, length).tip, fitted)(pressures, lengths),
-        modelled(last.model_copy(update={"residual": None})),
-        modelled(last),
-    )
-    return {name: np.linalg.norm(own - tip, axis=1) for name, own in zip(MODELS, predicted, strict=True)}
+
+def _modelled(robot: Robot) -> Predict:
+    at = Predictor(robot)
+    return lambda pressures, lengths: at(pressures, lengths).tip
 
 
 def main() -> int:

@@ -38,7 +38,7 @@ from lab.blind.truth import Recipe, Truth, draw
 from lab.calibration import calibrate
 from lab.files.config import check, parse_yaml
 from lab.files.inputs import Case
-from model.prediction import Predictor
+from model.prediction import NORMAL_95, Predictor
 from model.prediction.inverse import inverse, limits_of
 from model.robot import Robot
 from sim_fakes.virtual_robot import Condition, NoEquilibrium, walk
@@ -105,6 +105,13 @@ def driven(robot: BenchRobot, pressures: Array, lengths: Array) -> tuple[Array, 
     return out, np.where(pressures > 0, read, 0.0), grown
 
 
+def covered(robot: Robot, pressures: Array, lengths: Array, read: Array) -> NDArray[np.bool_]:
+    """(n, 3) whether the coordinates of read tips (m, 3) m lie within their 95 % interval, where there is an equilibrium."""
+    predicted = Predictor(robot)(pressures, lengths, rate=RATE, hold=HOLD, intervals=True)
+    low, high = predicted.interval()
+    return np.asarray(((read >= low) & (read <= high))[predicted.converged])
+
+
 def use(truth: Truth, targets: int, given: bool, cores: int, sweeps: Sequence[Sweep]) -> Outcome:
     """Measure, diagnose (`given`: the withheld effects are taken as named), fit, and use one robot."""
     case = campaign(truth, sweeps)
@@ -115,16 +122,17 @@ def use(truth: Truth, targets: int, given: bool, cores: int, sweeps: Sequence[Sw
     fitted = fit_effects(case, named)
     posterior = fitted.robot.posterior
     assert posterior is not None
-    robots = dict(zip(MODELS, (calibrate(case).robot, fit_effects(case, ()).robot, fitted.robot), strict=True))
+    calibration = calibrate(case)
+    assert calibration.calibrated is not None
+    robots = dict(zip(MODELS, (calibration.robot, calibration.calibrated.robot, fitted.robot), strict=True))
     rng = np.random.default_rng([truth.seed, 5])
     pressures, lengths = unseen(rng, targets)
     robot = BenchRobot(truth)
     reached, read_pressures, read_lengths = driven(robot, pressures, lengths)
     kept = np.isfinite(reached).all(axis=1)
     reached = reached[kept]
-    predicted = Predictor(fitted.robot)(read_pressures[kept], read_lengths[kept], rate=RATE, hold=HOLD, intervals=True)
-    low, high = predicted.interval()
     read = reached + NOISE * rng.normal(size=reached.shape)
+    inside = covered(fitted.robot, read_pressures[kept], read_lengths[kept], read)
     miss: dict[str, list[float]] = {}
     for name, model in robots.items():
         found = inverse(Predictor(model), reached, limits_of(model, GROUPS, spine=(0.0, LONGEST)))
@@ -133,7 +141,6 @@ def use(truth: Truth, targets: int, given: bool, cores: int, sweeps: Sequence[Sw
         miss[name] = np.linalg.norm(there[0] - reached, axis=1).tolist()
         if landings > 1:
             miss[SYSTEMATIC] = np.linalg.norm(there.mean(axis=0) - reached, axis=1).tolist()
-    inside = ((read >= low) & (read <= high))[predicted.converged]
     return Outcome(tuple(truth.effects), tuple(named), posterior.noise.floor, miss, inside.ravel().tolist())
 
 
@@ -155,7 +162,7 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, object]:
     inside = np.array([x for o in outcomes for x in o.inside])
     # Coordinates of one robot share its parameters: the interval is over robots.
     each = np.array([np.mean(o.inside) for o in outcomes])
-    spread = float(1.96 * each.std(ddof=1) / np.sqrt(len(each))) if len(each) > 1 else float("nan")
+    spread = float(NORMAL_95 * each.std(ddof=1) / np.sqrt(len(each))) if len(each) > 1 else float("nan")
     out["coverage"] = {"share": float(inside.mean()), "n": len(inside), "half_width_over_robots": spread}
     return out
 

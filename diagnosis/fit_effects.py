@@ -120,11 +120,8 @@ def fit_effects(
     progress(0.6)
     found = search.fitted(named)
     progress(0.9)
-    missed = _missed(p, found.fit.theta)
-    before, after = (
-        _rms(p, p.tip(p.problem.observed - p.problem.forward.predict(p.common(baseline.theta)))),
-        _rms(p, missed),
-    )
+    missed = _missed(p, _written_alone(p, found.fit.theta))
+    before, after = _rms(p, _missed(p, p.common(baseline.theta))), _rms(p, missed)
     stated, posterior = _posterior(p, found, after)
     written = _written(robot, p, named, stated, posterior)
     learnt = None
@@ -148,12 +145,17 @@ def _known(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> tuple
     return tuple(id for id in catalogue if id in effects)
 
 
-def _missed(p: Prepared, theta: Array) -> Array:
-    """(n, 3) m, measured - predicted tips with what is written alone: what recurs or drifts is at its expectation."""
+def _written_alone(p: Prepared, theta: Array) -> Array:
+    """Parameters (k,) of what is written: what recurs or drifts is at its expectation."""
     there = p.problem.parameters.mean.copy()
     written = list(_lasting(p, p.problem.parameters.ids).values())
     there[written] = theta[written]
-    return p.tip(p.problem.observed - p.problem.forward.predict(there))
+    return there
+
+
+def _missed(p: Prepared, theta: Array) -> Array:
+    """(n, 3) m, measured - predicted tips."""
+    return p.tip(p.problem.observed - p.problem.forward.predict(theta))
 
 
 def _rms(p: Prepared, missed: Array) -> float:

@@ -49,11 +49,8 @@ class Learnt:
     """A residual and how far the tip is off with it (m, rms)."""
 
     residual: Residual
-    without: float
-    """On the trials that it learnt from, before it."""
     left_out: float
-    """With it, each trial left out of the residual (not of the fit of the robot)."""
-    trials: int
+    """Each trial left out of the residual (not of the fit of the robot)."""
 
 
 def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, missed: Array) -> Learnt:
@@ -63,24 +60,24 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
     """
     seen = np.isfinite(missed).all(axis=1)
     trial, pressure, length, missed = trial[seen], pressure[seen], length[seen], missed[seen]
-    trials = np.unique(trial)
-    if len(missed) < LEAST_STATES or len(trials) < 2:
+    trials = len(np.unique(trial))
+    if len(missed) < LEAST_STATES or trials < 2:
         raise BadCase(
-            f"residual: {len(missed)} states with a tip in {len(trials)} trial(s), it needs at least {LEAST_STATES} states in "
+            f"residual: {len(missed)} states with a tip in {trials} trial(s), it needs at least {LEAST_STATES} states in "
             "two trials: record more, or leave --residual out"
         )
-    kept = _some(trial, trials, MOST_STATES)
+    kept = _some(trial, MOST_STATES)
     trial, pressure, length, missed = trial[kept], pressure[kept], length[kept], missed[kept]
     u = section_sums(robot, pressure)
     ranges = _range(np.linalg.norm(u, axis=1)), _range(length)
-    kept = _some(trial, np.unique(trial), MOST_FOR_SCALES)
+    kept = _some(trial, MOST_FOR_SCALES)
     scales = _scales(u[kept], length[kept], trial[kept], missed[kept], ranges)
     table = np.column_stack([trial, u, length, missed])
     own = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
         states=[[float(f"{v:.{DIGITS}g}") for v in row] for row in table.tolist()],
     )
-    return Learnt(own, _rms(missed), _rms(_left_out(own, u, length, trial, missed)), len(trials))
+    return Learnt(own, _rms(_left_out(own, u, length, trial, missed)))
 
 
 def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, float]) -> list[float]:
@@ -119,10 +116,10 @@ def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array
     return out
 
 
-def _some(trial: Ints, trials: Ints, most: int) -> NDArray[np.bool_]:
+def _some(trial: Ints, most: int) -> NDArray[np.bool_]:
     """States of so many whole trials, evenly, that about `most` remain, and no more."""
     step = int(np.ceil(len(trial) / most))
-    chosen = np.isin(trial, trials[::step]) if step > 1 else np.ones(len(trial), bool)
+    chosen = np.isin(trial, np.unique(trial)[::step])
     return chosen & (np.cumsum(chosen) <= most)
 
 

@@ -43,8 +43,9 @@ def predict_campaign(
     design = design_from_columns(robot, _observed(robot, columns))
     forward = ForwardModel(robot, design, area="per_length", catalogue=effects)
     zero = np.zeros(len(forward.parameters))
-    learnt, asked = residual_of(robot), (design.pressure, design.spine_length)
-    missed = 0.0 if learnt is None else learnt.mean(*asked)
+    residual = residual_of(robot)
+    learnt = None if residual is None else residual(design.pressure, design.spine_length, intervals=intervals)
+    missed, unexplained = (0.0, None) if learnt is None else (learnt.mean, learnt.variance)
     if not intervals:
         return _prediction(_read(forward, forward.predict(zero)), missed)
     predicted, slope = forward.linearise(zero)
@@ -54,8 +55,8 @@ def predict_campaign(
     absent = [_read(forward, forward.predict(_without(forward, id))) for id in effects]
     tip, turn, shape = _parts(forward, by)
     slopes = Slopes(tip, _turns(_parts(forward, predicted[None])[1][0], turn), shape)
-    unexplained = None if learnt is None else learnt.variance(*asked)
-    return _prediction(here, missed, standard_deviations(robot, covariance, here, slopes, absent, unexplained))
+    spread = standard_deviations(robot, covariance, here, slopes, absent, unexplained)
+    return _prediction(here, missed, spread)
 
 
 def _observed(robot: Robot, columns: Columns) -> Columns:

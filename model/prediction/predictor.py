@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -130,7 +130,7 @@ class Predictor:
 
         def part(rows: Order) -> Prediction:
             own = states_of(self.robot, design_of(asked[rows], vacuum, rate, hold))
-            return self._with_residual(own, self._predicted(own, places, intervals, gradient))
+            return self._predicted(own, places, intervals, gradient)
 
         n = len(asked)
         # Rods that are solved together share their steps: alike ones need fewer.
@@ -147,9 +147,14 @@ class Predictor:
 
     def _predicted(self, s: States, arcs: Array, intervals: bool, gradient: bool) -> Prediction:
         chain = self._chain
+        learnt = None
+        if self._residual is not None:
+            asked = s.design.pressure, s.design.spine_length
+            learnt = self._residual(*asked, intervals=intervals, gradient=gradient)
+        missed, unexplained = (0.0, None) if learnt is None else (learnt.mean, learnt.variance)
         if not gradient and not intervals:
             r = chain.read(s, chain.values, arcs)
-            return Prediction(r.tip, r.orientation, r.shape)
+            return Prediction(r.tip + missed, r.orientation, r.shape)
         by_input = None
         if gradient:
             r, by_input = chain.slopes(s, chain.values, arcs[:0], self._inputs(s))
@@ -158,31 +163,16 @@ class Predictor:
             r, by_parameter = chain.slopes(s, chain.values, arcs, self._parameters(s))
             absent = [chain.read(s, chain.without(id), arcs) for id in self.robot.effects]
             covariance = self._covariance if self._names else np.zeros((1, 1))
-            found |= standard_deviations(self.robot, covariance, r, by_parameter, absent, self._unexplained(s))
+            found |= standard_deviations(self.robot, covariance, r, by_parameter, absent, unexplained)
         elif gradient and len(arcs):
             r = chain.read(s, chain.values, arcs)
         if by_input is not None:
             found["tip_by_pressure"] = by_input.tip[:-1].transpose(1, 2, 0)
             found["tip_by_length"] = by_input.tip[-1]
-        return Prediction(r.tip, r.orientation, r.shape, **found)
-
-    def _unexplained(self, s: States) -> Array | None:
-        if self._residual is None:
-            return None
-        return self._residual.variance(s.design.pressure, s.design.spine_length)
-
-    def _with_residual(self, s: States, p: Prediction) -> Prediction:
-        """The tip and its slopes with what was learnt beyond the model; orientation and shape are the model's."""
-        if self._residual is None:
-            return p
-        asked = s.design.pressure, s.design.spine_length
-        tip = p.tip + self._residual.mean(*asked)
-        if p.tip_by_pressure is None or p.tip_by_length is None:
-            return replace(p, tip=tip)
-        by_pressure, by_length = self._residual.slopes(*asked)
-        return replace(
-            p, tip=tip, tip_by_pressure=p.tip_by_pressure + by_pressure, tip_by_length=p.tip_by_length + by_length
-        )
+            if learnt is not None and learnt.by_pressure is not None and learnt.by_length is not None:
+                found["tip_by_pressure"] = found["tip_by_pressure"] + learnt.by_pressure
+                found["tip_by_length"] = found["tip_by_length"] + learnt.by_length
+        return Prediction(r.tip + missed, r.orientation, r.shape, **found)
 
     def _inputs(self, s: States) -> Varied:
         """Each chamber's pressure, then the spine's length."""

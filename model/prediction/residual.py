@@ -13,6 +13,7 @@ so that far from all of them the mean is zero and the variance a^2 (Rasmussen & 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,20 @@ def covariance(amplitude: float, per_trial: float, reading: float, trial: Number
     return np.asarray(amplitude**2 * correlation + per_trial**2 * same + reading**2 * np.eye(len(trial)))
 
 
+@dataclass(frozen=True)
+class ExpectedResidual:
+    """What the model is expected to miss in n states."""
+
+    mean: Array
+    """(n, 3) m, to be added to the tip."""
+    variance: Array | None
+    """(n, 1) m^2 along each axis."""
+    by_pressure: Array | None
+    """(n, 3, chambers) m/Pa."""
+    by_length: Array | None
+    """(n, 3) m/m."""
+
+
 class LearntResidual:
     """The residual that a robot.yaml states, ready to be asked."""
 
@@ -58,26 +73,23 @@ class LearntResidual:
         own = self._own
         return kernel(u, length, self._u, self._length, own.pressure_scale, own.length_scale)
 
-    def mean(self, pressure: Array, length: Array) -> Array:
-        """(n, 3) m to be added to the tip, at pressures (n, chambers) Pa and spine lengths (n,) m."""
-        return np.asarray(self._correlation(section_sums(self._robot, pressure), length) @ self._weights)
-
-    def variance(self, pressure: Array, length: Array) -> Array:
-        """(n, 1) m^2 along each axis."""
-        own = self._own
-        k = own.amplitude**2 * self._correlation(section_sums(self._robot, pressure), length)
-        known = (k * cho_solve(self._factor, k.T).T).sum(axis=1)
-        return np.asarray(np.maximum(own.amplitude**2 - known, 0.0)[:, None])
-
-    def slopes(self, pressure: Array, length: Array) -> tuple[Array, Array]:
-        """The mean's slopes (n, 3, chambers) m/Pa by pressure and (n, 3) m/m by length."""
+    def __call__(
+        self, pressure: Array, length: Array, *, intervals: bool = False, gradient: bool = False
+    ) -> ExpectedResidual:
+        """At pressures (n, chambers) Pa and spine lengths (n,) m."""
         own, u = self._own, section_sums(self._robot, pressure)
         k = self._correlation(u, length)
-        by_u = (
-            np.einsum("nj,jd,ja->nad", k, self._u, self._weights) - np.einsum("na,nd->nad", k @ self._weights, u)
-        ) / (own.pressure_scale**2)
-        by_length = ((k * (self._length - length[:, None])) @ self._weights) / own.length_scale**2
-        return np.asarray(by_u @ _directions(self._robot).T), np.asarray(by_length)
+        mean = np.asarray(k @ self._weights)
+        variance = by_pressure = by_length = None
+        if intervals:
+            c = own.amplitude**2 * k
+            known = (c * cho_solve(self._factor, c.T).T).sum(axis=1)
+            variance = np.asarray(np.maximum(own.amplitude**2 - known, 0.0)[:, None])
+        if gradient:
+            by_u = np.einsum("nj,jd,ja->nad", k, self._u, self._weights) - np.einsum("na,nd->nad", mean, u)
+            by_pressure = np.asarray(by_u / own.pressure_scale**2 @ _directions(self._robot).T)
+            by_length = np.asarray(((k * (self._length - length[:, None])) @ self._weights) / own.length_scale**2)
+        return ExpectedResidual(mean, variance, by_pressure, by_length)
 
 
 def residual_of(robot: Robot) -> LearntResidual | None:

@@ -61,8 +61,8 @@ def shape(table: Table) -> list[tuple[object, ...]]:
 
 
 def always(table: Table) -> list[str]:
-    """Columns that do not depend on how many samples a busy computer has taken."""
-    return [name for name in table.columns if name != "clipped" and not name.startswith("sd_")]
+    """All columns but the mark of a set-point that was reduced: on a busy computer a step of a ramp may come late."""
+    return [name for name in table.columns if name != "clipped"]
 
 
 def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: VirtualLab, tmp_path: Path) -> None:

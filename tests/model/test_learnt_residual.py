@@ -47,9 +47,10 @@ def test_mean_and_variance_are_those_of_scikit_learn(paper_robot: Robot) -> None
     peer = GaussianProcessRegressor(kernel, alpha=3e-4**2, optimizer=None).fit(np.column_stack([u, length]), missed)
     there, at = asked(20, seed=9)
     mean, sd = peer.predict(np.column_stack([section_sums(paper_robot, there), at]), return_std=True)
-    ours = LearntResidual(paper_robot, own)
-    assert np.abs(ours.mean(there, at) - mean).max() < 1e-9
-    assert np.abs(np.sqrt(ours.variance(there, at)) - np.asarray(sd).reshape(20, -1)[:, :1]).max() < 1e-9
+    ours = LearntResidual(paper_robot, own)(there, at, intervals=True)
+    assert ours.variance is not None
+    assert np.abs(ours.mean - mean).max() < 1e-9
+    assert np.abs(np.sqrt(ours.variance) - np.asarray(sd).reshape(20, -1)[:, :1]).max() < 1e-9
 
 
 def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(paper_robot: Robot) -> None:
@@ -57,14 +58,14 @@ def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(
     found = learn_residual(paper_robot, trial, pressure, length, missed)
     assert 0.5 < found.residual.trial / 3e-4 < 2 and 0.5 < found.residual.reading / 1e-4 < 2
     there, at = asked(40, seed=11)
-    off = LearntResidual(paper_robot, found.residual).mean(there, at) - smooth(paper_robot, there, at)
-    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.3 * found.without
+    off = LearntResidual(paper_robot, found.residual)(there, at).mean - smooth(paper_robot, there, at)
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.3 * np.sqrt((missed**2).sum(axis=1).mean())
     left = []
     for out in np.unique(trial):
         rest = tuple(s for s in found.residual.states if s[0] != out)
         anew = LearntResidual(paper_robot, found.residual.model_copy(update={"states": rest}))
         own = trial == out
-        left.append(missed[own] - anew.mean(pressure[own], length[own]))
+        left.append(missed[own] - anew(pressure[own], length[own]).mean)
     expected = np.sqrt((np.concatenate(left) ** 2).sum(axis=1).mean())
     assert found.left_out == pytest.approx(expected, rel=1e-4)
 
@@ -75,11 +76,12 @@ def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: 
     robot = plain.model_copy(update={"residual": own})
     pressure, length = asked(12, seed=2)
     with_it, without = (Predictor(r)(pressure, length, intervals=True, gradient=True) for r in (robot, plain))
-    learnt = LearntResidual(robot, own)
-    assert np.abs(with_it.tip - without.tip - learnt.mean(pressure, length)).max() < 1e-12
+    learnt = LearntResidual(robot, own)(pressure, length, intervals=True)
+    assert learnt.variance is not None
+    assert np.abs(with_it.tip - without.tip - learnt.mean).max() < 1e-12
     assert with_it.model_sd is not None and without.model_sd is not None
     opened = with_it.model_sd**2 - without.model_sd**2
-    assert np.allclose(opened, learnt.variance(pressure, length) - 1e-4**2, atol=1e-12)  # in place of the discrepancy
+    assert np.allclose(opened, learnt.variance - 1e-4**2, atol=1e-12)  # in place of the discrepancy
     assert with_it.tip_by_pressure is not None and with_it.tip_by_length is not None
     up, further = pressure.copy(), length + 1e-5
     up[:, 3] += 10.0
@@ -88,16 +90,15 @@ def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: 
     assert np.allclose((at(pressure, further).tip - with_it.tip) / 1e-5, with_it.tip_by_length, atol=2e-4)
     table = predict_campaign(robot, columns(pressure, length), intervals=True)
     bare = predict_campaign(plain, columns(pressure, length), intervals=True)
-    assert np.abs(table.tip - bare.tip - learnt.mean(pressure, length)).max() < 1e-12
+    assert np.abs(table.tip - bare.tip - learnt.mean).max() < 1e-12
 
 
 def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(paper_robot: Robot) -> None:
     own = learn_residual(paper_robot, *learnt_states(paper_robot)).residual
     own = own.model_copy(update={"pressure_scale": 1e4})
-    learnt = LearntResidual(paper_robot, own)
-    far = np.full((1, 9), 190e3)
-    assert np.abs(learnt.mean(far, np.array([0.1]))).max() < 1e-9
-    assert learnt.variance(far, np.array([0.1]))[0, 0] == pytest.approx(own.amplitude**2)
+    far = LearntResidual(paper_robot, own)(np.full((1, 9), 190e3), np.array([0.1]), intervals=True)
+    assert np.abs(far.mean).max() < 1e-9 and far.variance is not None
+    assert far.variance[0, 0] == pytest.approx(own.amplitude**2)
 
 
 def test_too_few_states_and_a_wrong_table_are_refused(paper_robot: Robot) -> None:
