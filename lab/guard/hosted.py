@@ -46,6 +46,8 @@ class Hosted:
         self._sending = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._line: Connection | None = None
+        self._lost = ""
+        """Why the process was given up: every call says it until it is opened anew, whoever heard of it first."""
 
     def open(self) -> Any:
         """Start the process if there is none, and connect."""
@@ -90,26 +92,23 @@ class Hosted:
             )
             theirs.close()
             ours.send(self._setup)
-            self._line = ours
+            self._line, self._lost = ours, ""
             threading.Thread(target=self._ping, args=(ours,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
         if not self._lock.acquire(timeout=within):
-            self._end()
-            raise NoReply(self.name, f"{method}: an earlier call has not returned; its process was killed")
+            raise self._give_up(f"{method}: an earlier call has not returned; its process was killed")
         try:
             line = self._line
             if line is None:
-                raise NotReady(self.name, "not open; call open() first")
+                raise NotReady(self.name, self._lost or "not open; call open() first")
             try:
                 with self._sending:
                     line.send((method, args))
                 if not line.poll(within):
-                    self._end()
-                    raise NoReply(
-                        self.name,
+                    raise self._give_up(
                         f"{method} did not return within {within:g} s; its process was killed and the controller's watchdog "
-                        "stops the arm: check that it stands still, then open it again",
+                        "stops the arm: check that it stands still, then open it again"
                     )
                 ok, answer = line.recv()
             except (EOFError, OSError) as e:
@@ -125,13 +124,17 @@ class Hosted:
     def _died(self, method: str) -> InstrumentError:
         process = self._process
         code = process.wait(2.0) if process is not None else None
-        self._end()
         how = f"signal {-code} ({signal.Signals(-code).name})" if code is not None and code < 0 else f"code {code}"
-        return NoReply(
-            self.name,
+        return self._give_up(
             f"its process ended with {how} during {method}; the controller's watchdog stops the arm: check that it stands "
-            "still, then open it again",
+            "still, then open it again"
         )
+
+    def _give_up(self, why: str) -> InstrumentError:
+        """End the process, and say why from now on."""
+        self._lost = self._lost or why
+        self._end()
+        return NoReply(self.name, self._lost)
 
     def _end(self) -> None:
         """Close the line, and see that the process ends."""

@@ -332,8 +332,9 @@ def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
         children = Path(f"/proc/{rig.actuators.pid}/task").glob("*/children")
         (host,) = [int(pid) for file in children for pid in file.read_text().split()]
         os.kill(host, signal.SIGSEGV)
-        with pytest.raises(InstrumentError, match="SIGSEGV"):
-            rig.actuators.call("arm", "moving")
+        for _ in range(2):  # who asks later hears the cause as well, not that the arm is closed
+            with pytest.raises(InstrumentError, match="SIGSEGV"):
+                rig.actuators.call("arm", "moving")
         rig.actuators.call("valve", "set", True)
         report = rig.make_safe()  # the arm is looked at from outside
         assert report.confirmed and {s.instrument for s in report.steps} == {"arm", "pressure", "spine", "valve"}
