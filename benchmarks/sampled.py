@@ -2,7 +2,7 @@
 
 The named effect's parameters and the calibration go through the model in full. The tolerances, what each trial has of its
 own, and the smooth discrepancy are integrated out by algebra, linear around the most probable point, as in the diagnosis.
-The prior is the diagnosis' own: normals cut at their bounds, and of a named effect at least one size of `LEAST_NAMED_SIZE`.
+The prior is the diagnosis' own: normals cut at their bounds, and of a named effect at least one size of `least_named`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import norm
 
-from diagnosis.inference.evidence import LEAST_NAMED_SIZE, Grid, Hypothesis, weigh
+from diagnosis.inference.evidence import Grid, Hypothesis, weigh
 from diagnosis.inference.fit import Fit, fit
 from diagnosis.inference.problem import Problem
 
@@ -76,7 +76,9 @@ class Hypothetical:
         shapes = p.shapes or (False,) * len(p.names)
         out = unit.copy()
         places = [j for j, i in enumerate(self.sampled) if p.effects[i] and not shapes[i]]
-        edges = np.clip((norm.cdf([[-LEAST_NAMED_SIZE], [LEAST_NAMED_SIZE]]) - low) / (high - low), 0.0, 1.0)
+        least = np.zeros(len(p.names))
+        least[p.of_effect] = p.least_named
+        edges = np.clip((norm.cdf([-least[self.sampled], least[self.sampled]]) - low) / (high - low), 0.0, 1.0)
         for k, j in enumerate(places):
             a, b = edges[0, j], edges[1, j]
             later = float(np.prod([edges[1, i] - edges[0, i] for i in places[k + 1 :]]))

@@ -12,7 +12,9 @@ d_e to first order around each hypothesis' fit. In each draw an effect is named 
     carries at least half of what the largest carrier does, and at least one noise floor, and
     is that carrier, or is named by the hypothesis;
 
-where the largest carrier carries less than two noise floors it must be named by the hypothesis; else none is.
+where the largest carrier carries less than two noise floors it must be named by the hypothesis; else none is. The answer is
+the effect that is named in most draws, with those that are named together with it in two thirds of all; each draw that names
+all of the answer counts for it, whatever else it names.
 """
 
 from __future__ import annotations
@@ -28,15 +30,17 @@ from scipy.stats import qmc
 from .evidence import NONE, Hypothesis
 from .fit import Fit
 from .posterior import Posterior
-from .prepare import Prepared
+from .prepare import LEAST_CARRIED, Prepared
 from .search import Candidate
 
 Array = NDArray[np.float64]
 
 COMPARABLE = 0.5
 """Share of what the largest carrier does that an effect must carry to be named."""
-LEAST, LEAST_TOLERATED = 1.0, 2.0
-"""Noise floors that a named effect must carry, and one that stands out among the tolerances though no hypothesis names it."""
+LEAST_TOLERATED = 2.0
+"""Noise floors that an effect must carry that stands out among the tolerances though no hypothesis names it."""
+TOGETHER = 2 / 3
+"""Probability from which effects are named together."""
 DRAWS, SEED = 256, 11
 """Of each hypothesis."""
 JITTER, TINY = 1e-8, 1e-300
@@ -99,24 +103,44 @@ def _drawn(mean: Array, covariance: Array) -> Array:
 
 def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
     """Probabilities of what is named; `known` over the hypotheses, whose candidates also stand for the answers."""
+    answer = _answer(b)
     total: dict[Hypothesis, float] = {}
     for named, w in zip(b.named, b.weight.tolist(), strict=True):
-        total[named] = total.get(named, 0.0) + w
+        counted = answer if answer and set(answer) <= set(named) else named
+        total[counted] = total.get(counted, 0.0) + w
     total.setdefault(NONE, 0.0)
     candidates = dict(known.candidates)
-    for answer in total:
-        if answer not in candidates:  # never weighed by itself: the most probable of those that hold all of it, or any
-            fitting = [h for h, _ in known.ranking if set(answer) <= set(h)] or [known.ranking[0][0]]
-            candidates[answer] = known.candidates[fitting[0]]
+    for h in total:
+        if h not in candidates:  # never weighed by itself: the most probable of those that hold all of it, or any
+            fitting = [k for k, _ in known.ranking if set(h) <= set(k)] or [known.ranking[0][0]]
+            candidates[h] = known.candidates[fitting[0]]
     return Posterior(tuple(sorted(total.items(), key=lambda entry: -entry[1])), candidates)
+
+
+def _answer(b: Budget) -> Hypothesis:
+    """The effect named in most draws, and those named together with it; none where that is more probable."""
+    named = np.array([[e in own for e in b.effects] for own in b.named])
+    share = b.weight @ named
+    first = int(share.argmax())
+    if float(b.weight @ ~named.any(axis=1)) >= share[first]:
+        return NONE
+    chosen, held = [first], named[:, first]
+    while True:
+        together = (b.weight * held) @ named
+        together[chosen] = 0.0
+        more = int(together.argmax())
+        if together[more] <= TOGETHER:
+            return tuple(b.effects[i] for i in sorted(chosen))
+        chosen.append(more)
+        held = held & named[:, more]
 
 
 def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
     """What is named when the effects carry so many noise floors (e,)."""
     largest = int(floors.argmax())
-    if floors[largest] < (LEAST if effects[largest] in hypothesis else LEAST_TOLERATED):
+    if floors[largest] < (LEAST_CARRIED if effects[largest] in hypothesis else LEAST_TOLERATED):
         return NONE
-    enough = np.flatnonzero(floors >= max(LEAST, COMPARABLE * float(floors[largest])))
+    enough = np.flatnonzero(floors >= max(LEAST_CARRIED, COMPARABLE * float(floors[largest])))
     return tuple(effects[int(i)] for i in enough if i == largest or effects[int(i)] in hypothesis)
 
 

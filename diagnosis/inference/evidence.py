@@ -78,8 +78,6 @@ LARGE = Grid(
 """For the hypothesis that something outside the catalogue is at work."""
 
 
-LEAST_NAMED_SIZE = 0.35
-"""Least size of a named effect, as a share of its scale: twice the widest spike; smaller sizes are tolerances."""
 MOST_TOLERATED_SIZE = 0.5
 """Largest size of an effect that is not named, as a share of its scale."""
 LEAST = 1e-12
@@ -107,7 +105,7 @@ class Weighed:
 def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
     """Log evidence of hypotheses in one linear problem.
 
-    A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `LEAST_NAMED_SIZE`; sizes
+    A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `least_named`; sizes
     that are tolerated are below `MOST_TOLERATED_SIZE`.
     """
     masks = np.array([parameters.mask(h) for h in named])
@@ -137,16 +135,16 @@ def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: P
     """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named, and
     within the bounds and the small sizes of what is tolerated."""
     sd = np.sqrt(np.maximum(variance, 1e-300))
-    low, high = parameters.low, parameters.high
+    low, high, least = parameters.low, parameters.high, parameters.least_named
     within = _log_mass(mean, sd, low, high)
     total = np.where(prior.wide, within, 0.0).sum(axis=1)
-    small = _log_mass(mean, sd, np.maximum(low, -LEAST_NAMED_SIZE), np.minimum(high, LEAST_NAMED_SIZE)) - within
+    small = _log_mass(mean, sd, np.maximum(low, -least), np.minimum(high, least)) - within
     # An effect is small only where all its sizes are.
     all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
     outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
     named = (prior.wide @ parameters.members) > 0
-    least, most = np.where(low < 0, -MOST_TOLERATED_SIZE, -np.inf), np.where(high > 0, MOST_TOLERATED_SIZE, np.inf)
-    tolerated = np.where(parameters.sizes, _log_mass(mean, sd, least, most), within)
+    below, above = np.where(low < 0, -MOST_TOLERATED_SIZE, -np.inf), np.where(high > 0, MOST_TOLERATED_SIZE, np.inf)
+    tolerated = np.where(parameters.sizes, _log_mass(mean, sd, below, above), within)
     total += np.where(~prior.wide & (prior.variance > 0), tolerated, 0.0).sum(axis=1)
     return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))
 

@@ -25,7 +25,7 @@ from ..data.states import States
 from ..errors import BadCase
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
-from .problem import Parameters, Problem
+from .problem import LEAST_NAMED_SIZE, Parameters, Problem
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials, stiffness_trials
 
 Array = NDArray[np.float64]
@@ -42,6 +42,8 @@ VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
+LEAST_CARRIED, TINY = 1.0, 1e-12
+"""Noise floors that a named effect must carry; m."""
 LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT = 0.2e-3, 2e-3
 """m, between which the unit of the discrepancy is kept."""
 
@@ -167,9 +169,12 @@ def prepare(
         known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
     unit = float(np.clip(known / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
+    made = replace(
+        _with_trial_scatter(made, forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)
+    )
     problem = Problem(
         MaskedForward(forward, kept),
-        _with_trial_scatter(made, forward.parameters, floor, pushes),
+        made,
         observed[kept],
         noise,
         smooth,
@@ -331,6 +336,20 @@ def regulators(pressure: Array) -> list[Ints]:
     groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
     found = [own for own in groups if pattern[own[0]].any()]
     return found or [np.arange(pressure.shape[1])]
+
+
+def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
+    """Size of each parameter, as a share of its scale, at which it carries `LEAST_CARRIED` noise floors (m) of the tip beyond the
+    calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
+    tips = labels.kind == 0
+    if not tips.any():
+        return ()
+    columns = np.nan_to_num(slope[tips] * made.sd)
+    free = columns[:, ~made.of_effect][:, made.calibrated]
+    if free.size:
+        columns -= free @ np.linalg.lstsq(free, columns, rcond=None)[0]
+    carried = np.sqrt((columns**2).sum(axis=0) / len(np.unique(labels.state[tips])))
+    return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_CARRIED * floor / np.maximum(carried, TINY)).tolist())
 
 
 def _with_trial_scatter(

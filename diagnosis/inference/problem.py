@@ -20,10 +20,12 @@ from .linear import Linear, Prior
 Array = NDArray[np.float64]
 
 
-LEAST_COLUMN = 1.0
+LEAST_COLUMN = 2.0
 """Columns of model-form error below this many standard deviations of the noise are left out."""
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
+LEAST_NAMED_SIZE = 0.35
+"""Least size of a named effect, as a share of its scale, where nothing else is known: twice the widest spike."""
 LEAKAGE = 0.3
 """Leakage: share of a model-form error that may lie where the effect itself does nothing."""
 
@@ -63,6 +65,8 @@ class Parameters:
     """Parameters drawn anew with each trial or repeat of the sweep; empty: none is."""
     tolerated: tuple[bool, ...] = ()
     """Parameters that may differ from zero within a tolerance though their effect is not named; empty: all may."""
+    least: tuple[float, ...] = ()
+    """Least size of a named effect, as a share of each parameter's scale; empty: `LEAST_NAMED_SIZE` for all."""
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
@@ -100,6 +104,11 @@ class Parameters:
     def high(self) -> Array:
         """(p,) upper bounds of the same."""
         return (self.upper / self.sd)[self.of_effect]
+
+    @cached_property
+    def least_named(self) -> Array:
+        """(p,) least size of a named effect, in units of its parameters' scales."""
+        return np.array(self.least or (LEAST_NAMED_SIZE,) * len(self.names))[self.of_effect]
 
     @cached_property
     def sizes(self) -> NDArray[np.bool_]:
@@ -213,8 +222,8 @@ class Problem:
         )
 
     def with_form_error(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
-        """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what a named
-        effect does at theta."""
+        """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what an
+        effect does at theta. No law is exact, be its effect named or tolerated (to first order then)."""
         columns, leakage = [np.zeros((len(predicted), 0))], 0.0
         responses: dict[str, Array] = {}
         for effect in named:
@@ -223,9 +232,19 @@ class Problem:
             done = predicted - self.forward.predict(without)
             if np.isfinite(done).all() and done.any():
                 responses[effect] = done
-                columns.append(_leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis)))
+                columns.append(self._form_error_of(done))
                 leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
+        size = theta[self.parameters.of_effect] / self.parameters.scale
+        for effect in self.parameters.ids:
+            own = self.parameters.mask((effect,))
+            white = linear.effects[:, own] @ size[own]
+            if effect not in named and white @ white > LEAST_COLUMN**2:
+                columns.append(self._form_error_of(self.noise.colour(white)))
         return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
+
+    def _form_error_of(self, done: Array) -> Array:
+        """Columns (n, r) of the model-form error of an effect that does so much to the values (n,)."""
+        return _leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis))
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""

@@ -10,8 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from benchmarks.sampled import Hypothetical, hypothetical
-from diagnosis.inference.evidence import LEAST_NAMED_SIZE
-from diagnosis.inference.problem import Problem
+from diagnosis.inference.problem import LEAST_NAMED_SIZE, Problem
 from tests.diagnosis.toy import toy_problem
 
 POINTS = 120

@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, uniform
 
-from diagnosis.inference.evidence import LEAST_NAMED_SIZE, MOST_TOLERATED_SIZE, Grid, weigh
+from diagnosis.inference.evidence import MOST_TOLERATED_SIZE, Grid, weigh
 from diagnosis.inference.linear import Linear, Prior
-from diagnosis.inference.problem import Parameters
+from diagnosis.inference.problem import LEAST_NAMED_SIZE, Parameters
 
 WIDE = np.ones(3, bool)
 RNG = np.random.default_rng(7)
