@@ -68,7 +68,7 @@ def make(request: pytest.FixtureRequest, clock: SimClock) -> Iterator[Callable[.
         port = HARDWARE or request.getfixturevalue("fake").port
         wiring = tuple((i + 1,) for i in range(len(UNITS)))
         values: dict[str, Any] = {
-            "port": port, "baud": BAUD, "units": UNITS, "chambers": wiring, "full_scale": FULL_SCALE, "timeout": 0.5,
+            "port": port, "baud": BAUD, "units": UNITS, "chambers": wiring, "full_scale": FULL_SCALE, "timeout": 1.0,
             "max_age": 5.0,
         }  # fmt: skip
         made.append(Alicat("pressure", Config(**(values | changes)), clock))

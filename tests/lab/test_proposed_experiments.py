@@ -65,7 +65,7 @@ def test_every_proposal_is_a_protocol_of_the_rig_and_takes_as_long_as_was_said(
 SHORT: Mapping[str, object] = {"spine_lengths": [0.0], "pressures": [50e3, 100e3], "repeats": 1}
 
 
-HOLD: Mapping[str, object] = {"hold_times": [3.0, 10.0], "settle": {"average": 4.0}}
+HOLD: Mapping[str, object] = {"hold_times": [10.0, 40.0], "settle": {"average": 16.0}}
 """Long windows: at twenty times real speed few samples fall into one."""
 
 

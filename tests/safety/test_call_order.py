@@ -40,6 +40,8 @@ from sim_fakes.tmcl import TmclFake
 SPEED = 50.0
 QUIET = 0.03
 """Host seconds in which a byte that was sent would have been heard."""
+PATIENCE = 1.0
+"""Host seconds that a fake on a busy computer may take for an answer."""
 Call = Callable[[Any], Any]
 ANY_CALL: dict[str, tuple[Call, ...]] = {
     "pressure": (lambda d: d.set((1e3,) * d.channels), lambda d: d.read(), lambda d: d.vent()),
@@ -136,7 +138,7 @@ def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable
 
 MACHINES = {
     "alicat": serial(
-        "pressure", lambda f, c: alicat.Alicat("it", alicat.Config(port=f.port, timeout=0.5), c), AlicatFake
+        "pressure", lambda f, c: alicat.Alicat("it", alicat.Config(port=f.port, timeout=PATIENCE), c), AlicatFake
     ),
     "smc_itv": serial(
         "pressure",
@@ -145,23 +147,23 @@ MACHINES = {
     ),
     "dynamixel": serial(
         "spine",
-        lambda f, c: dynamixel.DynamixelSpine("it", dynamixel.Config(port=f.port, timeout=0.5, metres_per_turn=0.1), c),
+        lambda f, c: dynamixel.DynamixelSpine("it", dynamixel.Config(port=f.port, timeout=1.0, metres_per_turn=0.1), c),
         DynamixelFake,
     ),
     "tmcl": serial(
         "spine",
-        lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, timeout=0.5, metres_per_turn=0.1), c),
+        lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, timeout=PATIENCE, metres_per_turn=0.1), c),
         TmclFake,
     ),
     "numato": serial(
-        "valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=0.5), c), NumatoFake
+        "valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=PATIENCE), c), NumatoFake
     ),
     "pfeiffer": serial(
-        "gauge", lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port, timeout=0.5), c), PfeifferFake
+        "gauge", lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port, timeout=PATIENCE), c), PfeifferFake
     ),
     "ft300s": serial(
         "force",
-        lambda f, c: ft300s.FT300S("it", ft300s.Config(port=f.port, timeout=0.5, max_age=1.0), c, lambda s: None),
+        lambda f, c: ft300s.FT300S("it", ft300s.Config(port=f.port, timeout=PATIENCE, max_age=1.0), c, lambda s: None),
         Ft300sFake,
     ),
 }
