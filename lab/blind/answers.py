@@ -43,6 +43,8 @@ class Answer:
     error: str = ""
     budget: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """mm (low, high) that an effect is said to carry, by effect."""
+    stage: str = ""
+    """The stage of the chain that asks most for an error of its own; empty where none does."""
 
     @property
     def best(self) -> Effects:
@@ -97,6 +99,7 @@ def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, aske
         _number(shrink.get("before_mm")), _number(shrink.get("after_mm")), seconds, asked,
         budget={str(x["effect"]): (_number(x.get("low95_mm")), _number(x.get("high95_mm")))
                 for x in d.get("budget") or () if isinstance(x, Mapping) and "effect" in x},
+        stage=next((str(x["stage"]) for x in attribute.get("stage_errors") or () if isinstance(x, Mapping)), ""),
     )  # fmt: skip
 
 

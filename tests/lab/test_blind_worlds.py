@@ -151,6 +151,24 @@ def test_figures_by_mm_of_answers_made_by_hand() -> None:
     assert found["cluttered_outside.named"].value == 1.0 and found["cluttered_outside.flagged_apart"].n == 1
 
 
+def test_the_stage_of_an_outside_cause_is_scored_where_it_is_called_unknown() -> None:
+    recipe = WorldRecipe("bench", 1, 1)
+    robot, effects = draw_robot(recipe, 0, "outside", ("warm_room",))
+    truth = drawing.WorldTruth("1", "outside", robot, effects, calibrated_mm={"warm_room": 3.0}).as_dict()
+    assert truth["stage"] == "material"
+    assert drawing.WorldTruth("1", "clean", *draw_robot(recipe, 0, "clean", ("contact",))).as_dict()["stage"] is None
+
+    def told(verdict: str, *stages: str) -> Weighed:
+        errors = [{"stage": s, "dependence": "time", "gain": 9.0} for s in stages]
+        found = weighed(truth, answer_from("1", {"attribute": {"verdict": verdict, "stage_errors": errors}}))
+        assert found is not None
+        return found
+
+    cases = [told("unknown", "material", "load"), told("unknown", "load"), told("unknown"), told("none", "material")]
+    (stage,) = (m.found for m in mm_metrics(cases) if m.key == "outside.stage")
+    assert stage.n == 3 and stage.value == pytest.approx(1 / 3)
+
+
 def test_the_budget_is_read_from_an_answer_and_old_truths_have_no_mm() -> None:
     budget = [{"effect": "contact", "role": "named", "mm": 2.0, "low95_mm": 1.0, "high95_mm": 3.0}]
     a = answer_from("1", {"attribute": {"verdict": "effect", "effects": ["contact"]}, "budget": budget})

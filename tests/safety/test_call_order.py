@@ -159,7 +159,9 @@ MACHINES = {
         "valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=PATIENCE), c), NumatoFake
     ),
     "pfeiffer": serial(
-        "gauge", lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port, timeout=PATIENCE), c), PfeifferFake
+        "gauge",
+        lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port, timeout=PATIENCE), c),
+        PfeifferFake,
     ),
     "ft300s": serial(
         "force",

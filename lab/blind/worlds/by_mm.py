@@ -30,6 +30,8 @@ class Weighed:
     floor: float
     nearest: Mapping[str, Any] | None
     answer: Answer
+    stage: str | None = None
+    """Of a cause outside the catalogue, where the truth tells it."""
 
     @property
     def largest(self) -> str:
@@ -81,7 +83,7 @@ def weighed(truth: Mapping[str, Any], answer: Answer) -> Weighed | None:
     carries = {str(e): float(mm) for e, mm in truth["calibrated_mm"].items()}
     return Weighed(
         str(truth.get("stratum", truth["kind"])), frozenset(truth["effects"]), carries, float(truth["floor_mm"]),
-        truth.get("nearest"), answer,
+        truth.get("nearest"), answer, truth.get("stage"),
     )  # fmt: skip
 
 
@@ -138,6 +140,8 @@ def _outside(name: str, own: Sequence[Weighed], known: Sequence[Weighed]) -> lis
          _share(apart, lambda c: c.answer.verdict == "unknown")),
         ("at_10", "flagged at 10 % false flags where the nearest effect leaves 1.5 floors",
          _share(apart if comparable else [], lambda c: c.answer.unknown_probability > limit)),
+        ("stage", "the right stage asks for an error, of those called unknown",
+         _share([c for c in own if c.stage and c.answer.verdict == "unknown"], lambda c: c.answer.stage == c.stage)),
         ("named", f"an effect named with p > {SURE}",
          _share(own, lambda c: c.answer.verdict == "effect" and c.answer.probability > SURE)),
         ("nearest", "named after the nearest effect where it leaves less",

@@ -72,6 +72,7 @@ class WorldTruth:
             "area_factor": robot.area_factor, "length": robot.length, "offset": robot.offset, "drift": robot.drift,
             "places": asdict(robot.places), "floor_mm": round(self.floor_mm, 3),
             "moves_mm": dict(self.moves_mm), "calibrated_mm": dict(self.calibrated_mm), "nearest": self.nearest,
+            "stage": next((robot.causes[e].stage for e in robot.outside), None),
         }  # fmt: skip
 
 
