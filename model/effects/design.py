@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,13 @@ class Design:
 
     def __len__(self) -> int:
         return len(self.trial)
+
+    @cached_property
+    def highest(self) -> Array:
+        """(n, chambers) Pa gauge, the highest reading of each chamber in the state's trial."""
+        top = np.full((len(self.trial_id), self.pressure.shape[1]), -np.inf)
+        np.maximum.at(top, self.trial, self.pressure)
+        return np.asarray(top[self.trial])
 
     @property
     def markers(self) -> int:

@@ -35,14 +35,19 @@ def _pressure_offset(q: Quantities, v: Values) -> None:
 
 
 def _pressure_deadband(q: Quantities, v: Values) -> None:
+    """Slack on the way up; on the way down a share of it is play: the push follows late, and then all the way."""
     band = v["band"][..., None]
     soft = DEADBAND_SOFTNESS * band
     p = q.pressure
 
-    def beyond(x: np.ndarray) -> np.ndarray:
-        return 0.5 * (x - band + np.sqrt((x - band) ** 2 + soft**2))
+    def above(x: np.ndarray) -> np.ndarray:
+        return 0.5 * (x + np.sqrt(x**2 + soft**2))
 
-    q.pressure = np.where((p > 0) & (band != 0), beyond(p) - beyond(np.zeros_like(band)), p)
+    slack = above(p - band) - above(-band)
+    kept = np.maximum(q.design.highest - band, 0.0)
+    late = p - above(p - kept) + above(-kept)
+    share = np.where(q.design.unload[:, None], v["play"][..., None], 0.0)
+    q.pressure = np.where((p > 0) & (band != 0), slack + share * (late - slack), p)
 
 
 def _chamber_ballooning(q: Quantities, v: Values) -> None:
@@ -91,10 +96,14 @@ SPECS = (
     EffectSpec(
         id="pressure_deadband",
         stage="actuation",
-        equation="P_eff = f(P) - f(0), f(P) = (P - P0 + sqrt((P - P0)^2 + (0.2 P0)^2)) / 2",
-        parameters=(Parameter("band", "Pa", 10e3, 0.0, 60e3, sign="positive"),),
+        equation="P_eff = f(P - P0) - f(-P0), f(x) = (x + sqrt(x^2 + (0.2 P0)^2)) / 2; on the way down (1 - h) of that and "
+        "h min(P, P_highest - P0), rounded as f",
+        parameters=(
+            Parameter("band", "Pa", 10e3, 0.0, 60e3, sign="positive"),
+            Parameter("play", "1", 0.5, 0.0, 1.0, role="shape"),
+        ),
         law=Law(before=_pressure_deadband),
-        citation="slack of the winding: a chamber must swell to its winding before it pushes",
+        citation="slack of the winding: a chamber must swell to its winding before it pushes; h = 1: backlash, as of a valve",
         seen_best_in="low pressures",
         family="pressure_zero",
     ),

@@ -71,7 +71,8 @@ def _vacuum_leak(q: Quantities, v: Values) -> None:
 
 def _spine_length_offset(q: Quantities, v: Values) -> None:
     # A retracted spine stands at its stop: there is nothing to misread.
-    offset = np.where(q.design.spine_length > 0, v["offset"], 0.0)
+    longer = np.maximum(q.design.spine_length, 0.01) / 0.2
+    offset = np.where(q.design.spine_length > 0, v["offset"] * longer ** v["growth"], 0.0)
     q.spine_length = q.spine_length + offset
     q.tabulated_length = q.tabulated_length + (1 - v["read"]) * offset
 
@@ -118,11 +119,12 @@ SPECS = (
     EffectSpec(
         id="spine_length_offset",
         stage="structure",
-        equation="L_s = L_s,read + d for a spine that is out; its moduli those of L_s,read + (1 - m) d: a table "
-        "measured with the same error holds by the length read (m = 1)",
+        equation="L_s = L_s,read + e, e = d (L_s,read / 0.2 m)^g for a spine that is out; its moduli those of "
+        "L_s,read + (1 - m) e: a table measured with the same error holds by the length read (m = 1)",
         parameters=(
             Parameter("offset", "m", 0.012, -0.05, 0.05),
             Parameter("read", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
+            Parameter("growth", "1", 1.0, 0.0, 2.0, role="shape"),
         ),
         law=Law(before=_spine_length_offset),
         citation="geometry",

@@ -156,6 +156,18 @@ def test_a_dead_band_and_an_offset_differ_below_the_band_only(paper_robot: Robot
     assert np.abs(made.by(pressure_offset__offset=10e3)[0]).max() > 1e-3
 
 
+def test_play_of_a_dead_band_follows_late_on_the_way_down(paper_robot: Robot, make_campaign: Make) -> None:
+    made = Moved(paper_robot, make_campaign(lengths=(0.0,), levels=(0.0, 100e3, 150e3, 200e3)))
+    unload, p = made.forward.design.unload, made.forward.design.pressure.max(axis=1)
+    slack, play = (made.by(pressure_deadband__band=10e3, pressure_deadband__play=h) for h in (0.0, 1.0))
+    assert np.array_equal(slack[~unload], play[~unload]) and np.abs(slack[~unload & (p == 200e3)]).max() > 1e-3
+    down = np.abs(slack[unload & (p > 0)]).max()
+    assert down > 1e-3 and np.abs(play[unload & (p > 0) & (p < 190e3)]).max() < 0.02 * down
+    half = made.by(pressure_deadband__band=10e3, pressure_deadband__play=0.5)
+    middle = unload & (p == 100e3)
+    assert half[middle, 0] == pytest.approx(0.5 * slack[middle, 0], rel=0.05)
+
+
 def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot, make_campaign: Make) -> None:
     columns = make_campaign(lengths=(0.2,), levels=(150e3,), unload=False)
     columns["vacuum"] = np.array([80e3, 56e3])
