@@ -49,6 +49,8 @@ class StageError:
     """Log evidence gained, averaged over its size."""
 
 
+WANDER = ("measurement", "time")
+"""A free-form error that cameras of every rig have, slowly and a little."""
 SIZES = (0.1, 0.2, 0.4, 0.8)
 """Standard deviations of the free functions, in plausible scales of the stage's effects."""
 TIME = 0.35
@@ -74,8 +76,12 @@ def stage_errors(
 
 
 def total_gain(errors: Sequence[StageError]) -> float:
-    """Log evidence that any of them gains, each as probable as the others beforehand; 0 where there are none."""
-    return float(logsumexp([e.gain for e in errors]) - np.log(len(errors))) if errors else 0.0
+    """Log evidence that any of them gains, each as probable as the others beforehand; 0 where there are none.
+
+    What the readings do over time counts for nothing here: every camera wanders (decision 064).
+    """
+    counted = [e.gain for e in errors if (e.stage, e.dependence) != WANDER]
+    return float(logsumexp(counted) - np.log(len(counted))) if counted else 0.0
 
 
 def _gain(g: Gaussian, columns: Array) -> float:

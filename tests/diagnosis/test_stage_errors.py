@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.criticism.gaussian import Gaussian
-from diagnosis.criticism.stage_errors import StageError, smooth_functions, stage_errors
+from diagnosis.criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from diagnosis.inference.evidence import Hypothesis
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
@@ -61,3 +61,11 @@ def test_a_drift_of_the_base_is_an_error_of_the_boundary_over_time() -> None:
     outside = response(problem, "bent") * np.repeat(np.sin(2 * np.pi * time), 3)
     worst = found(replace(problem, observed=problem.observed + outside), ())
     assert (worst.stage, worst.dependence) == ("boundary", "time") and worst.gain > 10
+
+
+def test_a_wander_of_the_cameras_is_no_sign_of_a_cause_outside_the_catalogue() -> None:
+    wander, tilt = StageError("measurement", "time", 40.0), StageError("boundary", "time", 20.0)
+    rest = StageError("load", "pressure", 0.0)
+    assert total_gain((wander, rest)) == pytest.approx(0.0)
+    assert total_gain((wander, tilt, rest)) == pytest.approx(20.0 - np.log(2), abs=1e-6)
+    assert total_gain((wander,)) == total_gain(()) == 0.0
