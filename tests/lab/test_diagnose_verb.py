@@ -128,8 +128,11 @@ def test_the_size_stays_within_what_is_possible(answer: dict[str, Any]) -> None:
     assert set(sizes) == {"area_moment.blend", "area_moment.bending"}
     for size in sizes.values():
         assert (size["low"], size["high"]) == (0.0, 1.0) and not size["impossible"]
-        assert size["low"] <= size["low90"] < size["fitted"] < size["high90"] <= size["high"]
-    assert sizes["area_moment.blend"]["mean"] == pytest.approx(0.7, abs=4 * sizes["area_moment.blend"]["sd"])
+        assert size["low"] <= size["low90"] < size["high90"] <= size["high"]
+        assert size["low"] <= size["fitted"] <= size["high90"]  # a most probable shape may lie at its bound
+    blend = sizes["area_moment.blend"]
+    assert blend["low90"] < blend["fitted"] < blend["high90"]
+    assert blend["mean"] == pytest.approx(0.7, abs=4 * blend["sd"])
 
 
 def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer: dict[str, Any]) -> None:
