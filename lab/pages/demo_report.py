@@ -64,8 +64,8 @@ def write(
     if "given" in answer.detail["states"]:
         found.figure(
             unseen_tips(answer, folder / "unseen.svg"),
-            "Measured tip and three models on states that no fit saw: as given, calibrated, with the cause. Below: what the last "
-            "two miss; grey: noise floor. diagnosis.html has the whole answer",
+            "Measured tip and three models on states that no fit saw: as given, calibrated, with the cause. Below: by how "
+            "much the last two miss the tip, in any direction; grey: noise floor. diagnosis.html has the whole answer",
         )
     found.text(f"On was {seal.effect} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
     found.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")

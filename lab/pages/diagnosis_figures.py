@@ -136,7 +136,7 @@ MODELS = (
 def unseen_tips(d: Diagnosis, path: Path) -> Path:
     """Sideways tip position on the way up over pressure, per spine length: measured, and three models on unseen states.
 
-    Below, what the calibrated model and the one with the cause miss there.
+    Below, by how much the calibrated model and the one with the cause miss the tip there, in any direction.
     """
     s = _states(d)
     own = (s["experiment"] == 0) & (s["branch"] == 1)
@@ -154,13 +154,14 @@ def unseen_tips(d: Diagnosis, path: Path) -> Path:
                 there = s[key][at, axis] * MM
                 _curve(top, pressure, there, colour, style, label)
                 if key != "given":
-                    _curve(below, pressure, tip - there, colour, style, label)
+                    missed = np.linalg.norm(s["tip"][at] - s[key][at], axis=1) * MM
+                    _curve(below, pressure, missed, colour, style, label)
             top.plot(pressure / 1e3, tip, "o", color=RED, mfc="none", ms=4, label="measured")
             top.set_title(f"spine {length * 100:.0f} cm", loc="left")
-            below.axhspan(-d.locate.noise_floor_mm, d.locate.noise_floor_mm, color="0.9")
+            below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
             below.set_xlabel("pressure, kPa")
         axes[0, 0].set_ylabel(f"tip {'xyz'[axis]}, mm")
-        axes[1, 0].set_ylabel("measured minus\nmodel, mm")
+        axes[1, 0].set_ylabel("tip missed\nby, mm")
         axes[0, 0].legend(fontsize=7)
         return save(figure, path)
 

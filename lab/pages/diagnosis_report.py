@@ -227,8 +227,8 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     if "given" in d.detail["states"]:
         s.figure(
             draw.unseen_tips(d, folder / "unseen.svg"),
-            "Measured tip and three models on the way up, each state predicted by fits that did not see it. Below: what the "
-            "calibrated model and the one with the leading hypothesis miss; grey: noise floor",
+            "Measured tip and three models on the way up, each state predicted by fits that did not see it. Below: by how "
+            "much the calibrated model and the one with the leading hypothesis miss the tip, in any direction; grey: noise floor",
         )
     s.figure(
         draw.posterior(d, folder / "posterior.svg"), f"Probability of each hypothesis ({d.detail['calibrated_on']})"
