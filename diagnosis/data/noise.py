@@ -46,13 +46,18 @@ class Noise:
         """(n, n)"""
         return csr_array(self._power(-0.5) @ diags_array(1 / self.sd))
 
+    @cached_property
+    def _root(self) -> csr_array:
+        """(n, n)"""
+        return self._power(0.5)
+
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""
         return np.asarray(self._white @ values)
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
-        return np.asarray(diags_array(self.sd) @ (self._power(0.5) @ white))
+        return np.asarray(diags_array(self.sd) @ (self._root @ white))
 
     def _power(self, power: float) -> csr_array:
         """(n, n) (I + s s^T / sd^2)^power, state by state."""

@@ -184,16 +184,13 @@ class _Carrying:
             found: list[Mapping[str, Array]] = []
             for rows, unit, _ in self._parts:
                 slope = fit.slope[rows] * unit[:, None]
-                free = (slope * p.sd)[:, ~p.of_effect][:, p.calibrated]
                 states = len(np.unique(self._p.labels.state[rows]))
                 squares = {}
                 for effect in p.ids:
                     own = [i for i, e in enumerate(p.effects) if e == effect]
                     exact = fit.linear.responses.get(effect)
                     done = slope[:, own] @ at[own] if exact is None else exact[rows] * unit
-                    columns = np.column_stack([slope[:, own] * p.sd[own], done])
-                    if free.size:
-                        columns -= free @ np.linalg.lstsq(free, columns, rcond=None)[0]
+                    columns = p.beyond_calibration(np.column_stack([slope[:, own] * p.sd[own], done]), slope)
                     squares[effect] = columns.T @ columns / states
                 found.append(squares)
             self._of_fit[id(fit)] = (fit, found)

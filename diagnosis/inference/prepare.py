@@ -169,12 +169,11 @@ def prepare(
         known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
     unit = float(np.clip(known / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
-    made = replace(
-        _with_trial_scatter(made, forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)
-    )
     problem = Problem(
         MaskedForward(forward, kept),
-        made,
+        replace(
+            _with_trial_scatter(made, forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)
+        ),
         observed[kept],
         noise,
         smooth,
@@ -344,11 +343,9 @@ def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tupl
     tips = labels.kind == 0
     if not tips.any():
         return ()
-    columns = np.nan_to_num(slope[tips] * made.sd)
-    free = columns[:, ~made.of_effect][:, made.calibrated]
-    if free.size:
-        columns -= free @ np.linalg.lstsq(free, columns, rcond=None)[0]
-    carried = np.sqrt((columns**2).sum(axis=0) / len(np.unique(labels.state[tips])))
+    slope = np.nan_to_num(slope[tips])
+    left = made.beyond_calibration(slope * made.sd, slope)
+    carried = np.sqrt((left**2).sum(axis=0) / len(np.unique(labels.state[tips])))
     return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_CARRIED * floor / np.maximum(carried, TINY)).tolist())
 
 

@@ -157,6 +157,12 @@ class Parameters:
         """Prior without any effect."""
         return self.prior(self.mask(()), 0.0)
 
+    def beyond_calibration(self, columns: Array, slope: Array) -> Array:
+        """What least squares over all that is fitted in every model leaves of columns (n, c); derivatives `slope` (n, k) of the
+        same values."""
+        free = (slope * self.sd)[:, ~self.of_effect][:, self.calibrated]
+        return columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0] if free.size else columns
+
     def mask(self, chosen: tuple[str, ...]) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters belong to the chosen effects."""
         return np.array([e in chosen for e in self.effects if e])
@@ -234,12 +240,11 @@ class Problem:
                 responses[effect] = done
                 columns.append(self._form_error_of(done))
                 leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
-        size = theta[self.parameters.of_effect] / self.parameters.scale
-        for effect in self.parameters.ids:
-            own = self.parameters.mask((effect,))
-            white = linear.effects[:, own] @ size[own]
-            if effect not in named and white @ white > LEAST_COLUMN**2:
-                columns.append(self._form_error_of(self.noise.colour(white)))
+        p = self.parameters
+        white = (linear.effects * (theta[p.of_effect] / p.scale)) @ p.members
+        for effect, own in zip(p.ids, white.T, strict=True):
+            if effect not in named and own @ own > LEAST_COLUMN**2:
+                columns.append(self._form_error_of(self.noise.colour(own)))
         return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
 
     def _form_error_of(self, done: Array) -> Array:

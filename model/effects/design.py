@@ -82,14 +82,19 @@ class Design:
     @cached_property
     def highest(self) -> Array:
         """(n, chambers) Pa gauge, the highest reading of each chamber in the state's trial."""
-        top = np.full((len(self.trial_id), self.pressure.shape[1]), -np.inf)
-        np.maximum.at(top, self.trial, self.pressure)
-        return np.asarray(top[self.trial])
+        return _highest(self.trial, self.pressure)
 
     @property
     def markers(self) -> int:
         """How many markers are observed."""
         return sum(1 for name in self.channels if re.fullmatch(r"m\d+x", name))
+
+
+def _highest(trial: NDArray[np.int64], pressure: Array) -> Array:
+    """(n, chambers) the largest of pressures (n, chambers) in each state's trial 0..."""
+    top = np.full((int(trial.max()) + 1, pressure.shape[1]), -np.inf)
+    np.maximum.at(top, trial, pressure)
+    return np.asarray(top[trial])
 
 
 def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...] | None = None) -> Design:
@@ -111,9 +116,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
     vacuum = _numbers(columns, "vacuum", NOMINAL_VACUUM, n)
     _within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient")
     ids, trial = _trials(columns["trial"], spine_length)
-    used = np.zeros(pressure.shape, bool)
-    for k in range(len(ids)):
-        used[trial == k] = pressure[trial == k].max(axis=0) > USED
+    used = _highest(trial, pressure) > USED
     spined = spine_length > 0
     observed = _channels(robot, columns, stiffness)
     if channels is not None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.effects.history import History
 from model.effects.quantities import Quantities
 from model.effects.spec import EffectSpec, Law, Parameter, Values
+
+Array = NDArray[np.float64]
 
 SLIP_YIELD = 0.12
 """1/m, change of curvature at which friction is half spent, before its shape parameter."""
@@ -64,15 +67,19 @@ def _spine_shear(q: Quantities, v: Values) -> None:
     q.shear_mix = q.shear_mix + v["mix"]
 
 
+def _grown(length: Array, power: Array) -> Array:
+    """(length / 0.2 m)^power; below a centimetre as there."""
+    return np.asarray((np.maximum(length, 0.01) / 0.2) ** power)
+
+
 def _vacuum_leak(q: Quantities, v: Values) -> None:
-    longer = np.maximum(q.spine_length, 0.01) / 0.2
-    q.vacuum_loss = q.vacuum_loss + v["lost"] * q.design.nominal_vacuum * longer ** v["length"]
+    q.vacuum_loss = q.vacuum_loss + v["lost"] * q.design.nominal_vacuum * _grown(q.spine_length, v["length"])
 
 
 def _spine_length_offset(q: Quantities, v: Values) -> None:
     # A retracted spine stands at its stop: there is nothing to misread.
-    longer = np.maximum(q.design.spine_length, 0.01) / 0.2
-    offset = np.where(q.design.spine_length > 0, v["offset"] * longer ** v["growth"], 0.0)
+    out = q.design.spine_length
+    offset = np.where(out > 0, v["offset"] * _grown(out, v["growth"]), 0.0)
     q.spine_length = q.spine_length + offset
     q.tabulated_length = q.tabulated_length + (1 - v["read"]) * offset
 
