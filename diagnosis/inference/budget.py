@@ -7,7 +7,8 @@ calibrates (area factors), the effect carries
 
 so what a calibration takes up anyway is not an effect's merit. All effects are asked, those within their tolerance as well:
 a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
-d_e to first order around each hypothesis' fit. In each draw an effect is named that
+d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
+each draw an effect is named that
 
     carries at least half of what the largest carrier does, and at least one noise floor, and
     is that carrier, or is named by the hypothesis;
@@ -179,19 +180,34 @@ class _Carrying:
         """For tips and for forces: effect -> products (m + 1, m + 1), mean over the states, of its parameters' columns and of
         what it does at the fit, after calibration."""
         if id(fit) not in self._of_fit:
-            p = self._p.problem.parameters
-            at = fit.theta - p.mean
-            found: list[Mapping[str, Array]] = []
-            for rows, unit, _ in self._parts:
-                slope = fit.slope[rows] * unit[:, None]
-                states = len(np.unique(self._p.labels.state[rows]))
-                squares = {}
-                for effect in p.ids:
-                    own = [i for i, e in enumerate(p.effects) if e == effect]
-                    exact = fit.linear.responses.get(effect)
-                    done = slope[:, own] @ at[own] if exact is None else exact[rows] * unit
-                    columns = p.beyond_calibration(np.column_stack([slope[:, own] * p.sd[own], done]), slope)
-                    squares[effect] = columns.T @ columns / states
-                found.append(squares)
-            self._of_fit[id(fit)] = (fit, found)
+            self._of_fit[id(fit)] = (fit, self._products(fit))
         return self._of_fit[id(fit)][1]
+
+    def _products(self, fit: Fit) -> list[Mapping[str, Array]]:
+        p = self._p.problem.parameters
+        at = fit.theta - p.mean
+        exact = dict(fit.linear.responses)
+        found: list[dict[str, Array]] = [{} for _ in self._parts]
+        for effect in p.ids:
+            own = [i for i, e in enumerate(p.effects) if e == effect]
+            columns = np.column_stack([fit.slope[:, own] * p.sd[own], exact.get(effect, fit.slope[:, own] @ at[own])])
+            products = self._of_columns(fit, columns)
+            if effect not in exact and any(
+                m[-1, -1] > (LEAST_CARRIED * floor) ** 2 for m, (_, _, floor) in zip(products, self._parts, strict=True)
+            ):
+                # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.
+                done = self._p.problem.response(fit.theta, fit.predicted, effect)
+                if np.isfinite(done).all():
+                    columns[:, -1] = done
+                    products = self._of_columns(fit, columns)
+            for squares, product in zip(found, products, strict=True):
+                squares[effect] = product
+        return list(found)
+
+    def _of_columns(self, fit: Fit, columns: Array) -> list[Array]:
+        """For tips and for forces: products (c, c), mean over the states, of columns (n, c) after calibration."""
+        p, found = self._p.problem.parameters, []
+        for rows, unit, _ in self._parts:
+            left = p.beyond_calibration(columns[rows] * unit[:, None], fit.slope[rows] * unit[:, None])
+            found.append(left.T @ left / len(np.unique(self._p.labels.state[rows])))
+        return found

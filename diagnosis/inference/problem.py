@@ -233,19 +233,26 @@ class Problem:
         columns, leakage = [np.zeros((len(predicted), 0))], 0.0
         responses: dict[str, Array] = {}
         for effect in named:
-            without = theta.copy()
-            without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
-            done = predicted - self.forward.predict(without)
+            done = self.response(theta, predicted, effect)
             if np.isfinite(done).all() and done.any():
                 responses[effect] = done
                 columns.append(self._form_error_of(done))
                 leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
         p = self.parameters
-        white = (linear.effects * (theta[p.of_effect] / p.scale)) @ p.members
-        for effect, own in zip(p.ids, white.T, strict=True):
-            if effect not in named and own @ own > LEAST_COLUMN**2:
-                columns.append(self._form_error_of(self.noise.colour(own)))
+        tolerated = [e not in named for e in p.ids]
+        white = ((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members)[:, tolerated]
+        # Any rotation of what the effects do has the same errors, all of them together.
+        together = [self._form_error_of(self.noise.colour(own)) for own in _leading(white).T]
+        if together:
+            columns.append(_leading(np.hstack(together)))
         return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
+
+    def response(self, theta: Array, predicted: Array, effect: str) -> Array:
+        """What an effect does to the values (n,) at parameters (k,), where they are predicted so; NaN where there is no
+        equilibrium without it."""
+        without = theta.copy()
+        without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
+        return np.asarray(predicted - self.forward.predict(without))
 
     def _form_error_of(self, done: Array) -> Array:
         """Columns (n, r) of the model-form error of an effect that does so much to the values (n,)."""

@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.result import Diagnosis
+from diagnosis.data.case import states
 from diagnosis.diagnose import diagnose
 from diagnosis.inference import budget as module
 from diagnosis.inference.budget import Budget
+from diagnosis.inference.fit import Fit
 from diagnosis.inference.posterior import Posterior
+from diagnosis.inference.prepare import prepare
+from model.effects import CATALOGUE
 from tests.diagnosis import small_campaigns as whole
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured, quick
+from tests.diagnosis.test_case import ROBOT
 
 EFFECTS = ("a", "b", "c")
 
@@ -67,6 +72,26 @@ def test_the_answer_is_what_is_named_in_most_draws(
     counted = [set(expected) <= set(n) if expected else not n for n in named]
     assert found.ranking[0] == (expected, pytest.approx(float(np.array(weight) @ counted)))
     assert sum(p for _, p in found.ranking) == pytest.approx(1.0)
+
+
+def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None:
+    """A stop of 300 N/m already holds the tip; twice as stiff it does little more."""
+    catalogue = {e: CATALOGUE[e] for e in ("contact", "base_tilt")}
+    prepared = prepare(ROBOT, states(measured(2, 4, FEW))[0], catalogue=catalogue)
+    problem, p = prepared.problem, prepared.problem.parameters
+    theta = p.mean.copy()
+    theta[[p.names.index("contact.stiffness"), p.names.index("contact.distance")]] = 300.0, -0.04
+    predicted, slope = problem.linearise(theta)
+    fitted = Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), 0.0, 0.0)
+    at = (theta / p.sd)[p.of_effect][None]
+    carried = module._Carrying(prepared).of(fitted, at)[0][0, p.ids.index("contact")]
+
+    def beyond(done: np.ndarray) -> float:
+        return float(np.sqrt((p.beyond_calibration(done[:, None], slope) ** 2).sum() / len(prepared.states)))
+
+    own = [i for i, e in enumerate(p.effects) if e == "contact"]
+    assert carried == pytest.approx(beyond(predicted - problem.forward.predict(p.mean)), rel=1e-6)
+    assert beyond(slope[:, own] @ theta[own]) < 0.5 * carried
 
 
 def answer(catalogue: Catalogue, **effects: float) -> Diagnosis:
