@@ -3,8 +3,8 @@
 Whatever comes nearest to such a cause is fitted in its place, and leaves little in the residual. What shows it instead:
 parameters and model-form errors far from their priors (prior tension), an experiment that the others do not predict
 (cross-prediction), one trial with an outlying spine, repeats that scatter more than instruments and
-re-grown spines do (excess scatter), and evidence for a large smooth discrepancy. How much each counts was fitted on a
-benchmark (see `probability_calibration`).
+re-grown spines do (excess scatter), evidence for a large smooth discrepancy, and evidence for laws that are wrong by more than
+the forms of a known cause differ (law error). How much each counts was fitted on a benchmark (see `probability_calibration`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from ..inference.evidence import KNOWN, LARGE, weigh
@@ -62,6 +63,8 @@ class MisfitDiagnostics:
     """The trial that the others predict worst, where its p-value times the number of trials is below 0.001."""
     outlier_surprise: float
     """Chi-square per value of that trial, predicted from the others."""
+    law_error_gain: float
+    """Log evidence that the largest share of model-form error adds to the least, under the best hypothesis; 0 without any."""
 
 
 def misfit_diagnostics(
@@ -106,7 +109,15 @@ def misfit_diagnostics(
         excess_scatter=excess_scatter,
         outlier_trial=int(numbers[worst]) if significant else None,
         outlier_surprise=float(surprise[worst]),
+        law_error_gain=_law_error_gain(best),
     )
+
+
+def _law_error_gain(best: Candidate) -> float:
+    if not best.fit.linear.form_error.shape[1]:
+        return 0.0
+    by_share = logsumexp(best.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
+    return float(by_share[-1] - by_share[0])
 
 
 def _prior_tension(g: Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:

@@ -2,8 +2,8 @@
 
 Evidence is overconfident, because no model is exact. Log evidence is divided by a temperature, so that the stated
 probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue begins at the
-share that the prior leaves to it, and follows from what free-form errors of the stages gain, which is evidence like any other,
-and from three misfit diagnostics (decision 059).
+share that the prior leaves to it, and follows from what free-form errors of the stages and large errors of the laws gain, which
+is evidence like any other, and from three misfit diagnostics (decisions 059, 066).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class ProbabilityCalibration:
         """Probability of a cause outside the catalogue; `stage_gain` the log evidence that free-form errors of the stages
         gain."""
         odds = math.log(self.prior_outside / (1 - self.prior_outside))
-        odds += max(stage_gain - USUAL_GAIN, 0.0) / self.temperature
+        odds += (max(stage_gain - USUAL_GAIN, 0.0) + max(s.law_error_gain, 0.0)) / self.temperature
         odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))
         odds += self.excess_scatter * max(math.log(min(s.excess_scatter, MOST_EXCESS) / TYPICAL_EXCESS), 0.0)
         odds += self.many_effects * max(s.effects_named - FEW_EFFECTS, 0)
@@ -54,7 +54,7 @@ class ProbabilityCalibration:
 
 
 CALIBRATED = ProbabilityCalibration(
-    temperature=4.0, prior_outside=1 - sum(PRIOR_SHARES.values()), cross_prediction=1.0, excess_scatter=3.0,
+    temperature=4.0, prior_outside=1 - sum(PRIOR_SHARES.values()), cross_prediction=1.0, excess_scatter=1.0,
     many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
     benchmark="calibrated on the blind bench, docs/explanations/blind.md",
 )  # fmt: skip

@@ -36,6 +36,7 @@ MISFIT_LABELS = {
     "excess_scatter": "excess scatter of repeats, factor",
     "outlier_trial": "trial that the others predict worst",
     "outlier_surprise": "its chi-square per value",
+    "law_error_gain": "log evidence gained by large errors of the laws",
 }
 """Keys of `detail.misfit` in diagnosis.json -> labels on the page."""
 

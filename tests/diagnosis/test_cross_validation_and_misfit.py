@@ -13,7 +13,7 @@ from diagnosis.inference.cross_validation import Model, cross_validated_residual
 from diagnosis.inference.fit import fit
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
-from tests.diagnosis.toy import MM, Grid, toy_problem
+from tests.diagnosis.toy import IDS, MM, Grid, toy_problem
 
 GRID = Grid()
 LENGTH = np.repeat(np.round(GRID.length / 0.05).astype(np.int64), 3)
@@ -77,6 +77,14 @@ def test_a_smooth_cause_outside_the_catalogue_is_seen_as_discrepancy() -> None:
     found = misfit_diagnostics(problem, Search(problem).run()[0], TRIAL, KIND, 1.0)
     assert found.discrepancy_gain > 5
     assert found.discrepancy_size > 2
+
+
+def test_a_law_that_is_far_off_is_seen_as_an_error_of_the_laws() -> None:
+    problem = toy_problem(3, {"turned": 1.0})
+    turned = problem.linearise(problem.parameters.mean)[1][:, IDS.index("turned")]
+    other = changed(problem, 0.5 * turned * np.sin(np.repeat(GRID.length, 3) / 0.06))
+    gains = [misfit_diagnostics(p, Search(p).run()[0], TRIAL, KIND, 1.0).law_error_gain for p in (problem, other)]
+    assert gains[0] < 0 < 5 < gains[1]
 
 
 def test_one_bad_trial_is_named() -> None:

@@ -62,20 +62,21 @@ def test_a_kind_of_experiment_that_the_others_do_not_predict_raises_cross_predic
 
 
 def test_what_is_far_from_its_prior_is_no_sign_of_a_cause_outside_the_catalogue() -> None:
-    calm = MisfitDiagnostics(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0)
+    calm = MisfitDiagnostics(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0, 0.0)
     heavy_tailed = replace(calm, prior_tension=10.0, spine_outlier=7.0)
     assert CALIBRATED.probability_outside(heavy_tailed) == CALIBRATED.probability_outside(calm)
     assert CALIBRATED.probability_outside(calm) == pytest.approx(1 - sum(PRIOR_SHARES.values()))
 
 
 def test_every_diagnostic_raises_the_probability_of_a_cause_outside_the_catalogue() -> None:
-    calm = MisfitDiagnostics(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0)
+    calm = MisfitDiagnostics(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0, 0.0)
     least = CALIBRATED.probability_outside(calm)
     assert least < 0.1
     for misfit, gain in (
         (replace(calm, cross_prediction=4.0), 0.0),
         (replace(calm, effects_named=3), 0.0),
         (replace(calm, excess_scatter=6.0), 0.0),
+        (replace(calm, law_error_gain=8.0), 0.0),
         (calm, 8.0),
     ):
         assert CALIBRATED.probability_outside(misfit, gain) > least
