@@ -64,7 +64,7 @@ class MisfitDiagnostics:
     outlier_surprise: float
     """Chi-square per value of that trial, predicted from the others."""
     law_error_gain: float
-    """Log evidence that the largest share of model-form error adds to the least, under the best hypothesis; 0 without any."""
+    """See there; under the best hypothesis, or under that of the answer where another one is."""
 
 
 def misfit_diagnostics(
@@ -109,11 +109,12 @@ def misfit_diagnostics(
         excess_scatter=excess_scatter,
         outlier_trial=int(numbers[worst]) if significant else None,
         outlier_surprise=float(surprise[worst]),
-        law_error_gain=_law_error_gain(best),
+        law_error_gain=law_error_gain(best),
     )
 
 
-def _law_error_gain(best: Candidate) -> float:
+def law_error_gain(best: Candidate) -> float:
+    """Log evidence that the largest share of model-form error adds to the least; 0 without any."""
     if not best.fit.linear.form_error.shape[1]:
         return 0.0
     by_share = logsumexp(best.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
