@@ -111,8 +111,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
         sideways = (area * ratio * body + core * spine_shear) / (area + core)
         blend = q.area_moments
         bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
-        blend = blend * (1 - q.area_moments_in_bending)
-        axial = modulus * area + blend * (body * area + spine * core - modulus * area)
+        axial = modulus * area + blend * (body * area + (1 - q.spine_sliding) * spine * core - modulus * area)
         lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
     share = silicone_share(q, bend)
     for element, parts in ((INNER, (bend, axial, lateral, share)), (OUTER, (body * second, body * area, None, 1.0))):

@@ -53,8 +53,8 @@ class Quantities:
     """Moduli of the spine follow (vacuum / nominal)^this."""
     area_moments: Array
     """Blend 0..1 from moduli mixed by volume to E_c I_c + E_s I_s."""
-    area_moments_in_bending: Array
-    """0: all stiffnesses blend; 1: bending alone."""
+    spine_sliding: Array
+    """Share of its stretch that a composite's spine leaves to the body, because it slides along its channel: 0 none, 1 all."""
     shear_blend: Array
     """Blend 0..1 from the spine's table of moduli to one modulus with low shear stiffness."""
     shear_lag: Array
@@ -129,7 +129,7 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         vacuum_loss=each(0.0),
         jamming_exponent=each(0.5),
         area_moments=each(0.0),
-        area_moments_in_bending=each(0.0),
+        spine_sliding=each(0.0),
         shear_blend=each(0.0),
         shear_lag=each(0.0),
         shear_mix=each(0.0),

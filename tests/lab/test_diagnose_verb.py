@@ -125,7 +125,7 @@ def test_separations_list_effects_of_weight_first(answer: dict[str, Any]) -> Non
 
 def test_the_size_stays_within_what_is_possible(answer: dict[str, Any]) -> None:
     sizes = {size["name"]: size for size in answer["detail"]["sizes"]}
-    assert set(sizes) == {"area_moment.blend", "area_moment.bending"}
+    assert set(sizes) == {"area_moment.blend", "area_moment.sliding"}
     for size in sizes.values():
         assert (size["low"], size["high"]) == (0.0, 1.0) and not size["impossible"]
         assert size["low"] <= size["low90"] < size["high90"] <= size["high"]

@@ -58,7 +58,7 @@ def _body_modulus(q: Quantities, v: Values) -> None:
 
 def _area_moment(q: Quantities, v: Values) -> None:
     q.area_moments = q.area_moments + v["blend"]
-    q.area_moments_in_bending = q.area_moments_in_bending + v["bending"]
+    q.spine_sliding = q.spine_sliding + v["sliding"]
 
 
 def _spine_shear(q: Quantities, v: Values) -> None:
@@ -152,10 +152,11 @@ SPECS = (
     EffectSpec(
         id="area_moment",
         stage="structure",
-        equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s); EA and GA likewise with w (1 - b)",
+        equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s); GA likewise; EA with (1 - b) E_s: b = 1: the spine slides along "
+        "its channel and takes no stretch",
         parameters=(
             Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
-            Parameter("bending", "1", 0.5, 0.0, 1.0, role="shape"),
+            Parameter("sliding", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 0.75)),
         ),
         law=Law(before=_area_moment),
         citation="composite beam theory; the baseline mixes moduli by volume, eq. 10",
