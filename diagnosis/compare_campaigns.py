@@ -17,15 +17,16 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
 from .answer.result import Change
-from .criticism.misfit import misfit_diagnostics
+from .criticism.misfit import law_error_gain, misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
 from .data.case import CaseLike, states
 from .data.states import States
 from .errors import TooLittle
+from .inference.budget import budget, by_what_is_carried, parts
 from .inference.executor import SINGLE_THREAD, Executor
-from .inference.posterior import UNKNOWN, posterior, prior, with_unknown
+from .inference.posterior import UNKNOWN, posterior, prior, shares, with_unknown
 from .inference.prepare import Prepared, prepare
-from .inference.problem import Parameters, Problem
+from .inference.problem import LEAST_NAMED_SIZE, Parameters, Problem
 from .inference.search import Search
 
 Array = NDArray[np.float64]
@@ -55,12 +56,20 @@ def compare_campaigns(
     effects = len(after.problem.parameters.ids)
     leading = candidates[:6]
     unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], CALIBRATED.temperature)
-    known = posterior(candidates, effects, CALIBRATED.temperature)
-    first = search.with_all_derivatives(known.candidates[known.ranking[0][0]])
+    whole = posterior(candidates, effects, CALIBRATED.temperature)
+    # A change is named for what it moves in the later campaign, as a cause is.
+    offset = len(before.problem.observed)
+    where = [replace(part, rows=part.rows + offset) for part in parts(after)]
+    weights = shares(search.tried, effects, CALIBRATED.temperature).tolist()
+    known = by_what_is_carried(budget(search.problem, where, search.tried, weights), whole)
+    first, best = (search.with_all_derivatives(k.candidates[k.ranking[0][0]]) for k in (whole, known))
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
     excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)
-    misfit = misfit_diagnostics(search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter)
+    misfit = replace(
+        misfit_diagnostics(search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter),
+        law_error_gain=law_error_gain(best),
+    )
     found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit))
     named, p = found.ranking[0]
     best = found.candidates[named]
@@ -125,6 +134,8 @@ class _JointForward:
             sources=tuple(p.sources[i] for p, rows, _ in order for i in rows),
             recurring=tuple(bool(p.recurs[i]) for p, rows, _ in order for i in rows),
             starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
+            tolerated=tuple(bool(b.tolerated[i]) if c else True for _, rows, c in order for i in rows),
+            least=tuple(b.least[i] if c and b.least else LEAST_NAMED_SIZE for _, rows, c in order for i in rows),
             changes=True,
         )  # fmt: skip
 

@@ -15,7 +15,7 @@ from ..criticism.misfit import MisfitDiagnostics, law_error_gain, misfit_diagnos
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
-from ..inference.budget import Budget, budget, by_what_is_carried
+from ..inference.budget import Budget, budget, by_what_is_carried, parts
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
@@ -84,7 +84,8 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     weightiest = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:LEADING]
     unknown = search.unknown(weightiest, [prior(c.named, effects) for c in weightiest], CALIBRATED.temperature)
     whole = posterior(candidates, effects, CALIBRATED.temperature)
-    carried = budget(p, search.tried, shares(search.tried, effects, CALIBRATED.temperature).tolist())
+    weights = shares(search.tried, effects, CALIBRATED.temperature).tolist()
+    carried = budget(p.problem, parts(p), search.tried, weights)
     known = by_what_is_carried(carried, whole)
     leading = search.with_all_derivatives(found[whole.ranking[0][0]])
     best = search.with_all_derivatives(known.candidates[known.ranking[0][0]])

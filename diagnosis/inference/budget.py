@@ -32,6 +32,7 @@ from .evidence import NONE, Hypothesis
 from .fit import Fit
 from .posterior import Posterior
 from .prepare import LEAST_CARRIED, Prepared
+from .problem import Problem
 from .search import Candidate
 
 Array = NDArray[np.float64]
@@ -73,10 +74,37 @@ class Budget:
         return tuple(float(v) for v in carried[order][at])
 
 
-def budget(prepared: Prepared, candidates: Sequence[Candidate], weights: Sequence[float]) -> Budget:
+@dataclass(frozen=True)
+class Part:
+    """Values in which it is looked for what effects carry: tips, or the forces of stiffness trials."""
+
+    rows: NDArray[np.intp]
+    unit: Array
+    """(r,) what makes lengths (m) of them."""
+    floor: float
+    """m, their noise floor."""
+    states: int
+
+
+def parts(prepared: Prepared) -> tuple[Part, ...]:
+    """The tips of a campaign, and the forces of its stiffness trials."""
+    labels, found = prepared.labels, []
+    tips, pushes = (np.flatnonzero(labels.kind == k) for k in (0, 3))
+    if tips.size:
+        found.append(Part(tips, np.ones(len(tips)), prepared.noise_floor, len(np.unique(labels.state[tips]))))
+    if pushes.size and prepared.pushes is not None:
+        stiffness = prepared.pushes.stiffness[labels.state[pushes]]
+        count = len(np.unique(labels.state[pushes]))
+        found.append(Part(pushes, 1 / stiffness, prepared.pushes.noise_floor, count))
+    return tuple(found)
+
+
+def budget(
+    problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate], weights: Sequence[float]
+) -> Budget:
     """Draw from candidates of the catalogue, of these probabilities (without and with tolerances each by itself)."""
-    p = prepared.problem.parameters
-    carry = _Carrying(prepared)
+    p = problem.parameters
+    carry = _Carrying(problem, where)
     metres, floors, weight, named = [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_WEIGHT:
@@ -148,22 +176,13 @@ def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hyp
 class _Carrying:
     """What effects carry around the fits of one problem."""
 
-    def __init__(self, prepared: Prepared) -> None:
-        self._p = prepared
-        labels = prepared.labels
-        tips, pushes = (np.flatnonzero(labels.kind == k) for k in (0, 3))
-        self._parts: list[tuple[NDArray[np.intp], Array, float]] = []
-        """Rows of tips or of forces, the unit of each in which they are looked at, and the noise floor (m)."""
-        if tips.size:
-            self._parts.append((tips, np.ones(len(tips)), prepared.noise_floor))
-        if pushes.size and prepared.pushes is not None:
-            stiffness = prepared.pushes.stiffness[labels.state[pushes]]
-            self._parts.append((pushes, 1 / stiffness, prepared.pushes.noise_floor))
+    def __init__(self, problem: Problem, where: Sequence[Part]) -> None:
+        self._problem, self._parts = problem, where
         self._of_fit: dict[int, tuple[Fit, list[Mapping[str, Array]]]] = {}
 
     def of(self, fit: Fit, size: Array) -> tuple[Array, Array]:
         """m, and noise floors (d, e), at sizes (d, p) in units of the effects' scales."""
-        p = self._p.problem.parameters
+        p = self._problem.parameters
         at = (fit.theta[p.of_effect] - p.mean[p.of_effect]) / p.scale
         by_part = []
         for squares in self._squares(fit):
@@ -173,7 +192,7 @@ class _Carrying:
                 x = np.column_stack([(size - at)[:, mask], np.ones(len(size))])
                 columns.append(np.sqrt(np.maximum(((x @ squares[effect]) * x).sum(axis=1), 0.0)))
             by_part.append(np.column_stack(columns))
-        floors = [m / floor for m, (_, _, floor) in zip(by_part, self._parts, strict=True)]
+        floors = [m / part.floor for m, part in zip(by_part, self._parts, strict=True)]
         return by_part[0], np.max(floors, axis=0)
 
     def _squares(self, fit: Fit) -> list[Mapping[str, Array]]:
@@ -184,7 +203,7 @@ class _Carrying:
         return self._of_fit[id(fit)][1]
 
     def _products(self, fit: Fit) -> list[Mapping[str, Array]]:
-        p = self._p.problem.parameters
+        p = self._problem.parameters
         at = fit.theta - p.mean
         exact = dict(fit.linear.responses)
         found: list[dict[str, Array]] = [{} for _ in self._parts]
@@ -193,10 +212,10 @@ class _Carrying:
             columns = np.column_stack([fit.slope[:, own] * p.sd[own], exact.get(effect, fit.slope[:, own] @ at[own])])
             products = self._of_columns(fit, columns)
             if effect not in exact and any(
-                m[-1, -1] > (LEAST_CARRIED * floor) ** 2 for m, (_, _, floor) in zip(products, self._parts, strict=True)
+                m[-1, -1] > (LEAST_CARRIED * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
             ):
                 # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.
-                done = self._p.problem.response(fit.theta, fit.predicted, effect)
+                done = self._problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(done).all():
                     columns[:, -1] = done
                     products = self._of_columns(fit, columns)
@@ -206,8 +225,9 @@ class _Carrying:
 
     def _of_columns(self, fit: Fit, columns: Array) -> list[Array]:
         """For tips and for forces: products (c, c), mean over the states, of columns (n, c) after calibration."""
-        p, found = self._p.problem.parameters, []
-        for rows, unit, _ in self._parts:
-            left = p.beyond_calibration(columns[rows] * unit[:, None], fit.slope[rows] * unit[:, None])
-            found.append(left.T @ left / len(np.unique(self._p.labels.state[rows])))
+        p, found = self._problem.parameters, []
+        for part in self._parts:
+            rows, unit = part.rows, part.unit[:, None]
+            left = p.beyond_calibration(columns[rows] * unit, fit.slope[rows] * unit)
+            found.append(left.T @ left / part.states)
         return found

@@ -84,7 +84,7 @@ def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None
     predicted, slope = problem.linearise(theta)
     fitted = Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), 0.0, 0.0)
     at = (theta / p.sd)[p.of_effect][None]
-    carried = module._Carrying(prepared).of(fitted, at)[0][0, p.ids.index("contact")]
+    carried = module._Carrying(problem, module.parts(prepared)).of(fitted, at)[0][0, p.ids.index("contact")]
 
     def beyond(done: np.ndarray) -> float:
         return float(np.sqrt((p.beyond_calibration(done[:, None], slope) ** 2).sum() / len(prepared.states)))

@@ -130,7 +130,7 @@ def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]
         closest = {"effect": effect, "leaves_mm": round(left, 3)}
     truth = WorldTruth(
         f"{order.place + 1:04d}", order.stratum, robot, effects, weight.moves, weight.calibrated, closest,
-        floor_mm=_scatter(walked, usual),
+        floor_mm=scatter(walked, usual),
     )  # fmt: skip
     return truth, tables
 
@@ -155,7 +155,7 @@ def _ratio(weight: Carried, pair: Sequence[str]) -> float:
     return min(carry) / max(max(carry), 1e-9)
 
 
-def _scatter(walked: Walked, readings: Readings) -> float:
+def scatter(walked: Walked, readings: Readings) -> float:
     """mm, rms distance of a reading from the mean of its repeats, degrees of freedom counted."""
     groups: dict[tuple[float, float], list[int]] = {}
     for i, t in enumerate(walked.trials):
