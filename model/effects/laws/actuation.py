@@ -15,6 +15,13 @@ FULL = 250e3
 DEADBAND_SOFTNESS = 0.2
 """Width of the smooth corner of a dead band, in dead bands."""
 BALLOON_POWER = 1.25
+ONSET_SOFTNESS = 0.5
+"""Width of the smooth corner where ballooning sets in, in onsets."""
+
+
+def _above(x: np.ndarray, soft: np.ndarray) -> np.ndarray:
+    """What x is above zero, its corner rounded over `soft`."""
+    return np.asarray(0.5 * (x + np.sqrt(x**2 + soft**2)))
 
 
 def _time_offset(q: Quantities, v: Values) -> None:
@@ -41,7 +48,7 @@ def _pressure_deadband(q: Quantities, v: Values) -> None:
     p = q.pressure
 
     def above(x: np.ndarray) -> np.ndarray:
-        return 0.5 * (x + np.sqrt(x**2 + soft**2))
+        return _above(x, soft)
 
     slack = above(p - band) - above(-band)
     kept = np.maximum(q.design.highest - band, 0.0)
@@ -51,8 +58,13 @@ def _pressure_deadband(q: Quantities, v: Values) -> None:
 
 
 def _chamber_ballooning(q: Quantities, v: Values) -> None:
-    power = BALLOON_POWER + v["power"][..., None]
-    grown = (np.maximum(q.pressure, 0.0) / FULL) ** power
+    power, onset = (x[..., None] for x in (BALLOON_POWER + v["power"], v["onset"]))
+    soft = ONSET_SOFTNESS * onset
+
+    def beyond(p: np.ndarray) -> np.ndarray:
+        return _above(p - onset, soft) - _above(-onset, soft)
+
+    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, FULL))) ** power
     q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
 
 
@@ -110,10 +122,12 @@ SPECS = (
     EffectSpec(
         id="chamber_ballooning",
         stage="actuation",
-        equation="A_eff = A (1 + b (P / 250 kPa)^(1.25 + g))",
+        equation="A_eff = A (1 + b (f(P) / f(250 kPa))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
+        "P0 / 2",
         parameters=(
             Parameter("growth", "1", 0.15, -0.5, 1.0),
             Parameter("power", "1", 0.25, -0.5, 1.0, role="shape"),
+            Parameter("onset", "Pa", 50e3, 0.0, 150e3, role="shape", starts=(0.0, 80e3)),
         ),
         law=Law(before=_chamber_ballooning),
         citation="Polygerinos et al., IEEE T-RO 31 (2015), on fibre-reinforced bending actuators",
