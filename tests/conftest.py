@@ -1,6 +1,6 @@
 """Tests run in four processes. Whatever runs a whole rig of fakes shares one of two, `WHOLE` and `SAFETY`: a rig waits more
 than it computes, but three starve each other on two processors; what would starve a rig (a cluster of processes) is with them.
-On one processor all of these are one group, and two processes run. Whatever solves rods shares another, since each kind of rod is
+On one processor one process runs it all. Whatever solves rods shares another, since each kind of rod is
 compiled once, in the process that first needs it. All others stay together file by file. What talks to instruments is late when
 it may not run at once: all else has a lower priority."""
 
