@@ -18,6 +18,8 @@ TYPICAL_EXCESS, MOST_EXCESS = 2.0, 10.0
 """Factors of excess scatter: less than the first is chance, more than the second counts as the second."""
 USUAL_GAIN = 4.0
 """Log evidence that free-form errors of the stages gain where the cause is known: slow errors of cameras, laws that differ."""
+MOST_LAW_ODDS = 2.0
+"""Log odds that laws far off add at most: a known cause may have a law that none of ours comes near."""
 FEW_EFFECTS = 2
 """Up to this many effects at once are not unusual."""
 MOST_ODDS = 7.0
@@ -46,7 +48,8 @@ class ProbabilityCalibration:
         """Probability of a cause outside the catalogue; `stage_gain` the log evidence that free-form errors of the stages
         gain."""
         odds = math.log(self.prior_outside / (1 - self.prior_outside))
-        odds += (max(stage_gain - USUAL_GAIN, 0.0) + max(s.law_error_gain, 0.0)) / self.temperature
+        odds += max(stage_gain - USUAL_GAIN, 0.0) / self.temperature
+        odds += min(max(s.law_error_gain, 0.0) / self.temperature, MOST_LAW_ODDS)
         odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))
         odds += self.excess_scatter * max(math.log(min(s.excess_scatter, MOST_EXCESS) / TYPICAL_EXCESS), 0.0)
         odds += self.many_effects * max(s.effects_named - FEW_EFFECTS, 0)
