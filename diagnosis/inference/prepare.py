@@ -58,7 +58,8 @@ class Prepared:
     labels: Labels
     noise_components: NoiseComponents
     noise_floor: float
-    """m, root mean square distance of a single tip reading from its condition's average; the noise floor."""
+    """m, root mean square distance of a single tip reading from its condition's average; the noise floor. Differences that the
+    states' own readings explain are no noise, unless they would make more of it than there is: their errors do too."""
     unit: float
     """m, size 1 of the discrepancy."""
     forward: ForwardModel
@@ -160,14 +161,17 @@ def prepare(
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
-    floor, reading = _floor(states, labels, forward.parameters, missed, slope[kept], response)
+    floor, beside_model, repeated = _floor(
+        states, labels, forward.parameters, missed, observed[kept], slope[kept], response
+    )
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
     noise = _noise(states, labels, floor, pushes, response)
     if pushes is not None and states.pushed.all():
-        known = pushes.noise_floor
+        known = beside_model = pushes.noise_floor
     else:
-        known = reading if np.isfinite(reading) else float(np.sqrt(3)) * floor.channel["tip"]
-    unit = float(np.clip(known / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
+        usual = float(np.sqrt(3)) * floor.channel["tip"]
+        known, beside_model = (v if np.isfinite(v) else usual for v in (min(repeated, beside_model), beside_model))
+    unit = float(np.clip(beside_model / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(forward, kept),
@@ -263,13 +267,20 @@ def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> L
 
 
 def _floor(
-    states: States, labels: Labels, infos: tuple[ParameterInfo, ...], missed: Array, slope: Array, response: Array
-) -> tuple[NoiseComponents, float]:
-    """Components of the noise of the robot's states, and the rms of a single tip reading (m)."""
+    states: States,
+    labels: Labels,
+    infos: tuple[ParameterInfo, ...],
+    missed: Array,
+    observed: Array,
+    slope: Array,
+    response: Array,
+) -> tuple[NoiseComponents, float, float]:
+    """Components of the noise of the robot's states, and the rms of a single tip reading (m): beside what the model makes of the
+    states that were read, and as it is."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = NoiseComponents(dict(DEFAULT_NOISE), DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
     if not names:
-        return default, float("nan")
+        return default, float("nan"), float("nan")
     of_robot = labels.kind < 3
     column = np.array([names.index(c) for c in labels.channel[of_robot]])
 
@@ -302,7 +313,9 @@ def _floor(
     )
     trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
     found = estimate_noise(data, replace(default, trial=trial))
-    return found, reading_rms(data, np.array([name in TIP for name in names]))
+    tips = np.array([name in TIP for name in names])
+    as_read = replace(data, residual=grid(observed)[complete])
+    return found, reading_rms(data, tips), reading_rms(as_read, tips)
 
 
 def resting(states: States) -> NDArray[np.bool_]:

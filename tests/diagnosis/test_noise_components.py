@@ -8,7 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.data.case import states
 from diagnosis.data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
+from diagnosis.inference.prepare import prepare
+from tests.diagnosis.small_campaigns import FEW, measured
+from tests.diagnosis.test_case import case
 
 DEFAULT_NOISE = NoiseComponents({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 
@@ -71,3 +75,14 @@ def test_what_drifts_over_the_campaign_is_no_noise() -> None:
     assert reading_rms(moved, every) > 3 * calm and reading_rms(known, every) == pytest.approx(calm, rel=0.05)
     assert estimate_noise(moved, DEFAULT_NOISE).channel["tip"] > 0.7e-3
     assert estimate_noise(known, DEFAULT_NOISE).channel["tip"] == pytest.approx(0.3e-3, rel=0.15)
+
+
+def test_errors_of_the_pressure_reading_are_no_scatter_of_the_tip() -> None:
+    campaign, rng = measured(3, 8, FEW), np.random.default_rng(2)
+    rows = [
+        replace(r, pressures=tuple(p + 3e3 * rng.normal() if p > 20e3 else p for p in r.pressures))
+        for r in campaign.table
+    ]
+    calm, noisy = (prepare(c.robot, states(c)[0]) for c in (campaign, case(rows)))
+    assert noisy.noise_floor == pytest.approx(calm.noise_floor, rel=0.15)
+    assert noisy.unit > 1.5 * calm.unit
