@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 
 from lab.files.example import paper_robot
-from lab.verbs.fakes import PATIENT_SETTLE
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
 from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, Cell, Job, Result, Verdict
@@ -96,6 +96,7 @@ class Bench:
         for name, seconds in TIME_OUTS.items():
             if name in file["instruments"]:
                 file["instruments"][name]["timeout"] = seconds
+        file["safe"] = file.get("safe", {}) | PATIENT["safe"]
         file["limits"] = {"resume_within": 2.0, "max_hidden": 1.0, "max_age": 2.0}
         self.rig.write_text(yaml.safe_dump(file))
 
