@@ -17,7 +17,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
 from .answer.result import Change
-from .criticism.misfit import law_error_gain, misfit_diagnostics
+from .criticism.misfit import misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
 from .data.case import CaseLike, states
 from .data.states import States
@@ -66,9 +66,8 @@ def compare_campaigns(
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
     excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)
-    misfit = replace(
-        misfit_diagnostics(search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter),
-        law_error_gain=law_error_gain(best),
+    misfit = misfit_diagnostics(
+        search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter, best
     )
     found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit))
     named, p = found.ranking[0]

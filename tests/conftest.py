@@ -1,7 +1,7 @@
 """Tests run in four processes. Whatever runs a whole rig of fakes shares one of two, `WHOLE` and `SAFETY`: a rig waits more
 than it computes, but three starve each other on two processors; what would starve a rig (a cluster of processes) is with them.
-On one processor one process runs it all. Whatever solves rods shares another, since each kind of rod is
-compiled once, in the process that first needs it. All others stay together file by file. What talks to instruments is late when
+Whatever solves rods shares another, since each kind of rod is compiled once, in the process that first needs it. On one
+processor one process runs it all. All others stay together file by file. What talks to instruments is late when
 it may not run at once: all else has a lower priority."""
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from xdist.scheduler import LoadScopeScheduling
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
 
-WHOLE, CALLS, RODS = "whole rig", "call order", "rods"
-SAFETY = "safety" if len(os.sched_getaffinity(0)) > 1 else WHOLE
+WHOLE, SAFETY, CALLS, RODS = "whole rig", "safety", "call order", "rods"
 GROUPS = {
     "docs": WHOLE,
     "safety": SAFETY,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from model.effects.spec import Stage
 
 from ..criticism.gaussian import Gaussian
-from ..criticism.misfit import MisfitDiagnostics, law_error_gain, misfit_diagnostics
+from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
@@ -90,10 +90,8 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     leading = search.with_all_derivatives(found[whole.ranking[0][0]])
     best = search.with_all_derivatives(known.candidates[known.ranking[0][0]])
     misfit = misfit_diagnostics(
-        p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter
+        p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter, best
     )
-    # What stands out among the tolerances of the leading hypothesis has another one, whose laws may hold.
-    misfit = replace(misfit, law_error_gain=law_error_gain(best))
     free = _stage_errors(p, leading, stages)
     weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(free)))
     decision = decide(weighed, CALIBRATED, not lacking(p.states))

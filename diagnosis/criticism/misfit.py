@@ -64,15 +64,16 @@ class MisfitDiagnostics:
     outlier_surprise: float
     """Chi-square per value of that trial, predicted from the others."""
     law_error_gain: float
-    """See there; under the best hypothesis, or under that of the answer where another one is."""
+    """Log evidence that the largest share of model-form error adds to the least, under the answer's hypothesis; 0 without any."""
 
 
 def misfit_diagnostics(
-    problem: Problem, best: Candidate, trial: Ints, kind: Ints, excess_scatter: float
+    problem: Problem, best: Candidate, trial: Ints, kind: Ints, excess_scatter: float, answer: Candidate | None = None
 ) -> MisfitDiagnostics:
     """All diagnostics around the best hypothesis.
 
-    `trial`, `kind` (n,) number each measured value's trial and kind of experiment; `excess_scatter` as in `NoiseComponents`.
+    `trial`, `kind` (n,) number each measured value's trial and kind of experiment; `excess_scatter` as in `NoiseComponents`;
+    `answer` the hypothesis of what is named, where that is another: a tolerance of the best hypothesis may be the cause.
     """
     linear, p = best.fit.linear, problem.parameters
     large = LARGE.part(best.with_tolerances)
@@ -109,12 +110,11 @@ def misfit_diagnostics(
         excess_scatter=excess_scatter,
         outlier_trial=int(numbers[worst]) if significant else None,
         outlier_surprise=float(surprise[worst]),
-        law_error_gain=law_error_gain(best),
+        law_error_gain=_law_error_gain(answer or best),
     )
 
 
-def law_error_gain(best: Candidate) -> float:
-    """Log evidence that the largest share of model-form error adds to the least; 0 without any."""
+def _law_error_gain(best: Candidate) -> float:
     if not best.fit.linear.form_error.shape[1]:
         return 0.0
     by_share = logsumexp(best.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
