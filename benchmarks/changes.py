@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -21,13 +21,11 @@ from rich.console import Console
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.inference.executor import Executor
 from lab.blind.intervals import clopper_pearson
-from lab.blind.make import robot_yaml
+from lab.blind.make import described
 from lab.blind.sweeps import BASE
 from lab.blind.worlds.make import scatter, table_of, walk_of
-from lab.blind.worlds.truth import SMALL, TOLERANCES, WorldRecipe, draw_robot
-from lab.files.config import check, parse_yaml
+from lab.blind.worlds.truth import SMALL, THRUST, TOLERANCES, WorldRecipe, draw_robot
 from lab.files.inputs import Case
-from model.robot import Robot
 from sim_fakes.worlds.campaign import Robot as Built
 from sim_fakes.worlds.campaign import Sweep, read, respond, tails
 from sim_fakes.worlds.carried import carried
@@ -69,15 +67,14 @@ def campaigns(seed: int, changed: bool) -> tuple[str, str, float, Case, Case]:
         before, _ = draw_robot(recipe, 0, "cluttered_none", (), attempt)
         after, effect = another_day(before, rng), ""
         if changed:
-            effect = str(rng.choice([e for e in EFFECTS if e != "chamber_thrust"]))
+            effect = str(rng.choice([e for e in EFFECTS if e != THRUST]))
             way = -1.0 if EFFECTS[effect].sign == "both" and rng.random() < 0.5 else 1.0
             after = replace(after, sizes={**after.sizes, effect: after.sizes.get(effect, 0.0) + way})
         try:
-            (reference, floor), (later, _) = (measured(r, walked, rng) for r in (before, after))
-            moved = carried(after, walked, respond(after, walked, tuple(after.present))).calibrated.get(effect, 0.0)
+            (reference, floor, _), (later, _, moved) = (measured(r, walked, rng) for r in (before, after))
         except NoEquilibrium:
             continue
-        return world, effect, moved / floor, reference, later
+        return world, effect, moved.get(effect, 0.0) / floor, reference, later
     raise NoEquilibrium
 
 
@@ -94,11 +91,12 @@ def another_day(robot: Built, rng: np.random.Generator) -> Built:
     return replace(robot, sizes=sizes, offset=(a, b, c), drift=drift)
 
 
-def measured(robot: Built, walked: Sweep, rng: np.random.Generator) -> tuple[Case, float]:
-    """A campaign, and the scatter of its repeats, mm."""
-    readings = read(robot, walked, respond(robot, walked, tuple(robot.present)), rng)
-    described = check(parse_yaml(robot_yaml(markers=False, per_length=False), "robot.yaml"), Robot)
-    return Case(described, table_of(BASE, readings)), scatter(walked, readings)
+def measured(robot: Built, walked: Sweep, rng: np.random.Generator) -> tuple[Case, float, Mapping[str, float]]:
+    """A campaign, the scatter of its repeats, and what each effect moves the tip by after calibration, mm."""
+    response = respond(robot, walked, tuple(robot.present))
+    readings = read(robot, walked, response, rng)
+    moved = carried(robot, walked, response).calibrated
+    return Case(described(), table_of(BASE, readings)), scatter(walked, readings), moved
 
 
 def said(seed: int, changed: bool, cores: int) -> Pair:

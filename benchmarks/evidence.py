@@ -24,12 +24,10 @@ from diagnosis.inference.prepare import Prepared, prepare
 from lab.blind.bench_robot import BenchRobot
 from lab.blind.designs import design
 from lab.blind.drive import measure
-from lab.blind.make import robot_yaml
+from lab.blind.make import described
 from lab.blind.sweeps import Sweep
 from lab.blind.truth import Recipe, draw_one
-from lab.files.config import check, parse_yaml
 from lab.files.inputs import Case
-from model.robot import Robot
 
 SWEEP = Sweep("small", "small bending sweep", (0.0, 0.15, 0.30), (50e3, 150e3, 250e3), repeats=2)
 SEED = 90210
@@ -62,7 +60,7 @@ def case(place: int, true: Hypothesis) -> Prepared:
     recipe = Recipe(len(QUESTIONS), SEED, settled=True)
     truth = draw_one(recipe, place, "single" if true else "none", true, "direct")
     table = design("tip").show(measure(BenchRobot(truth), SWEEP, np.random.default_rng([truth.seed, 4])))
-    robot = check(parse_yaml(robot_yaml(markers=False, per_length=False), "robot.yaml"), Robot)
+    robot = described()
     return prepare(robot, states(Case(robot, table))[0])
 
 

@@ -32,11 +32,10 @@ from lab.blind.bench_robot import BenchRobot
 from lab.blind.designs import joined
 from lab.blind.drive import measure
 from lab.blind.intervals import clopper_pearson
-from lab.blind.make import robot_yaml
+from lab.blind.make import described
 from lab.blind.sweeps import BASE_SETTLED, MENU, Sweep
 from lab.blind.truth import Recipe, Truth, draw
 from lab.calibration import calibrate
-from lab.files.config import check, parse_yaml
 from lab.files.inputs import Case
 from model.prediction import NORMAL_95, Predictor
 from model.prediction.inverse import inverse, limits_of
@@ -75,8 +74,7 @@ def campaign(truth: Truth, sweeps: Sequence[Sweep]) -> Case:
     """The robot as a diagnosis is given it, and what was measured on it."""
     robot, rng = BenchRobot(truth), np.random.default_rng([truth.seed, 4])
     tables = [measure(robot, s, rng) for s in sweeps]
-    described = check(parse_yaml(robot_yaml(markers=False, per_length=False), "robot.yaml"), Robot)
-    return Case(described, joined(tables))
+    return Case(described(), joined(tables))
 
 
 def unseen(rng: np.random.Generator, count: int) -> tuple[Array, Array]:

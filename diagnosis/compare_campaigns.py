@@ -24,7 +24,7 @@ from .data.states import States
 from .errors import TooLittle
 from .inference.budget import budget, by_what_is_carried, parts
 from .inference.executor import SINGLE_THREAD, Executor
-from .inference.posterior import UNKNOWN, posterior, prior, shares, with_unknown
+from .inference.posterior import UNKNOWN, posterior, prior, with_unknown
 from .inference.prepare import Prepared, prepare
 from .inference.problem import LEAST_NAMED_SIZE, Parameters, Problem
 from .inference.search import Search
@@ -60,14 +60,13 @@ def compare_campaigns(
     # A change is named for what it moves in the later campaign, as a cause is.
     offset = len(before.problem.observed)
     where = [replace(part, rows=part.rows + offset) for part in parts(after)]
-    weights = shares(search.tried, effects, CALIBRATED.temperature).tolist()
-    known = by_what_is_carried(budget(search.problem, where, search.tried, weights), whole)
-    first, best = (search.with_all_derivatives(k.candidates[k.ranking[0][0]]) for k in (whole, known))
+    known = by_what_is_carried(budget(search.problem, where, search.tried, CALIBRATED.temperature), whole)
+    first, answer = (search.with_all_derivatives(k.candidates[k.ranking[0][0]]) for k in (whole, known))
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
     excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)
     misfit = misfit_diagnostics(
-        search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter, best
+        search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter, answer
     )
     found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit))
     named, p = found.ranking[0]

@@ -19,7 +19,7 @@ from ..inference.budget import Budget, budget, by_what_is_carried, parts
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import Posterior, posterior, prior, shares, with_unknown
+from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.search import Candidate, Search
 from .distinguishability import Distinguishability, distinguishability
@@ -84,8 +84,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     weightiest = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:LEADING]
     unknown = search.unknown(weightiest, [prior(c.named, effects) for c in weightiest], CALIBRATED.temperature)
     whole = posterior(candidates, effects, CALIBRATED.temperature)
-    weights = shares(search.tried, effects, CALIBRATED.temperature).tolist()
-    carried = budget(p.problem, parts(p), search.tried, weights)
+    carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature)
     known = by_what_is_carried(carried, whole)
     leading = search.with_all_derivatives(found[whole.ranking[0][0]])
     best = search.with_all_derivatives(known.candidates[known.ranking[0][0]])

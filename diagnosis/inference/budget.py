@@ -20,7 +20,7 @@ all of the answer counts for it, whatever else it names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ from scipy.stats import qmc
 
 from .evidence import NONE, Hypothesis
 from .fit import Fit
-from .posterior import Posterior
+from .posterior import Posterior, shares
 from .prepare import LEAST_CARRIED, Prepared
 from .problem import Problem
 from .search import Candidate
@@ -99,11 +99,10 @@ def parts(prepared: Prepared) -> tuple[Part, ...]:
     return tuple(found)
 
 
-def budget(
-    problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate], weights: Sequence[float]
-) -> Budget:
-    """Draw from candidates of the catalogue, of these probabilities (without and with tolerances each by itself)."""
+def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate], temperature: float) -> Budget:
+    """Draw from candidates of the catalogue (without and with tolerances each by itself); `temperature` divides log evidence."""
     p = problem.parameters
+    weights = shares(candidates, len(p.ids), temperature).tolist()
     carry = _Carrying(problem, where)
     metres, floors, weight, named = [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
@@ -178,7 +177,7 @@ class _Carrying:
 
     def __init__(self, problem: Problem, where: Sequence[Part]) -> None:
         self._problem, self._parts = problem, where
-        self._of_fit: dict[int, tuple[Fit, list[Mapping[str, Array]]]] = {}
+        self._of_fit: dict[int, tuple[Fit, list[dict[str, Array]]]] = {}
 
     def of(self, fit: Fit, size: Array) -> tuple[Array, Array]:
         """m, and noise floors (d, e), at sizes (d, p) in units of the effects' scales."""
@@ -195,17 +194,17 @@ class _Carrying:
         floors = [m / part.floor for m, part in zip(by_part, self._parts, strict=True)]
         return by_part[0], np.max(floors, axis=0)
 
-    def _squares(self, fit: Fit) -> list[Mapping[str, Array]]:
+    def _squares(self, fit: Fit) -> list[dict[str, Array]]:
         """For tips and for forces: effect -> products (m + 1, m + 1), mean over the states, of its parameters' columns and of
         what it does at the fit, after calibration."""
         if id(fit) not in self._of_fit:
             self._of_fit[id(fit)] = (fit, self._products(fit))
         return self._of_fit[id(fit)][1]
 
-    def _products(self, fit: Fit) -> list[Mapping[str, Array]]:
+    def _products(self, fit: Fit) -> list[dict[str, Array]]:
         p = self._problem.parameters
         at = fit.theta - p.mean
-        exact = dict(fit.linear.responses)
+        exact = fit.linear.responses
         found: list[dict[str, Array]] = [{} for _ in self._parts]
         for effect in p.ids:
             own = [i for i, e in enumerate(p.effects) if e == effect]
@@ -221,7 +220,7 @@ class _Carrying:
                     products = self._of_columns(fit, columns)
             for squares, product in zip(found, products, strict=True):
                 squares[effect] = product
-        return list(found)
+        return found
 
     def _of_columns(self, fit: Fit, columns: Array) -> list[Array]:
         """For tips and for forces: products (c, c), mean over the states, of columns (n, c) after calibration."""

@@ -169,8 +169,7 @@ def prepare(
     if pushes is not None and states.pushed.all():
         known = beside_model = pushes.noise_floor
     else:
-        usual = float(np.sqrt(3)) * floor.channel["tip"]
-        known, beside_model = (v if np.isfinite(v) else usual for v in (min(repeated, beside_model), beside_model))
+        known = min(repeated, beside_model)
     unit = float(np.clip(beside_model / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
@@ -276,11 +275,11 @@ def _floor(
     response: Array,
 ) -> tuple[NoiseComponents, float, float]:
     """Components of the noise of the robot's states, and the rms of a single tip reading (m): beside what the model makes of the
-    states that were read, and as it is."""
+    states that were read, and as it is; of cameras as usual where nothing was repeated."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = NoiseComponents(dict(DEFAULT_NOISE), DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
     if not names:
-        return default, float("nan"), float("nan")
+        return default, _usual(default), _usual(default)
     of_robot = labels.kind < 3
     column = np.array([names.index(c) for c in labels.channel[of_robot]])
 
@@ -315,7 +314,14 @@ def _floor(
     found = estimate_noise(data, replace(default, trial=trial))
     tips = np.array([name in TIP for name in names])
     as_read = replace(data, residual=grid(observed)[complete])
+    if not found.contrasts:
+        return found, _usual(found), _usual(found)
     return found, reading_rms(data, tips), reading_rms(as_read, tips)
+
+
+def _usual(floor: NoiseComponents) -> float:
+    """m, rms of a tip reading with the white noise of its three channels."""
+    return float(np.sqrt(3)) * floor.channel["tip"]
 
 
 def resting(states: States) -> NDArray[np.bool_]:

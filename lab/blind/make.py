@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from model.robot import Robot
 from recordings.table_file import write_csv
 from recordings.trials import Table
 from sim_fakes.virtual_robot import NoEquilibrium
 
-from ..files.config import ConfigError
+from ..files.config import ConfigError, check, parse_yaml
 from ..files.example import paper_robot
 from .bench_robot import BenchRobot
 from .designs import Design, design, joined
@@ -127,3 +128,8 @@ def robot_yaml(*, markers: bool, per_length: bool) -> str:
     if markers:
         robot["markers"] = [0.1, 0.2, 0.3]
     return yaml.safe_dump(robot, sort_keys=False)
+
+
+def described() -> Robot:
+    """That robot as it is read, without markers and with one area factor."""
+    return check(parse_yaml(robot_yaml(markers=False, per_length=False), "robot.yaml"), Robot)
