@@ -6,6 +6,7 @@ it may not run at once: all else has a lower priority."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -51,8 +52,9 @@ GROUPS = {
     "test_residual.py": RODS,
 }
 """By folder or file. (The marks of pytest-xdist 3.8 for groups do nothing with pytest 9.2.)"""
-ORDER = (WHOLE, SAFETY, RODS, CALLS)
-"""What takes longest begins first, then what talks to instruments: a process that has stepped back does not come forward."""
+ORDER = (WHOLE, SAFETY, RODS, CALLS, "drivers")
+"""What takes longest begins first, then what talks to instruments: not every system lets a process that has stepped back come
+forward."""
 NICE = 15
 
 
@@ -76,15 +78,21 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> ByGroup:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The groups of `ORDER` first; the pages of the docs last of theirs, since by then the rods they solve are compiled."""
-    items.sort(key=lambda item: ((*ORDER, group(item.nodeid)).index(group(item.nodeid)), "tests/docs/" in item.nodeid))
+
+    def place(item: pytest.Item) -> tuple[int, bool]:
+        name = group(item.nodeid).partition("/")[0]
+        return (*ORDER, name).index(name), "tests/docs/" in item.nodeid
+
+    items.sort(key=place)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Beside other processes, whatever does not talk to instruments steps back."""
-    name = group(item.nodeid)
-    talks = name in (WHOLE, SAFETY, CALLS) or name.startswith("drivers/")
-    if hasattr(item.config, "workerinput") and not talks and os.getpriority(os.PRIO_PROCESS, 0) < NICE:
-        os.setpriority(os.PRIO_PROCESS, 0, NICE)
+    if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")) > 1:
+        name = group(item.nodeid)
+        talks = name in (WHOLE, SAFETY, CALLS) or name.startswith("drivers/")
+        with contextlib.suppress(OSError):  # who may not come forward stays where it is
+            os.setpriority(os.PRIO_PROCESS, 0, 0 if talks else NICE)
 
 
 @pytest.fixture(scope="session")

@@ -40,7 +40,7 @@ PATIENT: dict[str, Any] = {
         "gauge": {"timeout": 1.0},
     },
     "limits": {"max_age": 8.0, "max_hidden": 8.0},
-    "safe": {"heartbeat": 5.0},
+    "safe": {"heartbeat": 10.0},
 }
 """Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
 be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""

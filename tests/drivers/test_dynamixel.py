@@ -32,7 +32,7 @@ def make(plant: Plant) -> Iterator[Make]:
         servo = DynamixelFake(plant, clock, **(fake or {}))
         servo.start()
         spine = DynamixelSpine(
-            "spine", Config(**{"port": servo.port, "metres_per_turn": 0.1, "timeout": 0.5} | changes), clock
+            "spine", Config(**{"port": servo.port, "metres_per_turn": 0.1, "timeout": 1.0} | changes), clock
         )
         made.append((spine, servo))
         return made[-1]

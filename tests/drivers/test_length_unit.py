@@ -56,7 +56,7 @@ class Bench:
         """A driver for this fake, or for the real unit."""
         port = self.hardware or (fake or self.fake()).port
         driver, config, _ = DRIVERS[self.kind]
-        values = {"port": port, "metres_per_turn": METRES_PER_TURN, "timeout": 0.5} | changes
+        values = {"port": port, "metres_per_turn": METRES_PER_TURN, "timeout": 1.0} | changes
         unit = driver("spine", config(**values), self.clock)
         self.made.append(unit)
         return unit

@@ -269,9 +269,10 @@ def test_a_damaged_frame_is_dropped_and_counted_and_the_stream_goes_on(
     wait(lambda: fake.frame > at + 5)
     fake.faults.truncate = False
     damaged = fake.frame - at + 1
+    wait(lambda: mocap.lost >= 4)
     count = len(samples)
     wait(lambda: len(samples) > count + 3)
-    assert 4 <= mocap.lost <= damaged + 1
+    assert mocap.lost <= damaged + 1
     assert first(mocap).valid
 
 

@@ -59,7 +59,7 @@ def make(request: pytest.FixtureRequest, clock: SimClock) -> Iterator[Callable[.
             "ports": ports,
             "chambers": [[i + 1] for i in range(CHANNELS)],
             "full_scale": FULL_SCALE,
-            "timeout": 0.5,
+            "timeout": 1.0,
         }
         made.append(SmcItv("pressure", Config(**(values | changes)), clock))
         return made[-1]

@@ -17,6 +17,7 @@ from test_pauses import STIFFNESS, during, lab
 from drivers.errors import DeviceFault, StaleReading
 from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
+from lab.verbs.fakes import PATIENT
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 
@@ -37,7 +38,7 @@ def patient(house: House) -> None:
     arm = yaml.safe_load(house.rig.read_text())["instruments"]["arm"]
     house.change(
         without=("mocap",),
-        safe={"heartbeat": 5.0},
+        safe=PATIENT["safe"],
         instruments={"arm": {**arm, "watchdog_frequency": 2.0, "timeout": 3.0}},
     )
 
