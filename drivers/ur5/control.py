@@ -25,6 +25,8 @@ FLAGS = rtde_control.RTDEControlInterface.FLAG_UPLOAD_SCRIPT | rtde_control.RTDE
 """Send the library's program; leave out the external force input, which not every CB3 offers and nobody here uses."""
 CONNECT_TIMEOUT = 15.0
 """s of host time; the library has time-outs of 2.5, 5 and 6 s of its own in there."""
+RELEASED_WITHIN = 3.0
+"""s of host time in which the controller may yet learn that the program before has ended, and free its RTDE inputs."""
 KICKS_PER_LIMIT = 5
 """Watchdog kicks within the time after which the watchdog bites."""
 
@@ -68,7 +70,7 @@ class ControlThread:
     def _explained(self, reason: str) -> InstrumentError:
         if "remote control" in reason:
             return NotReady(self.name, "the pendant is in local mode; switch it to remote control")
-        if "in use" in reason.lower():
+        if _in_use(reason):
             return NotReady(
                 self.name,
                 "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off",
@@ -131,7 +133,7 @@ class ControlThread:
     # -- the owner's thread
     def _run(self) -> None:
         try:
-            control = rtde_control.RTDEControlInterface(self.host, -1.0, FLAGS)
+            control = self._connected()
         except RuntimeError as error:
             self._ready.set_exception(error)
             return
@@ -155,3 +157,18 @@ class ControlThread:
             except Exception as error:  # whatever the library raises belongs to the caller
                 job.done.set_exception(error)
         control.disconnect()
+
+    def _connected(self) -> Any:
+        """A control object. Raises RuntimeError with the library's reason."""
+        give_up = time.monotonic() + RELEASED_WITHIN
+        while True:
+            try:
+                return rtde_control.RTDEControlInterface(self.host, -1.0, FLAGS)
+            except RuntimeError as error:
+                if not _in_use(str(error)) or time.monotonic() > give_up:
+                    raise
+            time.sleep(0.1)
+
+
+def _in_use(reason: str) -> bool:
+    return "in use" in reason.lower()

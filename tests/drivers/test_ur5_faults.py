@@ -6,9 +6,11 @@ import multiprocessing
 import os
 import signal
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 
 import pytest
@@ -24,12 +26,26 @@ from sim_fakes.ur.process import free_host
 
 pytestmark = needs_the_fake
 SPEED, ACCELERATION = 0.05, 0.5
+RTDE = 30004
 
 
 @pytest.fixture(scope="module")
 def rig() -> Iterator[Rig]:
     with a_rig() as rig:
         yield rig
+
+
+@contextmanager
+def holding_its_inputs(host: str) -> Iterator[socket.socket]:
+    """A program that writes an input register of the arm."""
+    with socket.create_connection((host, RTDE)) as line:
+        line.settimeout(20.0)
+        for kind, body in ((b"V", b"\x00\x02"), (b"I", b"input_int_register_0")):
+            line.sendall(struct.pack(">H", 3 + len(body)) + kind + body)
+        taken = b""
+        while not taken.endswith(b"I\x01INT32"):
+            taken += line.recv(4096)
+        yield line
 
 
 def fault_of(arm: UR5, timeout: float = 5.0) -> DeviceFault:
@@ -87,6 +103,22 @@ def test_an_arm_without_power_is_not_ready(rig: Rig) -> None:
 def test_another_model_is_refused(rig: Rig) -> None:
     with pytest.raises(WrongDevice, match="model .* is 'UR5', not 'UR10'"):
         UR5("arm", Config(host=rig.host, model="UR10"), rig.clock).open()
+
+
+def test_an_arm_that_another_program_controls_is_not_taken(rig: Rig) -> None:
+    with holding_its_inputs(rig.host), pytest.raises(NotReady, match="another program controls the arm"):
+        UR5("arm", Config(host=rig.host), rig.clock).open()
+
+
+def test_what_a_program_that_has_just_ended_still_holds_is_waited_for(rig: Rig) -> None:
+    control = ControlThread("arm", rig.host, 3.0)
+    with holding_its_inputs(rig.host) as held:
+        ended = threading.Timer(1.0, held.close)
+        ended.start()
+        control.start()
+        ended.join()
+    assert control.call(lambda arm: arm.isConnected())
+    assert control.finish(10.0)
 
 
 def test_a_silent_dashboard_is_unreachable(rig: Rig) -> None:
