@@ -23,8 +23,9 @@ from .data.case import CaseLike, states
 from .data.states import States
 from .errors import TooLittle
 from .inference.budget import budget, by_what_is_carried, parts
+from .inference.evidence import NONE, Hypothesis
 from .inference.executor import SINGLE_THREAD, Executor
-from .inference.posterior import UNKNOWN, posterior, prior, with_unknown
+from .inference.posterior import UNKNOWN, Posterior, posterior, prior, with_unknown
 from .inference.prepare import Prepared, prepare
 from .inference.problem import LEAST_NAMED_SIZE, Parameters, Problem
 from .inference.search import Search
@@ -32,9 +33,11 @@ from .inference.search import Search
 Array = NDArray[np.float64]
 
 
-ANOTHER_DAY = ("tilt", "frame_turn", "frame_shift")
+ANOTHER_DAY = ("tilt", "frame_turn", "frame_shift", "youngs_modulus")
 """Tolerances that each campaign has for itself, beside trials, repeats and drift: the robot was mounted and the cameras were
-calibrated anew."""
+calibrated anew, and silicone is as soft as the room is warm and as it has been worked."""
+LEAST_NOTHING = 0.05
+"""Probability that nothing changed from which no change is told: of so many alarms one may be false."""
 
 
 def compare_campaigns(
@@ -69,7 +72,7 @@ def compare_campaigns(
         search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter, answer
     )
     found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit))
-    named, p = found.ranking[0]
+    named = found.ranking[0][0]
     best = found.candidates[named]
     parameters = search.problem.parameters
     sizes = {
@@ -77,7 +80,8 @@ def compare_campaigns(
         for i, name in enumerate(parameters.names)
         if parameters.effects[i] in named and named != UNKNOWN
     }
-    return Change(_sentence(named, p, sizes, CALIBRATED.benchmark), found.ranking[:10], sizes)
+    told = what_is_told(found)
+    return Change(sentence(found, told, sizes), found.ranking[:10], sizes, told)
 
 
 def _comparable(before: States, after: States) -> tuple[States, States]:
@@ -92,10 +96,23 @@ def _comparable(before: States, after: States) -> tuple[States, States]:
     return both[0], both[1]
 
 
-def _sentence(named: Sequence[str], p: float, sizes: dict[str, float], benchmark: str) -> str:
-    if not named:
+def what_is_told(found: Posterior) -> Hypothesis:
+    """The most probable change, where it is hardly possible that nothing changed."""
+    return found.ranking[0][0] if found.probability(NONE) < LEAST_NOTHING else NONE
+
+
+def sentence(found: Posterior, told: Hypothesis, sizes: Mapping[str, float]) -> str:
+    """What changed, in words; `sizes` of the most probable change's parameters."""
+    (named, p), benchmark = found.ranking[0], CALIBRATED.benchmark
+    if named == NONE:
         return f"No change since the reference stands out from the noise (p = {p:.2f}, {benchmark})."
-    if tuple(named) == UNKNOWN:
+    if told == NONE:
+        other = "a cause outside the catalogue" if named == UNKNOWN else " and ".join(named)
+        return (
+            f"No change since the reference is certain: that nothing changed has p = {found.probability(NONE):.2f}; most "
+            f"probable otherwise: {other} (p = {p:.2f}, {benchmark})."
+        )
+    if named == UNKNOWN:
         return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {benchmark})."
     by = ", ".join(f"{name} by {value:.3g}" for name, value in sizes.items())
     return f"Since the reference {' and '.join(named)} changed ({by}; p = {p:.2f}, {benchmark})."

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
 if TYPE_CHECKING:
@@ -56,6 +57,10 @@ ORDER = (WHOLE, SAFETY, RODS, CALLS, "drivers")
 """What takes longest begins first, then what talks to instruments: not every system lets a process that has stepped back come
 forward."""
 NICE = 15
+
+
+settings.register_profile("lab", deadline=None)
+settings.load_profile("lab")
 
 
 def group(nodeid: str) -> str:

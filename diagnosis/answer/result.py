@@ -226,6 +226,8 @@ class Change:
     """Effects and their probability; () that nothing changed."""
     sizes: Mapping[str, float]
     """Fitted change of the parameters of the leading hypothesis, in their units."""
+    effects: tuple[str, ...] = ()
+    """What is told to have changed; () where it is too probable that nothing did."""
 
 
 @dataclass(frozen=True)
@@ -328,7 +330,8 @@ def _read(d: dict[str, Any]) -> Diagnosis:
 def _change(d: dict[str, Any] | None) -> Change | None:
     if d is None:
         return None
-    return Change(d["statement"], tuple((tuple(effects), p) for effects, p in d["ranking"]), d["sizes"])
+    ranking = tuple((tuple(effects), p) for effects, p in d["ranking"])
+    return Change(d["statement"], ranking, d["sizes"], tuple(d.get("effects", ranking[0][0])))
 
 
 def _waterfall(d: dict[str, Any] | None) -> Waterfall | None:

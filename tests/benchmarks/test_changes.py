@@ -8,10 +8,11 @@ import pytest
 from benchmarks.changes import Pair, another_day, summary
 from lab.blind.worlds.truth import WorldRecipe, draw_robot
 
-STILL = Pair("w", "", 0.0, (), 0.95, 1.0)
-FALSE = Pair("w", "", 0.0, ("contact",), 0.6, 1.0)
-RIGHT = Pair("w", "contact", 5.0, ("contact",), 0.95, 1.0)
-SMALL = Pair("w", "self_weight", 0.5, (), 0.8, 1.0)
+STILL = Pair("w", "", 0.0, {}, (), 0.95, 0.95, 1.0)
+FALSE = Pair("w", "", 0.0, {"base_tilt": 3.0}, ("contact",), 0.6, 0.3, 1.0)
+MOUNTED = Pair("w", "", 0.0, {"base_tilt": 3.0}, ("base_tilt",), 0.6, 0.3, 1.0)
+RIGHT = Pair("w", "contact", 5.0, {}, ("contact",), 0.95, 0.01, 1.0)
+SMALL = Pair("w", "self_weight", 0.5, {}, (), 0.8, 0.8, 1.0)
 
 
 def test_another_day_is_the_same_robot_mounted_and_seen_anew() -> None:
@@ -23,7 +24,7 @@ def test_another_day_is_the_same_robot_mounted_and_seen_anew() -> None:
 
 
 def test_shares_count_what_they_say() -> None:
-    found = summary([STILL, FALSE, RIGHT, SMALL])
+    found = summary([STILL, FALSE, MOUNTED, RIGHT, SMALL])
     shares = {name: (figure["share"], figure["n"]) for name, figure in found.items()}
-    assert list(shares.values()) == [(0.5, 2), (0.5, 2), (1.0, 1), (1.0, 1), (1.0, 2)]
+    assert list(shares.values()) == [(2 / 3, 3), (1 / 3, 3), (0.5, 2), (1.0, 1), (1.0, 1), (1.0, 2)]
     assert found["changed: just the effect named"]["interval"][0] == pytest.approx(0.013, abs=0.001)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.compare_campaigns import compare_campaigns
+from diagnosis.compare_campaigns import compare_campaigns, sentence, what_is_told
 from diagnosis.errors import TooLittle
+from diagnosis.inference.evidence import NONE
+from diagnosis.inference.posterior import UNKNOWN, Posterior
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured
 from tests.diagnosis.test_case import ROBOT, Measured
 
@@ -17,8 +19,27 @@ BEFORE = {"chamber_ballooning__growth": 0.2}
 def test_the_effect_that_came_is_named_and_the_one_that_was_there_is_not(catalogue: Catalogue) -> None:
     turned = measured(3, 2, FEW, **BEFORE, chamber_azimuth__angle=np.radians(6))
     change = compare_campaigns(turned, measured(3, 1, FEW, **BEFORE), catalogue)
-    assert change.ranking[0][0] == ("chamber_azimuth",)
+    assert change.effects == change.ranking[0][0] == ("chamber_azimuth",)
     assert change.sizes["chamber_azimuth.angle (change)"] == pytest.approx(np.radians(6), abs=np.radians(1))
+
+
+@few_and_all
+def test_silicone_as_soft_as_a_warmer_day_makes_it_is_no_change(catalogue: Catalogue) -> None:
+    warmer = measured(3, 2, FEW, **BEFORE, youngs_modulus__excess=-0.03)
+    change = compare_campaigns(warmer, measured(3, 1, FEW, **BEFORE), catalogue)
+    assert change.effects == () and change.statement.startswith("No change since the reference")
+
+
+def test_what_is_told_follows_from_the_probability_that_nothing_changed() -> None:
+    def told(nothing: float) -> str:
+        ranking = ((("contact",), 0.95 - nothing), (NONE, nothing), (UNKNOWN, 0.05))
+        found = Posterior(tuple(sorted(ranking, key=lambda r: -r[1])), {})
+        return sentence(found, what_is_told(found), {"contact.stiffness (change)": 30.0})
+
+    assert told(0.8).startswith("No change since the reference stands out from the noise (p = 0.80")
+    assert told(0.2).startswith("No change since the reference is certain: that nothing changed has p = 0.20")
+    assert "contact" in told(0.2)
+    assert told(0.01).startswith("Since the reference contact changed (contact.stiffness (change) by 30; p = 0.94")
 
 
 def test_campaigns_of_different_robots_are_not_compared() -> None:

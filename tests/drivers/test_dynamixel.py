@@ -82,13 +82,13 @@ def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: M
 
 
 def test_an_id_that_nobody_has_is_unreachable(make: Make) -> None:
-    spine, _ = make(id=7)
+    spine, _ = make(id=7, timeout=0.3)
     with pytest.raises(Unreachable, match="id 7"):
         spine.open()
 
 
 def test_an_answer_under_another_id_is_not_taken(make: Make) -> None:
-    spine, servo = make()
+    spine, servo = make(timeout=0.3)
     servo.faults.extra["wrong_id"] = True
     with pytest.raises(Unreachable):
         spine.open()

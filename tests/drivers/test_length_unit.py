@@ -41,7 +41,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.hardware = os.environ.get(f"LAB_TEST_{self.kind.upper()}_PORT")
-        self.clock = SimClock(1.0 if self.hardware else 20.0)
+        self.clock = SimClock(1.0 if self.hardware else 5.0)
 
     def fake(self, **options: Any) -> Any:
         """Start a fake; a real unit cannot take its place."""
@@ -145,6 +145,7 @@ def test_a_call_before_open_is_refused(bench: Bench) -> None:
 
 
 def test_homing_finds_length_zero_at_the_retracted_end(bench: Bench) -> None:
+    bench.clock = SimClock(1.0)  # slow enough to be seen
     fake = bench.fake(start_length=0.04)
     unit = bench.unit(fake)
     unit.open()
@@ -309,7 +310,7 @@ def test_another_device_on_the_port_is_reported_quickly(bench: Bench) -> None:
 
 def test_a_silent_unit_gives_no_reply_within_the_time_out(bench: Bench) -> None:
     fake = bench.fake()
-    unit = bench.unit(fake)
+    unit = bench.unit(fake, timeout=0.3)
     unit.open()
     fake.faults.silent = True
     start = time.monotonic()
@@ -321,7 +322,7 @@ def test_a_silent_unit_gives_no_reply_within_the_time_out(bench: Bench) -> None:
 @pytest.mark.parametrize("fault", ["corrupt", "truncate"])
 def test_damaged_answers_are_never_taken_for_readings(bench: Bench, fault: str) -> None:
     fake = bench.fake()
-    unit = bench.unit(fake)
+    unit = bench.unit(fake, timeout=0.5)
     unit.open()
     setattr(fake.faults, fault, True)
     with pytest.raises(InstrumentError):

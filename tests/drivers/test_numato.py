@@ -45,7 +45,9 @@ def make(request: pytest.FixtureRequest) -> Iterator[Make]:
 
     def make(**changes: Any) -> NumatoValve:
         port = HARDWARE or request.getfixturevalue("fake").port
-        made.append(NumatoValve("valve", Config(**{"port": port, "relay": RELAY} | changes), SimClock()))
+        made.append(
+            NumatoValve("valve", Config(**{"port": port, "relay": RELAY, "timeout": 1.0} | changes), SimClock())
+        )
         return made[-1]
 
     yield make

@@ -46,7 +46,7 @@ def make(request: pytest.FixtureRequest) -> Iterator[Make]:
 
     def make(**changes: Any) -> PfeifferGauge:
         port = HARDWARE or request.getfixturevalue("fake").port
-        values: dict[str, Any] = {"port": port, "address": ADDRESS, "timeout": 0.15} | changes
+        values: dict[str, Any] = {"port": port, "address": ADDRESS, "timeout": 0.5} | changes
         made.append(PfeifferGauge("gauge", Config(**values), SimClock(20.0)))
         return made[-1]
 
@@ -157,12 +157,12 @@ def test_an_answer_that_came_too_late_is_not_taken_for_another_question(
     fake.noise = 0.0
     gauge = make()
     gauge.open()
-    fake.faults.delay = 0.2
+    fake.faults.delay = 0.7
     with pytest.raises((NoReply, BadReply)):
         gauge.read()
     fake.faults.delay = 0.0
     plant.vacuum_absolute = 20e3
-    time.sleep(0.6)
+    time.sleep(1.0)
     assert gauge.read().absolute == pytest.approx(20e3)
 
 

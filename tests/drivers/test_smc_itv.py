@@ -179,7 +179,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(
     make: Callable[..., SmcItv], fakes: list[SmcItvFake], plant: Plant
 ) -> None:
     """A vented unit says 0; had it been inflated meanwhile, that 0 must not confirm anything."""
-    regulators = make()
+    regulators = make(timeout=0.5)
     regulators.open()
     slow = fakes[0]
     assert regulators.read().measured[0] < 5e3

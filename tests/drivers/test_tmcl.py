@@ -70,7 +70,7 @@ def test_another_module_is_the_wrong_device(make: Make) -> None:
 
 
 def test_an_address_that_nobody_has_is_unreachable(make: Make) -> None:
-    spine, _ = make(address=9)
+    spine, _ = make(address=9, timeout=0.3)
     with pytest.raises(Unreachable, match="module 9"):
         spine.open()
 

@@ -20,7 +20,7 @@ from recordings.states.concluding import conclude
 from recordings.states.rules import State, Window
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(-1e4, 1e4), st.floats(-2e-4, 2e-4), st.integers(0, 2**31))
 def test_offset_and_drift_are_found_below_delays_of_any_size(offset: float, drift: float, seed: int) -> None:
     random = np.random.default_rng(seed)

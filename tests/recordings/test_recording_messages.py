@@ -54,7 +54,7 @@ def same(a: Any, b: Any) -> bool:
 
 
 @pytest.mark.parametrize("topic", MESSAGES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_an_independent_protobuf_decoder_and_the_array_give_back_the_values(topic: str, data: st.DataObject) -> None:
     message = MESSAGES[topic]
@@ -72,7 +72,7 @@ def test_an_independent_protobuf_decoder_and_the_array_give_back_the_values(topi
 
 
 @pytest.mark.parametrize("topic", MESSAGES)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(data=st.data())
 def test_every_message_of_a_type_has_the_same_bytes_everywhere_but_in_its_values(
     topic: str, data: st.DataObject

@@ -86,7 +86,7 @@ def outcome(buffers: Buffers, asked: State) -> str | None:
 
 
 @pytest.mark.parametrize("name", STATES)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     seed=st.integers(0, 10**6),
     lag=st.sampled_from([0.2, 0.8, 3.0]),
@@ -291,7 +291,6 @@ def test_a_state_that_cannot_be_right_is_refused(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.booleans()), min_size=1, max_size=20))
-@settings(deadline=None)
 def test_the_mean_rotation_is_the_eigenvector_of_the_largest_eigenvalue(items: list[tuple[float, float, bool]]) -> None:
     quaternions = []
     for a, b, flip in items:

@@ -60,7 +60,7 @@ def test_columns_that_no_row_has_are_absent_and_empty_cells_come_back_as_none(tm
     assert back["trial"].dtype == np.int64
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     numbers=st.lists(st.floats(-4.9, 4.9, allow_subnormal=True), min_size=6, max_size=6),
     pressures=st.lists(st.floats(-9e4, 1.9e6), min_size=1, max_size=12),

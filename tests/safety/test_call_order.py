@@ -176,7 +176,7 @@ def test_calls_in_any_order(name: str) -> None:
     run_state_machine_as_test(
         MACHINES[name],
         settings=settings(
-            max_examples=10, stateful_step_count=12, deadline=None, derandomize=True, database=None,
+            max_examples=10, stateful_step_count=12, derandomize=True, database=None,
             suppress_health_check=list(HealthCheck),
         ),
     )  # fmt: skip

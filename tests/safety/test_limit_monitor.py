@@ -151,7 +151,7 @@ def chamber(
             p = s + (p - s) * math.exp(-step / tau)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(
     rate=RATES, period=PERIODS, tau=st.floats(0.05, 1.0), hold=st.floats(0.0, 4.0), seed=st.integers(0, 99),
     levels=st.lists(st.floats(0.0, 300e3), min_size=1, max_size=5),
@@ -166,7 +166,7 @@ def test_no_sound_chamber_is_accused_in_any_sweep(
         assert monitor.check("pressure", pressure(t, asked, p)) is None
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(
     seed=st.integers(0, 99), tau=st.floats(0.05, 1.0), commands=st.integers(1, 6),
     levels=st.lists(st.floats(0.0, 300e3), min_size=2, max_size=5),
@@ -200,7 +200,7 @@ def test_a_slow_regulator_is_sound_when_rig_yaml_says_how_slow() -> None:
         assert any(monitor.check("pressure", pressure(*s)) is not None for s in stream) is accused
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     rate=RATES, period=PERIODS, others=RATES, start=st.floats(0.0, 40.0), seed=st.integers(0, 99),
     level=st.floats(80e3, 300e3),

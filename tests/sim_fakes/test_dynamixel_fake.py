@@ -20,12 +20,13 @@ class Wire:
 
     def __init__(self, fake: DynamixelFake) -> None:
         self.fake = fake
-        self.port = serial.Serial(fake.port, 57600, timeout=0.2)
+        self.port = serial.Serial(fake.port, 57600)
 
     def ask(
-        self, instruction: int, params: bytes = b"", servo: int = 1, damage: bool = False
+        self, instruction: int, params: bytes = b"", servo: int = 1, damage: bool = False, within: float = 20.0
     ) -> tuple[int, bytes] | None:
         """Error byte and parameters of the answer; None on silence."""
+        self.port.timeout = within
         body = stuffed(bytes([instruction]) + params)
         packet = b"\xff\xff\xfd\x00" + bytes([servo]) + struct.pack("<H", len(body) + 2) + body
         packet += struct.pack("<H", crc16(packet) ^ damage)
@@ -81,7 +82,7 @@ def test_ping_tells_model_and_firmware(wire: Wire) -> None:
 
 
 def test_another_id_meets_silence(wire: Wire) -> None:
-    assert wire.ask(1, servo=2) is None
+    assert wire.ask(1, servo=2, within=0.2) is None
 
 
 def test_a_damaged_packet_is_answered_with_a_crc_error(wire: Wire) -> None:

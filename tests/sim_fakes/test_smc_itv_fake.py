@@ -66,9 +66,11 @@ def test_the_measured_pressure_is_in_counts_of_the_range(ask: Ask, plant: Plant)
 
 
 def test_a_poll_that_comes_too_soon_is_not_answered(ask: Ask, fake: SmcItvFake) -> None:
-    with serial.Serial(fake.port, 9600, timeout=0.1) as port:
+    with serial.Serial(fake.port, 9600, timeout=20) as port:
         port.write(b"REQ\r\nREQ\r\n")
-        assert port.read(10) == b"0\r\n"
+        assert port.read_until(b"\r\n") == b"0\r\n"
+        port.timeout = 0.2
+        assert port.read(1) == b""
     time.sleep(0.1)
     assert ask("REQ") == "0"
 
@@ -77,5 +79,6 @@ def test_a_line_without_carriage_return_and_line_feed_is_not_a_line(fake: SmcItv
     with serial.Serial(fake.port, 9600, timeout=0.1) as port:
         port.write(b"SET 5\r")
         assert port.read(10) == b""
+        port.timeout = 20
         port.write(b"\n")
         assert port.read_until(b"\r\n") == b"5\r\n"

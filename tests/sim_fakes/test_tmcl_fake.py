@@ -20,10 +20,13 @@ class Wire:
 
     def __init__(self, fake: TmclFake) -> None:
         self.fake = fake
-        self.port = serial.Serial(fake.port, 115200, timeout=0.2)
+        self.port = serial.Serial(fake.port, 115200)
 
-    def ask(self, command: int, kind: int, value: int = 0, address: int = 1, damage: int = 0) -> tuple[int, int] | None:
+    def ask(
+        self, command: int, kind: int, value: int = 0, address: int = 1, damage: int = 0, within: float = 20.0
+    ) -> tuple[int, int] | None:
         """Status and value; None on silence."""
+        self.port.timeout = within
         frame = struct.pack(">BBBBi", address, command, kind, 0, value)
         self.port.write(frame + bytes([sum(frame) + damage & 0xFF]))
         answer = self.port.read(9)
@@ -41,8 +44,8 @@ def plant() -> Plant:
 
 
 @pytest.fixture
-def wire(plant: Plant) -> Iterator[Wire]:
-    fake = TmclFake(plant, SimClock(20.0))
+def wire(plant: Plant, request: pytest.FixtureRequest) -> Iterator[Wire]:
+    fake = TmclFake(plant, SimClock(getattr(request, "param", 20.0)))
     fake.start()
     wire = Wire(fake)
     yield wire
@@ -55,7 +58,7 @@ def test_the_version_tells_the_module(wire: Wire) -> None:
 
 
 def test_another_address_meets_silence(wire: Wire) -> None:
-    assert wire.ask(GAP, 1, address=5) is None
+    assert wire.ask(GAP, 1, address=5, within=0.2) is None
 
 
 @pytest.mark.parametrize(
@@ -103,6 +106,7 @@ def test_a_spine_that_does_not_follow_stops_the_module_and_reading_clears_the_fl
     assert fake.drum.errors == 2
 
 
+@pytest.mark.parametrize("wire", [1.0], indirect=True, ids=["slow enough to be seen"])
 def test_the_reference_search_zeroes_steps_and_encoder_at_the_switch(wire: Wire, plant: Plant) -> None:
     wire.ask(SAP, 194, 20480)
     assert wire.ask(RFS, 0) == (OK, 0)

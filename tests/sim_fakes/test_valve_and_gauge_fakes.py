@@ -21,7 +21,7 @@ def plant() -> Plant:
 def relay(plant: Plant) -> Iterator[serial.Serial]:
     fake = NumatoFake(plant, SimClock(20.0))
     fake.start()
-    with serial.Serial(fake.port, 19200, timeout=0.2) as port:
+    with serial.Serial(fake.port, 19200, timeout=20) as port:
         yield port
     fake.stop()
 
@@ -30,7 +30,7 @@ def relay(plant: Plant) -> Iterator[serial.Serial]:
 def gauge(plant: Plant) -> Iterator[serial.Serial]:
     fake = PfeifferFake(plant, SimClock(20.0), noise=0.0)
     fake.start()
-    with serial.Serial(fake.port, 9600, timeout=0.1) as port:
+    with serial.Serial(fake.port, 9600, timeout=20) as port:
         yield port
     fake.stop()
 
@@ -79,6 +79,7 @@ def test_a_telegram_that_is_not_exact_or_not_for_this_gauge_meets_silence(
     gauge: serial.Serial, request_: bytes
 ) -> None:
     gauge.write(request_)
+    gauge.timeout = 0.2
     assert gauge.read(1) == b""
 
 
