@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from .evidence import NONE, Hypothesis
+from .evidence import KNOWN, NONE, Hypothesis
 from .fit import Fit
 from .posterior import Posterior, shares
 from .prepare import LEAST_CARRIED, Prepared
@@ -43,6 +43,8 @@ LEAST_TOLERATED = 2.0
 """Noise floors that an effect must carry that stands out among the tolerances though no hypothesis names it."""
 TOGETHER = 2 / 3
 """Probability from which effects are named together."""
+LAWS = np.exp(KNOWN.form_errors.max() * ndtri((np.arange(15) + 0.5) / 15))
+"""Factors, each as probable, between what a law and its other forms carry (decision 070)."""
 DRAWS, SEED = 256, 11
 """Of each hypothesis."""
 JITTER, TINY = 1e-8, 1e-300
@@ -66,10 +68,10 @@ class Budget:
     """(d,) what is named in each draw."""
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
-        """Quantiles (m) of what an effect carries."""
-        carried = self.metres[:, self.effects.index(effect)]
-        order = np.argsort(carried)
-        share = np.cumsum(self.weight[order])
+        """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""
+        carried = np.outer(self.metres[:, self.effects.index(effect)], LAWS).ravel()
+        order = np.argsort(carried, kind="stable")
+        share = np.cumsum(np.repeat(self.weight, LAWS.size)[order])
         at = np.searchsorted(share / share[-1], quantiles).clip(0, len(order) - 1)
         return tuple(float(v) for v in carried[order][at])
 

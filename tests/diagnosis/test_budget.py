@@ -46,9 +46,16 @@ def test_what_carries_at_least_half_of_the_largest_and_a_floor_is_named(
 
 
 def test_quantiles_are_weighted() -> None:
-    metres = np.array([[1.0], [2.0], [3.0]])
+    metres = np.array([[1.0], [100.0], [1e4]])
     b = Budget(("a",), metres, metres, np.array([0.1, 0.1, 0.8]), ((), (), ()))
-    assert b.interval("a", 0.05, 0.15, 0.5) == (1.0, 2.0, 3.0)
+    assert b.interval("a", 0.05, 0.15, 0.6) == pytest.approx((1.0, 100.0, 1e4))
+
+
+def test_an_interval_counts_on_a_law_that_is_wrong_by_as_much_as_laws_are() -> None:
+    known = np.ones((1, 1))
+    low, middle, high = Budget(("a",), known, known, np.ones(1), ((),)).interval("a", 0.025, 0.5, 0.975)
+    assert middle == pytest.approx(1.0)
+    assert np.log(high) == pytest.approx(-np.log(low)) and 0.5 < np.log(high) < 0.6
 
 
 @pytest.mark.parametrize(
