@@ -56,8 +56,9 @@ GROUPS = {
 ORDER = (WHOLE, SAFETY, RODS, CALLS, "drivers")
 """What takes longest begins first, then what talks to instruments: not every system lets a process that has stepped back come
 forward."""
-NICE = 15
-
+AT_FIRST = os.getpriority(os.PRIO_PROCESS, 0)
+STEPPED_BACK = max(AT_FIRST, 15)
+"""Niceness of what talks to instruments, and of all else."""
 
 settings.register_profile("lab", deadline=None)
 settings.load_profile("lab")
@@ -97,7 +98,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         name = group(item.nodeid)
         talks = name in (WHOLE, SAFETY, CALLS) or name.startswith("drivers/")
         with contextlib.suppress(OSError):  # who may not come forward stays where it is
-            os.setpriority(os.PRIO_PROCESS, 0, 0 if talks else NICE)
+            os.setpriority(os.PRIO_PROCESS, 0, AT_FIRST if talks else STEPPED_BACK)
 
 
 @pytest.fixture(scope="session")
