@@ -33,9 +33,15 @@ from .inference.search import Search
 Array = NDArray[np.float64]
 
 
-ANOTHER_DAY = ("tilt", "frame_turn", "frame_shift", "youngs_modulus")
-"""Tolerances that each campaign has for itself, beside trials, repeats and drift: the robot was mounted and the cameras were
-calibrated anew, and silicone is as soft as the room is warm and as it has been worked."""
+ANOTHER_DAY = {
+    "tilt": "base_tilt",
+    "frame_turn": "frame_misalignment",
+    "frame_shift": "",
+    "youngs_modulus": "body_modulus",
+}
+"""Tolerances that each campaign has for itself, beside trials, repeats and drift, and the effect that does the same: the robot
+was mounted and the cameras were calibrated anew, and silicone is as soft as the room is warm and as it has been worked. Such
+an effect has changed when it is named, and not a little besides."""
 LEAST_NOTHING = 0.05
 """Probability that nothing changed from which no change is told: of so many alarms one may be false."""
 
@@ -134,6 +140,7 @@ class _JointForward:
 
     def _table(self, a: Parameters, b: Parameters) -> Parameters:
         own, change = np.array(self._own, int), self._change
+        daily = ANOTHER_DAY.values()
         # Effects present in the reference are no change: each is free there, within its whole scale.
         order = [(a, np.arange(len(a.names)), False), (b, own, False), (b, change, True)]
 
@@ -149,7 +156,7 @@ class _JointForward:
             sources=tuple(p.sources[i] for p, rows, _ in order for i in rows),
             recurring=tuple(bool(p.recurs[i]) for p, rows, _ in order for i in rows),
             starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
-            tolerated=tuple(bool(b.tolerated[i]) if c else True for _, rows, c in order for i in rows),
+            tolerated=tuple(not c or (bool(b.tolerated[i]) and b.effects[i] not in daily) for _, rows, c in order for i in rows),
             least=tuple(b.least[i] if c and b.least else LEAST_NAMED_SIZE for _, rows, c in order for i in rows),
             changes=True,
         )  # fmt: skip
