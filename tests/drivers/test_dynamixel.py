@@ -166,7 +166,10 @@ def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, p
     spine, servo = make(watchdog=0.3)
     homed(spine)
     spine.move_to(0.35, 0.02)
-    time.sleep(0.5)
+    deadline = time.monotonic() + 60
+    while servo.motor.table[WATCHDOG] != 0xFF:
+        assert time.monotonic() < deadline, "the watchdog never bites"
+        time.sleep(0.01)
     with pytest.raises(DeviceFault, match="watchdog"):
         spine.read()
     stopped = plant.spine_drive

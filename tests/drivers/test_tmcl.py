@@ -49,6 +49,15 @@ def watch(spine: TmclSpine, until: Callable[[SpineSample], bool]) -> SpineSample
     return sample
 
 
+def stands(module: TmclFake) -> None:
+    """Wait until the drum, once it turns, stands again; nothing is sent meanwhile."""
+    deadline = time.monotonic() + 60
+    for turning in (True, False):
+        while (module.drum.speed != 0) != turning:
+            assert time.monotonic() < deadline, f"never so: turning {turning}"
+            time.sleep(0.001)
+
+
 def homed(spine: TmclSpine) -> None:
     spine.open()
     spine.home()
@@ -112,10 +121,10 @@ def test_a_broken_coupling_is_noticed_by_the_encoder(make: Make) -> None:
 
 
 def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: Plant) -> None:
-    spine, _ = make(heartbeat=0.3)
+    spine, module = make(heartbeat=0.3)
     homed(spine)
-    spine.move_to(0.35, 0.02)
-    time.sleep(0.5)
+    spine.move_to(0.35, 0.005)
+    stands(module)
     assert plant.spine_drive < 0.3
     with pytest.raises(DeviceFault, match="heartbeat"):
         watch(spine, lambda s: not s.moving)
@@ -125,10 +134,10 @@ def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: P
 
 
 def test_a_search_that_was_cut_short_is_not_taken_for_homed(make: Make) -> None:
-    spine, _ = make({"start_length": 0.3}, heartbeat=0.1)
+    spine, module = make({"start_length": 0.3}, heartbeat=0.1)
     spine.open()
     spine.home()
-    time.sleep(0.3)
+    stands(module)
     with pytest.raises(DeviceFault, match="without reaching the switch"):
         watch(spine, lambda s: s.homed)
     with pytest.raises(NotReady):
