@@ -190,12 +190,20 @@ class DynamixelSpine:
             self._homing = None
             self._fault = ""
             restarted = self._zero is not None and self._has_restarted()  # setting the watchdog would hide it
-            self._arm_watchdog()
-            counts = self._servo.read(table.PRESENT_POSITION)
-            self._set_goal(counts, self._config.max_speed)
-            self._goal = self._length(counts)
+            try:
+                self._hold()
+            except BadReply:
+                if self._servo.read(table.WATCHDOG) != table.WATCHDOG_TRIPPED:
+                    raise
+                self._hold()  # this host was held up, and the watchdog has bitten again
             if restarted:
                 self._lose_zero(RESTARTED)
+
+    def _hold(self) -> None:
+        self._arm_watchdog()
+        counts = self._servo.read(table.PRESENT_POSITION)
+        self._set_goal(counts, self._config.max_speed)
+        self._goal = self._length(counts)
 
     def read(self) -> SpineSample:
         """Poll. Until homed, `length` counts from where the servo was switched on and says nothing about the spine."""

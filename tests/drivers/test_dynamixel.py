@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from drivers.dynamixel.bus import Register
 from drivers.dynamixel.driver import Config, DynamixelSpine
+from drivers.dynamixel.table import PRESENT_POSITION
 from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import SpineSample
 from sim_fakes.clock import SimClock
@@ -49,6 +51,14 @@ def watch(spine: DynamixelSpine, until: Callable[[SpineSample], bool]) -> SpineS
         assert time.monotonic() < deadline, f"still {sample}"
         time.sleep(0.01)
     return sample
+
+
+def bitten(servo: DynamixelFake) -> None:
+    """Wait until the servo's watchdog has bitten."""
+    deadline = time.monotonic() + 60
+    while servo.motor.table[WATCHDOG] != 0xFF:
+        assert time.monotonic() < deadline, "the watchdog never bites"
+        time.sleep(0.01)
 
 
 def homed(spine: DynamixelSpine) -> None:
@@ -166,10 +176,7 @@ def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, p
     spine, servo = make(watchdog=0.3)
     homed(spine)
     spine.move_to(0.35, 0.02)
-    deadline = time.monotonic() + 60
-    while servo.motor.table[WATCHDOG] != 0xFF:
-        assert time.monotonic() < deadline, "the watchdog never bites"
-        time.sleep(0.01)
+    bitten(servo)
     with pytest.raises(DeviceFault, match="watchdog"):
         spine.read()
     stopped = plant.spine_drive
@@ -180,6 +187,24 @@ def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, p
     assert spine.read().homed
     spine.move_to(0.1, 0.05)
     assert watch(spine, lambda s: not s.moving).length == pytest.approx(0.1, abs=6e-4)
+
+
+def test_a_stop_is_sent_again_when_the_watchdog_bites_on_its_way(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    spine, servo = make(watchdog=0.2)
+    homed(spine)
+    spine.move_to(0.35, 0.02)
+    read, held_up = spine._servo.read, []
+
+    def late(register: Register) -> int:
+        value = read(register)
+        if register == PRESENT_POSITION and not held_up:
+            held_up.append(register)
+            bitten(servo)
+        return value
+
+    monkeypatch.setattr(spine._servo, "read", late)
+    spine.stop()
+    assert held_up and spine.read().homed
 
 
 def test_reading_keeps_the_watchdog_quiet(make: Make) -> None:

@@ -64,7 +64,7 @@ NEVER: dict[str, tuple[Call, ...]] = {
 """Calls that are allowed in no state."""
 
 
-ONE_SET: dict[str, Any] = {"timeout": 0.5, "full_scale": 500e3, "chambers": ((1, 2, 3),)}
+ONE_SET: dict[str, Any] = {"timeout": PATIENCE, "full_scale": 500e3, "chambers": ((1, 2, 3),)}
 
 
 def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable[[Plant, SimClock], PtyFake]) -> type:
