@@ -28,7 +28,7 @@ from lab.blind.worlds.truth import SMALL, THRUST, TOLERANCES, WorldRecipe, draw_
 from lab.files.inputs import Case
 from sim_fakes.worlds.campaign import Response, Sweep, read, respond, tails
 from sim_fakes.worlds.campaign import Robot as Built
-from sim_fakes.worlds.carried import rows
+from sim_fakes.worlds.carried import rms, rows
 from sim_fakes.worlds.equilibrium import NoEquilibrium
 from sim_fakes.worlds.forms import EFFECTS
 
@@ -107,7 +107,7 @@ def campaigns(seed: int, changed: bool) -> Drawn:
 
 def moves(robot: Built, walked: Sweep, response: Response, effect: str) -> float:
     """mm, root mean square over all readings: an area factor that both campaigns share takes up nothing of it."""
-    return float(np.sqrt(np.mean(np.sum(rows(robot, walked, response, effect) ** 2, axis=-1))) * 1e3)
+    return rms(rows(robot, walked, response, effect))
 
 
 def another_day(robot: Built, rng: np.random.Generator) -> Built:

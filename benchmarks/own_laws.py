@@ -33,9 +33,10 @@ from diagnosis.criticism.stage_errors import smooth_functions
 from diagnosis.inference.posterior import PRIOR_SHARES, prior
 from lab.blind.answers import Answer
 from lab.blind.intervals import share
+from lab.blind.metrics import SURE
 from lab.blind.sweeps import BASE
-from lab.blind.worlds.by_mm import FLOORS, HALF, Weighed
-from lab.blind.worlds.make import scatter, table_of, walk_of
+from lab.blind.worlds.by_mm import APART, FLOORS, HALF, Weighed
+from lab.blind.worlds.make import noise_floor, table_of, walk_of
 from lab.blind.worlds.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, WorldRecipe, draw, draw_robot
 from model.effects.catalogue import CATALOGUE
 from sim_fakes.worlds.campaign import (
@@ -48,6 +49,7 @@ from sim_fakes.worlds.campaign import (
     Response,
     Robot,
     Sweep,
+    drifted,
     read,
     respond,
 )
@@ -69,9 +71,6 @@ FREE = (0.1, 0.4, 1.0, 2.0, 4.0)
 """Sizes of an error of no known law, in noise floors or plausible scales."""
 ARM = 0.1
 """m, by which floors become rad."""
-BIG = 1.5
-"""Noise floors that the nearest known effect leaves of a cause that is to be flagged."""
-SURE = 0.9
 DRAWS = 400
 ANALYSES = {
     "own laws, the cause among nine known ones": ("own", True),
@@ -131,19 +130,17 @@ class Campaign:
 
     robot: Robot
     walked: Sweep
-    where: NDArray[np.int64]
+    where: NDArray[np.intp]
+    """The distinct state of each trial."""
 
     def column(self, response: Response, name: str, size: float = 1.0) -> Array:
         """What a change does in all trials, for a size of 1."""
         tip, turns = (np.swapaxes(a[:, self.where], 0, 1) for a in response.by[name][:2])
         found = np.concatenate([tip, turns], axis=-1) / size
         cause = OUTSIDE.get(name)
-        return found if cause is None or cause.course is None else cause.course(self.passed)[:, None, None] * found
-
-    @property
-    def passed(self) -> Array:
-        """Share of the campaign that is over when each trial begins."""
-        return np.clip(np.array([t.start for t in self.walked.trials]) / self.walked.span, 0, 1)
+        return (
+            found if cause is None or cause.course is None else cause.course(self.walked.passed)[:, None, None] * found
+        )
 
     def nuisances(self, response: Response) -> list[Array]:
         """What calibration, trials, mounting, drift and the camera's place change, for one standard deviation each."""
@@ -153,8 +150,8 @@ class Campaign:
             if name in response.by:
                 each = sd * self.column(response, name, STEPS[name])
                 found += [each * (np.arange(count) == t)[:, None, None] for t in range(count)]
-        course = (1 - np.exp(-3 * self.passed)) / (1 - np.exp(-3.0))
-        found.append(world.drift / DRIFT.scale * course[:, None, None] * self.column(response, DRIFT.id))
+        course = drifted(world.drift / DRIFT.scale, self.walked.passed)
+        found.append(course[:, None, None] * self.column(response, DRIFT.id))
         mounting = np.array([t.repeat if world.remounts else 1 for t in self.walked.trials])
         for name in ("tilt_x", "tilt_y"):
             each = np.radians(world.remount) * self.column(response, name, STEPS[name])
@@ -212,8 +209,7 @@ def case(recipe: WorldRecipe, place: int, stratum: str, causes: Sequence[str]) -
     response = respond(
         known, walked, tuple(robot.present), absent | {o: TRIED for o in OUTSIDE if o not in robot.outside}
     )
-    keys = response.keys
-    c = Campaign(robot, walked, np.array([keys.index((t.spine, t.vacuum)) for t in walked.trials]))
+    c = Campaign(robot, walked, response.of(walked))
     size = {**absent, **dict.fromkeys(OUTSIDE, TRIED), **robot.present}
     own = {e: c.column(response, e, size[e]) for e in size}
     families: dict[str, list[Array]] = {e: [] for e in EFFECTS}
@@ -224,8 +220,7 @@ def case(recipe: WorldRecipe, place: int, stratum: str, causes: Sequence[str]) -
             if k < len(FORMS[e]) - 1:
                 families[e].append(c.column(there, e, size[e]))
     readings = read(robot, walked, response, np.random.default_rng([recipe.seed, 7, place, 0]))
-    usual = read(replace(robot, outside={}), walked, response, np.random.default_rng([recipe.seed, 8, place]))
-    floor = scatter(walked, usual)
+    floor = noise_floor(robot, walked, response, recipe.seed, place)
     y = c.beside(response, readings) + sum(s * own[e] for e, s in robot.present.items())
     white = c.whitened(readings.t)
     measured, nuisances = white([y])[:, 0], white(c.nuisances(response))
@@ -325,7 +320,7 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
         outer = [(c, c.answers[name][2]) for c in cases if c.stratum.endswith("outside")]
         right = [(c.stratum.startswith("cluttered"), p, _weighed(c, h).right) for c, h, p, _ in known]
         limit = float(np.quantile([odds for *_, odds in known], 0.9)) if known else 0.0
-        big = [odds for c, odds in outer if c.leaves >= BIG * c.floor]
+        big = [odds for c, odds in outer if c.leaves >= APART * c.floor]
         out[name] = {
             "right by mm, clean": _said([r for cluttered, _, r in right if not cluttered]),
             "right by mm, cluttered": _said([r for cluttered, _, r in right if cluttered]),

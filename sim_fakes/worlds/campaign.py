@@ -92,6 +92,11 @@ class Sweep:
     span: float
     """s of the campaign by which courses count."""
 
+    @property
+    def passed(self) -> Array:
+        """Share of the campaign that is over when each trial begins."""
+        return np.clip(np.array([t.start for t in self.trials]) / self.span, 0, 1)
+
 
 @dataclass(frozen=True)
 class Response:
@@ -103,6 +108,10 @@ class Response:
     markers: Array
     by: Mapping[str, tuple[Array, Array, Array]]
     """Change of tip, rotation vector (body) and markers: for a step of `STEPS`, or what an effect does as it is."""
+
+    def of(self, sweep: Sweep) -> NDArray[np.intp]:
+        """The distinct state of each trial."""
+        return np.array([self.keys.index((t.spine, t.vacuum)) for t in sweep.trials])
 
 
 def respond(
@@ -153,8 +162,14 @@ def respond(
 
 def courses(robot: Robot, sweep: Sweep) -> dict[str, Array]:
     """Size of each outside cause with a course, in each trial, relative to its largest."""
-    passed = np.clip(np.array([t.start for t in sweep.trials]) / sweep.span, 0, 1)
-    return {e: np.asarray(course(passed)) for e in robot.outside if (course := robot.causes[e].course) is not None}
+    return {
+        e: np.asarray(course(sweep.passed)) for e in robot.outside if (course := robot.causes[e].course) is not None
+    }
+
+
+def drifted(whole: float, passed: Array) -> Array:
+    """What has come of a campaign's drift: fast at first, `whole` at its end."""
+    return np.asarray(whole * (1 - np.exp(-3 * passed)) / (1 - np.exp(-3.0)))
 
 
 def tails(rng: np.random.Generator, heavy: bool, shape: int | tuple[int, ...]) -> Array:
@@ -179,12 +194,11 @@ class Readings:
 def read(robot: Robot, sweep: Sweep, response: Response, rng: np.random.Generator) -> Readings:
     """Every trial with its own spine, mounting and time, seen through camera and sensors."""
     world, count = robot.world, len(sweep.trials)
-    where = np.array([response.keys.index((t.spine, t.vacuum)) for t in sweep.trials])
-    passed = np.clip(np.array([t.start for t in sweep.trials]) / sweep.span, 0, 1)
+    where = response.of(sweep)
     amounts = {
         "grown": world.spread * GROWN / STEPS["grown"] * tails(rng, world.heavy, count),
         "jammed": world.spread * JAMMED / STEPS["jammed"] * tails(rng, world.heavy, count),
-        DRIFT.id: robot.drift / DRIFT.scale * (1 - np.exp(-3 * passed)) / (1 - np.exp(-3.0)),
+        DRIFT.id: drifted(robot.drift / DRIFT.scale, sweep.passed),
         **{e: a - 1 for e, a in courses(robot, sweep).items()},
     }
     mounted = np.radians(world.remount) * rng.normal(size=(max(t.repeat for t in sweep.trials), 2))

@@ -36,8 +36,8 @@ def carried(robot: Robot, sweep: Sweep, response: Response) -> Carried:
     for effect in robot.present:
         if effect in response.by:
             d = rows(robot, sweep, response, effect)
-            moves[effect] = _mm(d)
-            left[effect] = _mm(_rest(d, [area])[0])
+            moves[effect] = rms(d)
+            left[effect] = rms(_rest(d, [area])[0])
     return Carried(_sorted(moves), _sorted(left))
 
 
@@ -47,22 +47,21 @@ def nearest(robot: Robot, sweep: Sweep, response: Response, cause: str, effects:
     ("none", mm) where no effect takes a tenth of it away.
     """
     area, d = rows(robot, sweep, response, "area"), rows(robot, sweep, response, cause)
-    best, least = "none", 0.9 * _mm(_rest(d, [area])[0])
+    best, least = "none", 0.9 * rms(_rest(d, [area])[0])
     for effect in effects:
         if effect not in response.by:
             continue
         rest, sizes = _rest(d, [area, rows(robot, sweep, response, effect)])
         if sizes[1] < 0 and EFFECTS[effect].sign != "both":
             continue
-        if (mm := _mm(rest)) < least:
+        if (mm := rms(rest)) < least:
             best, least = effect, mm
-    return best, least if best != "none" else _mm(_rest(d, [area])[0])
+    return best, least if best != "none" else rms(_rest(d, [area])[0])
 
 
 def rows(robot: Robot, sweep: Sweep, response: Response, name: str) -> Array:
     """(T, R, 3) m that one change makes in all trials."""
-    where = [response.keys.index((t.spine, t.vacuum)) for t in sweep.trials]
-    found = np.swapaxes(response.by[name][0][:, where], 0, 1)
+    found = np.swapaxes(response.by[name][0][:, response.of(sweep)], 0, 1)
     course = courses(robot, sweep).get(name)
     return found if course is None else course[:, None, None] * found
 
@@ -74,7 +73,7 @@ def _rest(d: Array, by: Sequence[Array]) -> tuple[Array, Array]:
     return d.reshape(-1) - a @ sizes, sizes
 
 
-def _mm(d: Array) -> float:
+def rms(d: Array) -> float:
     """Root mean square length of the vectors in d, mm."""
     return float(np.sqrt(np.mean(np.sum(d.reshape(-1, 3) ** 2, axis=1))) * MM)
 

@@ -17,6 +17,8 @@ from ..intervals import Interval, bootstrap, share
 from ..metrics import SURE, Metric
 
 HALF, FLOORS = 0.5, 2.0
+APART = 1.5
+"""Noise floors that the nearest known effect leaves of a cause that is to be flagged."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ def _known(name: str, own: Sequence[Weighed]) -> list[Metric]:
 
 def _outside(name: str, own: Sequence[Weighed], known: Sequence[Weighed]) -> list[Metric]:
     # where the nearest known cause explains it, calling it by that name is no error of the data
-    apart = [c for c in own if c.nearest is not None and float(c.nearest["leaves_mm"]) >= 1.5 * c.floor]
+    apart = [c for c in own if c.nearest is not None and float(c.nearest["leaves_mm"]) >= APART * c.floor]
     cluttered = name.startswith("cluttered")
     comparable = [c for c in known if c.stratum.startswith("cluttered") == cluttered] or known
     limit = (

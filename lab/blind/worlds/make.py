@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from recordings.trials import Table, TrialRow
-from sim_fakes.worlds.campaign import Readings, Robot, Trial, courses, read, respond
+from sim_fakes.worlds.campaign import Readings, Response, Robot, Trial, courses, read, respond
 from sim_fakes.worlds.campaign import Sweep as Walked
 from sim_fakes.worlds.carried import TRIED, Carried, carried, nearest
 from sim_fakes.worlds.equilibrium import NoEquilibrium
@@ -117,8 +117,6 @@ def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]
         raise _Unequal
     rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
     readings = read(robot, walked, response, rng)
-    # a cause that comes and goes over the campaign must not raise the floor that it is judged by
-    usual = read(replace(robot, outside={}), walked, response, np.random.default_rng([recipe.seed, 8, order.place]))
     tables = {base.name: table_of(base, readings)}
     for sweep in MENU if order.menu else ():
         later = walk_of(sweep, late=LATER)
@@ -130,7 +128,7 @@ def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]
         closest = {"effect": effect, "leaves_mm": round(left, 3)}
     truth = WorldTruth(
         f"{order.place + 1:04d}", order.stratum, robot, effects, weight.moves, weight.calibrated, closest,
-        floor_mm=scatter(walked, usual),
+        floor_mm=noise_floor(robot, walked, response, recipe.seed, order.place),
     )  # fmt: skip
     return truth, tables
 
@@ -153,6 +151,12 @@ def _comparable(robot: Robot, effects: dict[str, float], walked: Walked) -> tupl
 def _ratio(weight: Carried, pair: Sequence[str]) -> float:
     carry = [weight.calibrated[e] for e in pair]
     return min(carry) / max(max(carry), 1e-9)
+
+
+def noise_floor(robot: Robot, walked: Walked, response: Response, seed: int, place: int) -> float:
+    """mm, scatter of repeats without causes outside the catalogue: one that comes and goes must not raise the floor that it is
+    judged by."""
+    return scatter(walked, read(replace(robot, outside={}), walked, response, np.random.default_rng([seed, 8, place])))
 
 
 def scatter(walked: Walked, readings: Readings) -> float:
