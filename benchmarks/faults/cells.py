@@ -23,7 +23,7 @@ HANG = 20.0
 300 s of rig time, 15 s here; a pause may ask for 2 s more, a driver's own time-outs come to 3 s."""
 CONNECT_HANG = 31.0
 """The same while connecting, where all instruments are tried: the arm's state has 10 s, its motion 20 s, to come."""
-TIME_OUTS = {"pressure": 0.5, "spine": 0.3, "valve": 0.5, "gauge": 0.5, "force": 0.5, "arm": 2.0}
+TIME_OUTS = {"pressure": 0.5, "spine": 0.3, "valve": 0.5, "gauge": 0.5, "force": 0.5, "arm": 3.0}
 """s; longer than the drivers' own, since fakes and lab share the processors of one host."""
 LANDING = 5.0
 """Host seconds from there to the report: 2 s a try, two tries, and half a second."""

@@ -23,8 +23,8 @@ from sim_fakes.rig import FakeRig
 
 from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, Cell, Job, Result, Verdict
 
-ARM_AGE = 1.0
-"""s, of the arm's state: the stream of a fake is late when every processor is busy."""
+ARM = {"max_age": 1.0, "watchdog_frequency": PATIENT["instruments"]["arm"]["watchdog_frequency"]}
+"""Age of its state (s) and kicks of its watchdog (Hz): a fake's stream and ours are late when every processor is busy."""
 LIMIT = 90.0
 """Host seconds after which a cell counts as hung and its worker is killed."""
 QUICK = {
@@ -92,7 +92,7 @@ class Bench:
         for name in STAYS[protocol]:
             file["instruments"].pop(name)
         if "arm" in file["instruments"]:
-            file["instruments"]["arm"] |= {"serial": "20183500000", "max_age": ARM_AGE}
+            file["instruments"]["arm"] |= {"serial": "20183500000"} | ARM
         for name, seconds in TIME_OUTS.items():
             if name in file["instruments"]:
                 file["instruments"][name]["timeout"] = seconds

@@ -31,9 +31,9 @@ from ..files.units import to_si
 
 PATIENT: dict[str, Any] = {
     "instruments": {
-        "arm": {"max_age": 2.0, "timeout": 3.0, "watchdog_frequency": 2.0},
-        "force": {"max_age": 2.0, "timeout": 1.0},
-        "mocap": {"max_age": 2.0},
+        "arm": {"max_age": 5.0, "timeout": 3.0, "watchdog_frequency": 2.0},
+        "force": {"max_age": 5.0, "timeout": 1.0},
+        "mocap": {"max_age": 5.0},
         "pressure": {"timeout": 1.0},
         "spine": {"timeout": 0.5},
         "valve": {"timeout": 1.0},
