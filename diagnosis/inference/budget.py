@@ -43,8 +43,8 @@ LEAST_TOLERATED = 2.0
 """Noise floors that an effect must carry that stands out among the tolerances though no hypothesis names it."""
 TOGETHER = 2 / 3
 """Probability from which effects are named together."""
-LAWS = np.exp(KNOWN.form_errors.max() * ndtri((np.arange(15) + 0.5) / 15))
-"""Factors, each as probable, between what a law and its other forms carry (decision 070)."""
+DEVIATES = ndtri((np.arange(15) + 0.5) / 15)
+"""Standard normal deviates, each as probable, of the logarithm of what another form of a law carries."""
 DRAWS, SEED = 256, 11
 """Of each hypothesis."""
 JITTER, TINY = 1e-8, 1e-300
@@ -64,14 +64,17 @@ class Budget:
     """(d, e) the same in noise floors, of tip or deflection, whichever shows more of it."""
     weight: Array
     """(d,) probability of each draw; they sum to one."""
+    form_error: Array
+    """(d,) share by which laws are wrong there."""
     named: tuple[Hypothesis, ...]
     """(d,) what is named in each draw."""
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
         """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""
-        carried = np.outer(self.metres[:, self.effects.index(effect)], LAWS).ravel()
+        laws = np.exp(np.outer(self.form_error, DEVIATES))
+        carried = (self.metres[:, self.effects.index(effect), None] * laws).ravel()
         order = np.argsort(carried, kind="stable")
-        share = np.cumsum(np.repeat(self.weight, LAWS.size)[order])
+        share = np.cumsum(np.repeat(self.weight, DEVIATES.size)[order])
         at = np.searchsorted(share / share[-1], quantiles).clip(0, len(order) - 1)
         return tuple(float(v) for v in carried[order][at])
 
@@ -106,7 +109,7 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
     p = problem.parameters
     weights = shares(candidates, len(p.ids), temperature).tolist()
     carry = _Carrying(problem, where)
-    metres, floors, weight, named = [], [], [], []
+    metres, floors, weight, form_error, named = [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_WEIGHT:
             continue
@@ -114,9 +117,16 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
         metres.append(m)
         floors.append(f)
         weight += [w / DRAWS] * DRAWS
+        form_error += [_form_error(c)] * DRAWS
         named += [_named(row, p.ids, c.named) for row in f]
     total = np.array(weight)
-    return Budget(p.ids, np.vstack(metres), np.vstack(floors), total / total.sum(), tuple(named))
+    return Budget(p.ids, np.vstack(metres), np.vstack(floors), total / total.sum(), np.array(form_error), tuple(named))
+
+
+def _form_error(c: Candidate) -> float:
+    """Share by which laws may be wrong: what the data say of the named law where nothing else is free to take up what is
+    wrong with it, else the largest (decision 070)."""
+    return c.grid_point.form_error if c.grid_point.spike == 0.0 else float(KNOWN.form_errors.max())
 
 
 def _drawn(mean: Array, covariance: Array) -> Array:
