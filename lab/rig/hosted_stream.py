@@ -25,8 +25,9 @@ from ..files.all_drivers import drivers
 from ..files.clock import RigClock
 from ..guard.priority import come_first
 
-OPEN_WITHIN, CLOSE_WITHIN = 10.0, 5.0
-"""Host seconds. A sound controller sends its state within one or two; the library itself waits without end."""
+OPEN_WITHIN, CLOSE_WITHIN = 20.0, 5.0
+"""Host seconds. A sound controller sends its state within one or two, and a busy computer may take ten to start a process; the
+library itself waits without end."""
 LONGEST_BATCH = 50
 
 
@@ -39,6 +40,7 @@ class HostedArmState:
         self._clock, self._sink = clock, sink
         self._process: subprocess.Popen[bytes] | None = None
         self._line: Connection | None = None
+        self._receiver: threading.Thread | None = None
         self._opened: queue.Queue[Identity | InstrumentError] = queue.Queue()
         self._newest: tuple[float, ArmSample] | None = None
         self._doubt: InstrumentError | None = None
@@ -59,9 +61,10 @@ class HostedArmState:
         self._newest = self._doubt = self._error = None
         self.lost = 0
         ours.send((self.name, self.config.driver, self.config.model_dump_json(), self._clock.speed, self._clock.start))
-        threading.Thread(
+        self._receiver = threading.Thread(
             target=self._receive, args=(ours, self._process, self._opened), name=self.name, daemon=True
-        ).start()
+        )
+        self._receiver.start()
         try:
             outcome = self._opened.get(timeout=OPEN_WITHIN)
         except queue.Empty:
@@ -77,6 +80,7 @@ class HostedArmState:
         """End the stream and its process."""
         line, self._line = self._line, None
         process, self._process = self._process, None
+        receiver, self._receiver = self._receiver, None
         if line is not None:
             with contextlib.suppress(OSError):
                 line.send("close")
@@ -85,6 +89,8 @@ class HostedArmState:
                 process.wait(CLOSE_WITHIN)
             process.kill()
             process.wait()
+        if receiver is not None:
+            receiver.join(CLOSE_WITHIN)  # the process has ended, and with it the line: nobody reads what is closed now
         if line is not None:
             line.close()
 
