@@ -236,15 +236,15 @@ class Problem:
             done = self.response(theta, predicted, effect)
             if np.isfinite(done).all() and done.any():
                 responses[effect] = done
-                columns.append(self._form_error_of(done))
+                columns.append(self.form_error_of(done))
                 leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
         p = self.parameters
         tolerated = [e not in named for e in p.ids]
         white = ((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members)[:, tolerated]
         # Any rotation of what the effects do has the same errors, all of them together.
-        together = [self._form_error_of(self.noise.colour(own)) for own in _leading(white).T]
+        together = [self.form_error_of(self.noise.colour(own)) for own in leading(white).T]
         if together:
-            columns.append(_leading(np.hstack(together)))
+            columns.append(leading(np.hstack(together)))
         return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
 
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:
@@ -254,9 +254,9 @@ class Problem:
         without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
         return np.asarray(predicted - self.forward.predict(without))
 
-    def _form_error_of(self, done: Array) -> Array:
+    def form_error_of(self, done: Array) -> Array:
         """Columns (n, r) of the model-form error of an effect that does so much to the values (n,)."""
-        return _leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis))
+        return leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis))
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""
@@ -268,7 +268,7 @@ class Problem:
         return self.noise.whiten(self.observed - self.forward.predict(theta))
 
 
-def _leading(columns: Array) -> Array:
+def leading(columns: Array) -> Array:
     """Fewer columns (n, r) with which unit normal coefficients draw nearly the same as with these (n, c)."""
     value, vector = np.linalg.eigh(columns.T @ columns)
     return np.asarray(columns @ vector[:, value > LEAST_COLUMN**2])
