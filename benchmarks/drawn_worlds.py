@@ -28,7 +28,7 @@ from diagnosis.inference.budget import Part, budget, by_what_is_carried, parts
 from diagnosis.inference.evidence import KNOWN, NONE, SPIKES, Hypothesis, weigh
 from diagnosis.inference.linear import Linear
 from diagnosis.inference.posterior import PRIOR_SHARES, posterior
-from diagnosis.inference.prepare import prepare
+from diagnosis.inference.prepare import Prepared, prepare
 from diagnosis.inference.problem import Problem, leading
 from diagnosis.inference.search import Candidate, Search
 from lab.blind.metrics import SURE
@@ -69,10 +69,8 @@ class Design:
     """That can be drawn."""
 
     @classmethod
-    def of(cls, folder: Path) -> Design:
-        """Of a case folder."""
-        case = read_case([folder])
-        prepared = prepare(case.robot, states(case)[0])
+    def of(cls, prepared: Prepared) -> Design:
+        """Of a campaign."""
         none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
         p, columns = prepared.problem.parameters, none.fit.linear.effects
         seen = [e for e in p.ids if (columns[:, p.mask((e,)) & p.sizes] ** 2).sum() > LEAST]
@@ -144,9 +142,14 @@ def candidates(d: Design, y: Array, form_errors: dict[Hypothesis, Array]) -> Ite
             yield Candidate(named, found, d.none.fit, found.peak(grid), with_tolerances)
 
 
-def judged(worlds: int, seed: int, folder: Path) -> list[Weighed]:
-    """Worlds drawn under the design of a case."""
-    d = Design.of(folder)
+def judged_folder(worlds: int, seed: int, folder: Path) -> list[Weighed]:
+    """Worlds drawn under the design of a case folder."""
+    case = read_case([folder])
+    return judged(Design.of(prepare(case.robot, states(case)[0])), worlds, seed, str(folder))
+
+
+def judged(d: Design, worlds: int, seed: int, name: str) -> list[Weighed]:
+    """Worlds drawn under a design."""
     form_errors = {named: d.form_errors(named) for named in (NONE, *((e,) for e in d.effects))}
     rng, out = np.random.default_rng(seed), []
     for _ in range(worlds):
@@ -156,7 +159,7 @@ def judged(worlds: int, seed: int, folder: Path) -> list[Weighed]:
             whole = posterior([c for c in tried if c.with_tolerances], len(d.effects), temperature)
             found = by_what_is_carried(budget(d.problem, d.where, tried, temperature), whole)
             named, stated = found.ranking[0]
-            out.append(Weighed(folder.name, temperature, stated, right(named, carried)))
+            out.append(Weighed(name, temperature, stated, right(named, carried)))
     return out
 
 
@@ -194,7 +197,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     a = parser.parse_args()
-    do = partial(judged, a.worlds, a.seed)
+    do = partial(judged_folder, a.worlds, a.seed)
     found = [w for each in spread(do, a.cases, Crew(a.workers), "worlds") for w in each]
     Console(highlight=False).print(table(found))
     if a.json is not None:

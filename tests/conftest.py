@@ -43,6 +43,7 @@ GROUPS = {
     "test_diagnose_verb.py": RODS,
     "test_diagnosis_page.py": RODS,
     "test_docstring_examples.py": RODS,
+    "test_drawn_worlds.py": RODS,
     "test_effects_verb.py": RODS,
     "test_paper.py": RODS,
     "test_paper_findings.py": RODS,

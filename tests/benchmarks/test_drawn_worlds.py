@@ -1,0 +1,55 @@
+"""Worlds drawn under a design: what is right by mm, and that what is drawn is found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.drawn_worlds import TEMPERATURES, Design, drawn, judged, right
+from diagnosis.data.case import states
+from diagnosis.inference.prepare import prepare
+from model.effects.catalogue import CATALOGUE
+from tests.diagnosis.small_campaigns import FEW, ROBOT, measured
+
+EFFECTS = ("base_tilt", "chamber_azimuth", "spine_slip")
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    own = states(measured(2, 4, FEW))[0]
+    return Design.of(prepare(ROBOT, own, catalogue={e: CATALOGUE[e] for e in EFFECTS}))
+
+
+@pytest.mark.parametrize(
+    ("named", "carried", "expected"),
+    [
+        (("a",), {"a": 5.0, "b": 4.0}, True),
+        (("b",), {"a": 5.0, "b": 2.0}, False),
+        (("a", "b"), {"a": 5.0, "b": 3.0}, True),
+        (("b",), {"a": 1.5, "b": 0.9}, False),  # less than a floor
+        ((), {"a": 1.9, "b": 0.9}, True),
+        ((), {"a": 2.1, "b": 0.9}, False),
+    ],
+)
+def test_right_is_right_by_mm(named: tuple[str, ...], carried: dict[str, float], expected: bool) -> None:
+    assert right(named, carried) == expected
+
+
+def test_readings_hold_what_the_effects_of_a_world_do(design: Design) -> None:
+    far = 0
+    for seed in range(6):
+        y, carried = drawn(design, np.random.default_rng(seed))
+        assert set(carried) == set(design.effects) <= set(EFFECTS)
+        if max(carried.values()) > 5.0:
+            assert design.floors(y) > 0.5 * max(carried.values())
+            far += 1
+    assert far >= 2
+
+
+def test_a_design_that_tells_its_effects_apart_says_so(design: Design) -> None:
+    found = judged(design, 6, 3, "few")
+    assert len(found) == 6 * len(TEMPERATURES) and all(0.0 <= w.stated <= 1.0 + 1e-9 for w in found)
+    at_one = [w for w in found if w.temperature == 1.0]
+    assert sum(w.right for w in at_one) >= 5
+    hottest = [w.stated for w in found if w.temperature == max(TEMPERATURES)]
+    assert np.mean(hottest) < np.mean([w.stated for w in at_one])
