@@ -67,7 +67,7 @@ def _verdict(f: Facts) -> str:
         return f"Cause: {named} ({_sure(f)})."
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        return f"Most probable cause: {named} ({_sure(f)}); the data do not exclude {_list(f.rivals)}.{by}"
+        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_list(f.rivals)}.{by}"
     if f.conclusion == "none":
         return f"No cause: no effect accounts for enough above the noise floor ({_sure(f)})."
     if f.conclusion == "noise":

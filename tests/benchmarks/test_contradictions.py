@@ -30,7 +30,7 @@ SOUND: dict[str, Any] = {
     "waterfall": {"given_mm": 9.0, "steps": [{"mm": 5.0}, {"mm": 3.0}, {"mm": 1.0}]},
 }
 BROKEN: dict[str, list[tuple[str, Any]]] = {
-    "named_and_doubted": [("statement", "Most probable cause: contact; the data do not exclude self_weight.")],
+    "named_and_doubted": [("statement", "Behaves most like contact; the data do not exclude self_weight.")],
     "conclusion_and_verdict": [("attribute.verdict", "unknown"), ("attribute.probability", 0.6)],
     "named_without_millimetres": [("budget", [{"effect": "self_weight", "role": "named"}])],
     "unseen_and_told": [("statement", "Cause: contact. Also present: time_offset 0.10 mm.")],

@@ -20,7 +20,7 @@ MATERIAL = (StageError("material", "time", 20.0),)
 BOTH = (StageError("material", "time", 5.0), StageError("load", "pressure", 5.0))
 HEADS = (
     "Cause: ",
-    "Most probable cause: ",
+    "Behaves most like ",
     "not in the catalogue (p",
     "not in the catalogue; it",
     "No cause: ",
