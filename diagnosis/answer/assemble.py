@@ -107,7 +107,7 @@ def attribute_section(f: Attribution, significant: bool, unseen: HeldOutErrors |
     d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, f.posterior, significant, f.asking), rivals(d, f.posterior),
+        conclude(d, significant, f.asking), rivals(d, f.posterior),
     )  # fmt: skip
 
 

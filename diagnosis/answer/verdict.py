@@ -1,7 +1,7 @@
 """What is answered, as deep as the data carry. docs/explanations/diagnosis.md has the table, `sentences` the words.
 
-cause             named: no other hypothesis that names an effect is in the 95 % set
-one of several    a cause is most probable, others are in the 95 % set
+cause             named, with a probability of 0.9 at least
+one of several    named with less: the data do not exclude others
 stage             outside the catalogue; one stage of the chain asks for an error of its own
 outside           outside the catalogue
 none              no effect accounts for enough above the noise floor
@@ -22,6 +22,8 @@ from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
 from .result import Conclusion, Verdict
 
+SURE = 0.9
+"""Probability from which a robot has a cause; below, it behaves like one that has."""
 STAGE_SHARE = 0.8
 """Of the evidence for free-form errors that one stage must have to be named."""
 
@@ -57,19 +59,19 @@ def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: boo
 
 
 def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
-    """Effects of the 95 % set that are not named, most probable first; only where a cause is named."""
-    if d.verdict != "effect":
+    """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
+    if d.verdict != "effect" or d.probability >= SURE:
         return ()
     others = (h for h in posterior.credible_set if h not in (NONE, UNKNOWN, d.effects))
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 
-def conclude(d: Decision, posterior: Posterior, gap: bool, asking: Sequence[StageError]) -> Conclusion:
+def conclude(d: Decision, gap: bool, asking: Sequence[StageError]) -> Conclusion:
     """As deep as the data carry; `gap` whether it is anywhere above the noise floor."""
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
-        return "one of several" if rivals(d, posterior) else "cause"
+        return "cause" if d.probability >= SURE else "one of several"
     if d.verdict == "none":
         return "none" if gap else "noise"
     return "stage" if stage(asking) else "outside"

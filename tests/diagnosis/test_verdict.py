@@ -40,7 +40,7 @@ def facts(
 ) -> Facts:
     d = decide(posterior, CALIBRATED, enough)
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
-    conclusion = conclude(d, posterior, gap, asking)
+    conclusion = conclude(d, gap, asking)
     return Facts(
         d, conclusion, WHERE, "bench", budget, rivals=rivals(d, posterior), nearest=("base_tilt",), asking=asking
     )
@@ -48,6 +48,7 @@ def facts(
 
 SURE = weighed(base_tilt=0.97, none=0.025, unknown=0.005)
 OPEN = weighed(base_tilt=0.72, weight=0.13, none=0.1, unknown=0.05)
+ALONE, STRANGE = weighed(base_tilt=0.72, none=0.2, unknown=0.08), weighed(base_tilt=0.72, none=0.08, unknown=0.2)
 OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8, base_tilt=0.15, unknown=0.05)
 
 
@@ -57,6 +58,8 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
         (facts(SURE), "cause", "Cause: base_tilt (p = 0.97; bench)."),
         (facts(OPEN), "one of several", "base_tilt (p = 0.72; 0.76 if it is in the catalogue; bench)"),
         (facts(OPEN), "one of several", "do not exclude weight."),
+        (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
+        (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
         (facts(OUTSIDE), "stage", "in the material, with an error that varies with time (p = 0.60; bench)"),
         (facts(OUTSIDE, asking=BOTH), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
         (facts(OUTSIDE, asking=()), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
@@ -87,7 +90,11 @@ def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> N
 
 @pytest.mark.parametrize(
     ("posterior", "enough", "gap", "asking"),
-    list(itertools.product((SURE, OPEN, OUTSIDE, NONE), (True, False), (True, False), (MATERIAL, BOTH, ()))),
+    list(
+        itertools.product(
+            (SURE, OPEN, ALONE, STRANGE, OUTSIDE, NONE), (True, False), (True, False), (MATERIAL, BOTH, ())
+        )
+    ),
 )
 def test_no_two_sentences_contradict(
     posterior: Posterior, enough: bool, gap: bool, asking: tuple[StageError, ...]
