@@ -6,11 +6,8 @@ import contextlib
 import os
 import threading
 import time
-from pathlib import Path
 
 PRIORITY = -10
-SESSION = -20
-"""Of a fake's own session among the others: Linux schedules by session first (sched(7), autogroup)."""
 LATE = 0.1
 """Host s between two looks beyond which a fake was not awake: it did not hear what came meanwhile."""
 
@@ -19,14 +16,6 @@ def punctual() -> None:
     """Put the calling thread (Linux) before others. Without CAP_SYS_NICE the system says no, and all stays as it is."""
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), PRIORITY)
-
-
-def punctual_session() -> None:
-    """The same for a process that leads a session of its own, as a fake does that is a process."""
-    punctual()
-    if os.getsid(0) == os.getpid():
-        with contextlib.suppress(OSError):
-            Path("/proc/self/autogroup").write_text(str(SESSION), encoding="ascii")
 
 
 class Silence:

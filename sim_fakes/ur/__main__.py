@@ -11,7 +11,7 @@ import threading
 import time
 
 from ..loopback import loopback
-from ..punctual import punctual_session
+from ..punctual import punctual
 from .controller import Controller
 from .server import Address, Server
 from .variables import Version
@@ -61,7 +61,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.die_with_parent:
         threading.Thread(target=_end_with_parent, daemon=True).start()
-    punctual_session()
+    punctual()
     controller = Controller(arguments.version, arguments.speed, arguments.seed)
     start = time.monotonic() if arguments.clock_start is None else arguments.clock_start
     server = Server(controller, arguments.host, start)

@@ -65,7 +65,7 @@ class UrProcess:
             command += ["--pose-to", f"{pose_to[0]}:{pose_to[1]}"]
         if clock_start is not None:
             command += ["--clock-start", repr(clock_start)]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self._line: socket.socket | None = None
         self._wait_until_ready()
 
