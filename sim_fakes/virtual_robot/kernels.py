@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numba
 
-kernel = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-"""Decorator: compiled once and cached, runs without the interpreter lock, may fuse multiply-adds."""
+kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
+"""Decorator: compiled once and cached, runs without the interpreter lock; strictly rounded, so that bits repeat."""
 
 
 def forget_stale_cache(folder: Path) -> None:
