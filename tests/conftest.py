@@ -2,18 +2,23 @@
 than it computes, but three starve each other on two processors; what would starve a rig (a cluster of processes) is with them.
 Whatever solves rods shares another, since each kind of rod is compiled once, in the process that first needs it. On one
 processor one process runs it all. All others stay together file by file. What talks to instruments is late when
-it may not run at once: all else has a lower priority."""
+it may not run at once: it comes before other programs where the system allows it, as the guard does, and all else steps
+back."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
+
+from lab.guard.priority import SESSION
 
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
@@ -59,7 +64,8 @@ ORDER = (WHOLE, SAFETY, RODS, CALLS, "drivers")
 forward."""
 AT_FIRST = os.getpriority(os.PRIO_PROCESS, 0)
 STEPPED_BACK = max(AT_FIRST, 15)
-"""Niceness of what talks to instruments, and of all else."""
+"""Niceness of what talks to instruments, and of all else. Linux schedules by session first (`lab.guard.priority`): among sessions
+what talks to instruments has the guard's place, and all else that of any other program."""
 
 settings.register_profile("lab", deadline=None)
 settings.load_profile("lab")
@@ -93,13 +99,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=place)
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """A process of several has a session of its own."""
+    if hasattr(config, "workerinput"):
+        os.setsid()
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Beside other processes, whatever does not talk to instruments steps back."""
-    if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")) > 1:
+    """Beside other processes, whatever talks to instruments comes first and all else steps back."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
         name = group(item.nodeid)
         talks = name in (WHOLE, SAFETY, CALLS) or name.startswith("drivers/")
-        with contextlib.suppress(OSError):  # who may not come forward stays where it is
-            os.setpriority(os.PRIO_PROCESS, 0, AT_FIRST if talks else STEPPED_BACK)
+        take_place(SESSION if talks else 0, AT_FIRST if talks else STEPPED_BACK)
+
+
+@functools.lru_cache(1)
+def take_place(session: int, niceness: int) -> None:
+    """Of this process's session, and of the process; who may not come forward stays where it is."""
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
+    with contextlib.suppress(OSError):
+        Path("/proc/self/autogroup").write_text(str(session), encoding="ascii")
 
 
 @pytest.fixture(scope="session")
