@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis.answer.sentences import EXPLAINS
+from diagnosis.answer.verdict import SURE
 
 Answer = dict[str, Any]
-SURE = 0.9
 SAME = 1e-6
 """mm by which numbers that must add up may differ."""
 

@@ -23,17 +23,17 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from diagnosis.answer.verdict import SURE
 from diagnosis.data.case import states
-from diagnosis.inference.budget import Part, budget, by_what_is_carried, parts
+from diagnosis.inference.budget import Part, budget, by_what_is_carried, carried, parts
 from diagnosis.inference.evidence import KNOWN, NONE, SPIKES, Hypothesis, weigh
 from diagnosis.inference.linear import Linear
 from diagnosis.inference.posterior import PRIOR_SHARES, posterior
 from diagnosis.inference.prepare import Prepared, prepare
 from diagnosis.inference.problem import Problem, leading
 from diagnosis.inference.search import Candidate, Search
-from lab.blind.metrics import SURE
 from lab.blind.workers import Crew, spread
-from lab.blind.worlds.by_mm import FLOORS, HALF
+from lab.blind.worlds.by_mm import right
 from lab.files.inputs import read_case
 
 Array = NDArray[np.float64]
@@ -89,14 +89,8 @@ class Design:
     def floors(self, white: Array) -> float:
         """Noise floors that a whitened response (n,) carries after calibration."""
         done = self.problem.noise.colour(white)[:, None]
-        found = []
-        for part in self.where:
-            unit = part.unit[:, None]
-            left = self.problem.parameters.beyond_calibration(
-                done[part.rows] * unit, self.none.fit.slope[part.rows] * unit
-            )
-            found.append(float(np.sqrt((left**2).sum() / part.states)) / part.floor)
-        return max(found)
+        squares = carried(self.problem, self.where, self.none.fit.slope, done)
+        return max(float(np.sqrt(s[0, 0])) / part.floor for s, part in zip(squares, self.where, strict=True))
 
     def form_errors(self, named: Hypothesis) -> Array:
         """Columns of what may be wrong with the laws: of what is named at its plausible scale, of all else at its tolerance."""
@@ -115,8 +109,8 @@ def drawn(d: Design, rng: np.random.Generator) -> tuple[Array, dict[str, float]]
     size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
     y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
     cause = "" if rng.random() < PRIOR_SHARES[0] else str(rng.choice(d.effects))
-    clutter, carried = rng.choice(CLUTTER), {}
-    basis = np.sqrt(0.5) * np.hstack([d.problem.shared_basis, d.problem.channel_basis])
+    clutter, amounts = rng.choice(CLUTTER), {}
+    basis = d.problem.form_error_basis
     for effect in d.effects:
         own = d.sizes(effect)
         way = rng.standard_normal(len(own))
@@ -127,9 +121,9 @@ def drawn(d: Design, rng: np.random.Generator) -> tuple[Array, dict[str, float]]
         done = noise.colour(linear.effects[:, own] @ theta)
         law_error = rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
         white = noise.whiten(done * (1 + law_error))
-        carried[effect] = d.floors(white)
+        amounts[effect] = d.floors(white)
         y += white
-    return y, carried
+    return y, amounts
 
 
 def candidates(d: Design, y: Array, form_errors: dict[Hypothesis, Array]) -> Iterator[Candidate]:
@@ -153,20 +147,14 @@ def judged(d: Design, worlds: int, seed: int, name: str) -> list[Weighed]:
     form_errors = {named: d.form_errors(named) for named in (NONE, *((e,) for e in d.effects))}
     rng, out = np.random.default_rng(seed), []
     for _ in range(worlds):
-        y, carried = drawn(d, rng)
+        y, amounts = drawn(d, rng)
         tried = list(candidates(d, y, form_errors))
         for temperature in TEMPERATURES:
             whole = posterior([c for c in tried if c.with_tolerances], len(d.effects), temperature)
             found = by_what_is_carried(budget(d.problem, d.where, tried, temperature), whole)
             named, stated = found.ranking[0]
-            out.append(Weighed(name, temperature, stated, right(named, carried)))
+            out.append(Weighed(name, temperature, stated, right(named, amounts, 1.0)))
     return out
-
-
-def right(named: Hypothesis, carried: dict[str, float]) -> bool:
-    """Right by mm, as on the blind bench; `carried` in noise floors."""
-    most = max(carried.values())
-    return all(carried.get(e, 0.0) >= max(HALF * most, 1.0) for e in named) if named else most < FLOORS
 
 
 def table(found: Sequence[Weighed]) -> Table:

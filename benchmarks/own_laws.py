@@ -29,11 +29,11 @@ from rich.progress import track
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.special import logsumexp
 
+from diagnosis.answer.verdict import SURE
 from diagnosis.criticism.stage_errors import smooth_functions
 from diagnosis.inference.posterior import PRIOR_SHARES, prior
 from lab.blind.answers import Answer
 from lab.blind.intervals import share
-from lab.blind.metrics import SURE
 from lab.blind.sweeps import BASE
 from lab.blind.worlds.by_mm import APART, FLOORS, HALF, Weighed
 from lab.blind.worlds.make import noise_floor, table_of, walk_of

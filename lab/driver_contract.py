@@ -26,7 +26,7 @@ from sim_fakes.ur.process import free_host
 
 from .files.all_drivers import drivers
 from .files.clock import RigClock
-from .verbs.fakes import found_fakes
+from .verbs.fakes import PATIENT, found_fakes
 
 SPEED = 20.0
 HOSES = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
@@ -48,9 +48,7 @@ CALLS: dict[str, tuple[Callable[[Any], Any], ...]] = {
 """What may be asked of each kind."""
 STREAMS = ("force", "mocap", "sensor")
 POLLED = ("pressure", "spine", "valve", "gauge", "force")
-"""Answers within milliseconds, so time-outs may be short."""
-PATIENT = {"max_age": 2.0, "timeout": 3.0, "watchdog_frequency": 2.0}
-"""Of the others (host s), where they have them: they share the processors with everything else."""
+"""Answers within milliseconds, so time-outs may be short; the others share the processors with everything else."""
 
 
 @dataclass
@@ -110,7 +108,7 @@ def unit(request: pytest.FixtureRequest) -> Iterator[Unit]:
     if fake.role == "pressure":
         table |= {"chambers": HOSES, "full_scale": site.full_scale, "max_pressure": 2 * ASKED}
     kind = drivers()[request.param]
-    known = {"timeout": 0.5} if fake.role in POLLED else PATIENT
+    known = {"timeout": 0.5} if fake.role in POLLED else PATIENT["instruments"]["arm"]
     made = Unit(fake.role, None, parts, site.plant, _config(kind.config, table, known))
     made.driver = made.another()
     yield made

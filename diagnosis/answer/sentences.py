@@ -67,7 +67,7 @@ def _verdict(f: Facts) -> str:
         return f"Cause: {named} ({_sure(f)})."
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_excluded_not(f)}.{by}"
+        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}"
     if f.conclusion == "none":
         return f"No cause: no effect accounts for enough above the noise floor ({_sure(f)})."
     if f.conclusion == "noise":
@@ -84,7 +84,7 @@ def _verdict(f: Facts) -> str:
     return f"The cause is not in the catalogue ({_sure(f)})."
 
 
-def _excluded_not(f: Facts) -> str:
+def _others(f: Facts) -> str:
     """What else it may be, where an effect is named and not sure."""
     if f.rivals:
         return _list(f.rivals)

@@ -104,6 +104,17 @@ def parts(prepared: Prepared) -> tuple[Part, ...]:
     return tuple(found)
 
 
+def carried(problem: Problem, where: Sequence[Part], slope: Array, columns: Array) -> list[Array]:
+    """For tips and for forces: products (c, c) in m^2, mean over the states, of columns (n, c) after calibration, where the
+    model has the slope (n, k)."""
+    found = []
+    for part in where:
+        rows, unit = part.rows, part.unit[:, None]
+        left = problem.parameters.beyond_calibration(columns[rows] * unit, slope[rows] * unit)
+        found.append(left.T @ left / part.states)
+    return found
+
+
 def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate], temperature: float) -> Budget:
     """Draw from candidates of the catalogue (without and with tolerances each by itself); `temperature` divides log evidence."""
     p = problem.parameters
@@ -221,7 +232,7 @@ class _Carrying:
         for effect in p.ids:
             own = [i for i, e in enumerate(p.effects) if e == effect]
             columns = np.column_stack([fit.slope[:, own] * p.sd[own], exact.get(effect, fit.slope[:, own] @ at[own])])
-            products = self._of_columns(fit, columns)
+            products = carried(self._problem, self._parts, fit.slope, columns)
             if effect not in exact and any(
                 m[-1, -1] > (LEAST_CARRIED * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
             ):
@@ -229,16 +240,7 @@ class _Carrying:
                 done = self._problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(done).all():
                     columns[:, -1] = done
-                    products = self._of_columns(fit, columns)
+                    products = carried(self._problem, self._parts, fit.slope, columns)
             for squares, product in zip(found, products, strict=True):
                 squares[effect] = product
-        return found
-
-    def _of_columns(self, fit: Fit, columns: Array) -> list[Array]:
-        """For tips and for forces: products (c, c), mean over the states, of columns (n, c) after calibration."""
-        p, found = self._problem.parameters, []
-        for part in self._parts:
-            rows, unit = part.rows, part.unit[:, None]
-            left = p.beyond_calibration(columns[rows] * unit, fit.slope[rows] * unit)
-            found.append(left.T @ left / part.states)
         return found

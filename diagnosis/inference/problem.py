@@ -191,9 +191,9 @@ class Problem:
         return self.noise.whiten(self.discrepancy)
 
     @cached_property
-    def _form_error_basis(self) -> Array:
-        """(n, a + b) shared and channel basis."""
-        return np.hstack([self.shared_basis, self.channel_basis])
+    def form_error_basis(self) -> Array:
+        """(n, a + b) of a factor of standard deviation 1: shared and channel basis, half of the variance each."""
+        return np.sqrt(0.5) * np.hstack([self.shared_basis, self.channel_basis])
 
     @cached_property
     def _gram(self) -> Array:
@@ -256,7 +256,7 @@ class Problem:
 
     def form_error_of(self, done: Array) -> Array:
         """Columns (n, r) of the model-form error of an effect that does so much to the values (n,)."""
-        return leading(self.noise.whiten(np.sqrt(0.5) * done[:, None] * self._form_error_basis))
+        return leading(self.noise.whiten(done[:, None] * self.form_error_basis))
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""

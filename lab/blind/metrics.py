@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.answer.verdict import SURE
+
 from .answers import Answer, Effects
 from .intervals import Interval, bootstrap, share
 from .sizes import true_size, within_90
 
 Array = NDArray[np.float64]
-SURE = 0.9
-"""Probability from which an answer counts as sure."""
 FALSE_FLAGS = 0.10
 """False flags that are allowed when unknowns are flagged by their score."""
 LEAST_PROBABILITY = 1e-4

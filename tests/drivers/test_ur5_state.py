@@ -96,9 +96,8 @@ def test_a_frozen_controller_makes_the_reading_stale_and_its_gap_is_counted(rig:
     before = stream.driver.lost
     rig.fake.backdoor("freeze", seconds=1.8)  # the stream of a busy computer is late by some of it
     wait_until(lambda: "limit 0.2 s" in stale(stream))
-    wait_until(
-        lambda: stream.driver.lost - before >= 1.4 / 0.008
-    )  # a busy computer's own gaps are counted by themselves
+    # A busy computer's own gaps are counted by themselves.
+    wait_until(lambda: stream.driver.lost - before >= 1.4 / 0.008)
     wait_until(lambda: not stale(stream))
     assert stream.driver.latest().device_time > 0
     accounted(stream)

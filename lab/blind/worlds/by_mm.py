@@ -6,19 +6,28 @@ floor (the scatter of repeats); where nothing carries two floors, none is right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from diagnosis.answer.verdict import SURE
+
 from ..answers import Answer
 from ..intervals import Interval, bootstrap, share
-from ..metrics import SURE, Metric
+from ..metrics import Metric
 
 HALF, FLOORS = 0.5, 2.0
 APART = 1.5
 """Noise floors that the nearest known effect leaves of a cause that is to be flagged."""
+
+
+def right(named: Collection[str], carries: Mapping[str, float], floor: float) -> bool:
+    """Whether what is named, or that nothing is, is right where effects carry so much; `floor` in the same unit."""
+    most = max(carries.values(), default=0.0)
+    least = max(HALF * most, floor)
+    return all(carries.get(e, 0.0) >= least for e in named) if named else most < FLOORS * floor
 
 
 @dataclass(frozen=True)
@@ -45,16 +54,13 @@ class Weighed:
         """mm of the largest carrier."""
         return max(self.carries.values(), default=0.0)
 
-    def carrier(self, effect: str) -> bool:
-        """Whether an effect may be named."""
-        return self.carries.get(effect, 0.0) >= max(HALF * self.most, self.floor)
-
     @property
     def right(self) -> bool:
         """Right by mm."""
-        if self.answer.verdict == "effect":
-            return bool(self.answer.effects) and all(map(self.carrier, self.answer.effects))
-        return self.answer.verdict == "none" and self.most < FLOORS * self.floor
+        effects = self.answer.effects
+        return (self.answer.verdict == "none" and self.most < FLOORS * self.floor) or (
+            self.answer.verdict == "effect" and bool(effects) and right(effects, self.carries, self.floor)
+        )
 
     @property
     def truth_named(self) -> bool:
@@ -64,7 +70,7 @@ class Weighed:
     @property
     def spurious(self) -> bool:
         """Something is named that carries less than half of the largest, or less than a floor."""
-        return self.answer.verdict == "effect" and not all(map(self.carrier, self.answer.effects))
+        return self.answer.verdict == "effect" and not right(self.answer.effects, self.carries, self.floor)
 
     @property
     def covered(self) -> bool:
