@@ -153,7 +153,7 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
         home(bench)
         for repeat, _, spine in sweeps:
             bench.check_stop()
-            bench.say(f"{_reach(spine, vacuum).capitalize()} (repeat {repeat} of {p.repeats})")
+            bench.say(f"Repeat {repeat} of {p.repeats}: {_reach(spine, vacuum)}")
             ambient = through_pauses(bench, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)

@@ -141,7 +141,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
     home(bench)
     for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.lengths), 2 + p.steps):
         bench.check_stop()
-        bench.say(f"{p.specimen.capitalize()} with the spine at {spine * 100:g} cm (repeat {repeat} of {p.repeats})")
+        bench.say(f"Repeat {repeat} of {p.repeats}: {p.specimen} with the spine at {spine * 100:g} cm")
         ambient = through_pauses(bench, partial(_grow, bench, p, probe, spine))
         trials.step_done()
         trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, specimen=p.specimen)
