@@ -182,6 +182,7 @@ def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Arr
     return {
         "waterfall_mm": missed,
         "floor_mm": pushes.noise_floor * MM,
+        "floor_from_repeats": noise.contrasts > 0,
         "floor": {**noise.channel, "deflection": noise.pressure, "trial": dict(noise.trial)},
         "trial": p.states.trial[own].tolist(),
         "specimen": [r.specimen or "spine" for r, pushed in zip(p.states.rows, own, strict=True) if pushed],

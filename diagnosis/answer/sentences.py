@@ -173,9 +173,13 @@ def _odd(f: Facts) -> str:
 
 def stiffness_sentence(pushes: Mapping[str, Any], d: Decision) -> str:
     """A sentence about the stiffness trials beside tips; `pushes` is the diagnosis' detail of them."""
-    missed, floor = pushes["waterfall_mm"], pushes["floor_mm"]
+    before, after = (pushes["waterfall_mm"][name] for name in ("calibrated", "explained"))
+    floor = pushes["floor_mm"]
+    of = "noise floor" if pushes["floor_from_repeats"] else "none was repeated; assumed noise floor"
     text = (
-        "The calibrated model misses the deflections of the stiffness trials by "
-        f"{missed['calibrated']:.3f} mm rms (in-sample; noise floor {floor:.3f} mm)"
+        f"The calibrated model misses the deflections of the stiffness trials by {before:.3f} mm rms (in-sample; {of} "
+        f"{floor:.3f} mm)"
     )
-    return f"{text}." if d.verdict != "effect" else f"{text}; with the cause, by {missed['explained']:.3f} mm."
+    if d.verdict != "effect":
+        return f"{text}."
+    return f"{text}; with the cause, by " + ("as much." if f"{after:.3f}" == f"{before:.3f}" else f"{after:.3f} mm.")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
-WIDTH, HEIGHT = 1000, 1210
+WIDTH, HEIGHT = 1000, 1185
 """Of the page, px: its first sentence and the gap step by step."""
 
 

@@ -208,12 +208,13 @@ def _by_factor(s: Section, d: Diagnosis) -> None:
 
 def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     found = d.detail["stiffness"]
+    floor = "noise floor" if found["floor_from_repeats"] else "noise floor as assumed: nothing was repeated"
     s.figure(
         draw_pushes(found, folder / "pushes.svg"),
-        "Force error over the specimen's stiffness, as a deflection; grey: noise floor",
+        f"Force error over the specimen's stiffness, as a deflection; grey: {floor}",
     )
     rows = [[name, f"{value:.3f}"] for name, value in found["waterfall_mm"].items()]
-    s.table(("model", "deflection error, mm rms"), [*rows, ["noise floor", f"{found['floor_mm']:.3f}"]])
+    s.table(("model", "deflection error, mm rms"), [*rows, [floor, f"{found['floor_mm']:.3f}"]])
 
 
 def _at(factor: str, value: float | str) -> str:

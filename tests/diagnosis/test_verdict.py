@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from diagnosis.answer.result import Absorbed, Carries, Locate, Shrink, Step, Waterfall
-from diagnosis.answer.sentences import Facts, statement
+from diagnosis.answer.sentences import Facts, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.probability_calibration import CALIBRATED
 from diagnosis.criticism.stage_errors import StageError
@@ -114,3 +114,21 @@ def test_no_two_sentences_contradict(
             assert ("worse" in text) == named
         if share is not None and share >= 0.5:
             assert "does not explain" not in text and "worse" not in text
+
+
+@pytest.mark.parametrize(
+    ("repeated", "after", "told"),
+    [
+        (True, 0.02, "by 0.046 mm rms (in-sample; noise floor 0.327 mm); with the cause, by 0.020 mm."),
+        (True, 0.0461, "(in-sample; noise floor 0.327 mm); with the cause, by as much."),
+        (False, 0.02, "(in-sample; none was repeated; assumed noise floor 0.327 mm); with the cause, by 0.020 mm."),
+    ],
+)
+def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: float, told: str) -> None:
+    detail = {
+        "waterfall_mm": {"calibrated": 0.046, "explained": after},
+        "floor_mm": 0.327,
+        "floor_from_repeats": repeated,
+    }
+    assert stiffness_sentence(detail, decide(SURE, CALIBRATED, True)).endswith(told)
+    assert stiffness_sentence(detail, decide(NONE, CALIBRATED, True)).endswith("0.327 mm).")
