@@ -1,11 +1,11 @@
-"""Worlds drawn under a design: what is right by mm, and that what is drawn is found."""
+"""Worlds drawn under a design: what is drawn is found."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import TEMPERATURES, Design, drawn, judged, right
+from benchmarks.drawn_worlds import TEMPERATURES, Design, drawn, judged
 from diagnosis.data.case import states
 from diagnosis.inference.prepare import prepare
 from model.effects.catalogue import CATALOGUE
@@ -18,21 +18,6 @@ EFFECTS = ("base_tilt", "chamber_azimuth", "spine_slip")
 def design() -> Design:
     own = states(measured(2, 4, FEW))[0]
     return Design.of(prepare(ROBOT, own, catalogue={e: CATALOGUE[e] for e in EFFECTS}))
-
-
-@pytest.mark.parametrize(
-    ("named", "carried", "expected"),
-    [
-        (("a",), {"a": 5.0, "b": 4.0}, True),
-        (("b",), {"a": 5.0, "b": 2.0}, False),
-        (("a", "b"), {"a": 5.0, "b": 3.0}, True),
-        (("b",), {"a": 1.5, "b": 0.9}, False),  # less than a floor
-        ((), {"a": 1.9, "b": 0.9}, True),
-        ((), {"a": 2.1, "b": 0.9}, False),
-    ],
-)
-def test_right_is_right_by_mm(named: tuple[str, ...], carried: dict[str, float], expected: bool) -> None:
-    assert right(named, carried) == expected
 
 
 def test_readings_hold_what_the_effects_of_a_world_do(design: Design) -> None:
