@@ -150,7 +150,7 @@ SPECS = (
         parameters=(
             Parameter("winding", "rad/m", 0.35, -3.0, 3.0),
             Parameter("growth", "1", 0.3, -0.9, 0.9, role="shape"),
-            Parameter("aligned", "1", 0.5, -1.5, 1.5, role="shape"),
+            Parameter("aligned", "1", 0.5, 0.0, 1.0, role="shape"),
         ),
         law=Law(before=_chamber_twist),
         citation="Rucker & Webster, IEEE T-RO 27 (2011), loads of routed actuators; here for pressure",
