@@ -98,6 +98,7 @@ class Design:
         for effect in self.effects:
             own = self.sizes(effect)
             size = 1 / np.sqrt(len(own)) if effect in named else TOLERATED
+            size *= self.problem.parameters.law_error[effect]
             columns += [size * self.linear.effects[:, j] for j in own]
         return leading(np.hstack([self.problem.form_error_of(self.problem.noise.colour(c)) for c in columns]))
 
@@ -119,8 +120,8 @@ def drawn(d: Design, rng: np.random.Generator) -> tuple[Array, dict[str, float]]
         theta = way * (rng.uniform(*CAUSE) if effect == cause else beside)
         theta = np.where(p.low[own] >= 0, np.abs(theta), np.where(p.high[own] <= 0, -np.abs(theta), theta))
         done = noise.colour(linear.effects[:, own] @ theta)
-        law_error = rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
-        white = noise.whiten(done * (1 + law_error))
+        wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
+        white = noise.whiten(done * (1 + wrong))
         amounts[effect] = d.floors(white)
         y += white
     return y, amounts

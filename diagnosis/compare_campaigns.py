@@ -157,6 +157,7 @@ class _JointForward:
             recurring=tuple(bool(p.recurs[i]) for p, rows, _ in order for i in rows),
             starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
             tolerated=tuple(not c or (bool(b.tolerated[i]) and b.effects[i] not in daily) for _, rows, c in order for i in rows),
+            exact=tuple(c and bool(b.exact) and b.exact[i] for _, rows, c in order for i in rows),
             least=tuple(b.least[i] if c and b.least else LEAST_NAMED_SIZE for _, rows, c in order for i in rows),
             changes=True,
         )  # fmt: skip

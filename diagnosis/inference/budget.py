@@ -66,12 +66,14 @@ class Budget:
     """(d,) probability of each draw; they sum to one."""
     form_error: Array
     """(d,) share by which laws are wrong there."""
+    law_error: dict[str, float]
+    """By effect, the part of that share that its law has."""
     named: tuple[Hypothesis, ...]
     """(d,) what is named in each draw."""
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
         """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""
-        laws = np.exp(np.outer(self.form_error, DEVIATES))
+        laws = np.exp(np.outer(self.law_error[effect] * self.form_error, DEVIATES))
         carried = (self.metres[:, self.effects.index(effect), None] * laws).ravel()
         order = np.argsort(carried, kind="stable")
         share = np.cumsum(np.repeat(self.weight, DEVIATES.size)[order])
@@ -131,7 +133,8 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
         form_error += [_form_error(c)] * DRAWS
         named += [_named(row, p.ids, c.named) for row in f]
     total = np.array(weight)
-    return Budget(p.ids, np.vstack(metres), np.vstack(floors), total / total.sum(), np.array(form_error), tuple(named))
+    share = total / total.sum()
+    return Budget(p.ids, np.vstack(metres), np.vstack(floors), share, np.array(form_error), p.law_error, tuple(named))
 
 
 def _form_error(c: Candidate) -> float:

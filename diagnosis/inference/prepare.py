@@ -253,6 +253,7 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
         sources=tuple(p.source for p in infos),
         recurring=tuple(p.recurs for p in infos),
         tolerated=tuple(p.tolerated for p in infos),
+        exact=tuple(p.exact for p in infos),
     )
 
 

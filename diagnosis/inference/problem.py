@@ -26,6 +26,8 @@ ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
 LEAST_NAMED_SIZE = 0.35
 """Least size of a named effect, as a share of its scale, where nothing else is known: twice the widest spike."""
+GEOMETRY = 0.1
+"""Share of a law's error that is left where the law is geometry: what turns is not turned about the very point."""
 LEAKAGE = 0.3
 """Leakage: share of a model-form error that may lie where the effect itself does nothing."""
 
@@ -65,6 +67,8 @@ class Parameters:
     """Parameters drawn anew with each trial or repeat of the sweep; empty: none is."""
     tolerated: tuple[bool, ...] = ()
     """Parameters that may differ from zero within a tolerance though their effect is not named; empty: all may."""
+    exact: tuple[bool, ...] = ()
+    """Parameters of effects whose law is geometry; empty: none is."""
     least: tuple[float, ...] = ()
     """Least size of a named effect, as a share of each parameter's scale; empty: `LEAST_NAMED_SIZE` for all."""
     changes: bool = False
@@ -120,6 +124,12 @@ class Parameters:
     def tolerable(self) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
         return np.array(self.tolerated or (True,) * len(self.names))[self.of_effect]
+
+    @cached_property
+    def law_error(self) -> dict[str, float]:
+        """By effect, the share of a law's error that it has: less where its law is geometry."""
+        exact = self.exact or (False,) * len(self.names)
+        return {e: GEOMETRY if known else 1.0 for e, known in zip(self.effects, exact, strict=True) if e}
 
     @cached_property
     def members(self) -> Array:
@@ -229,18 +239,20 @@ class Problem:
 
     def with_form_error(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
         """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what an
-        effect does at theta. No law is exact, be its effect named or tolerated (to first order then)."""
+        effect does at theta. No law of material or contact is exact, be its effect named or tolerated (to first order then)."""
         columns, leakage = [np.zeros((len(predicted), 0))], 0.0
         responses: dict[str, Array] = {}
+        p = self.parameters
         for effect in named:
             done = self.response(theta, predicted, effect)
             if np.isfinite(done).all() and done.any():
                 responses[effect] = done
-                columns.append(self.form_error_of(done))
-                leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
-        p = self.parameters
+                wrong = p.law_error[effect] * done
+                columns.append(self.form_error_of(wrong))
+                leakage = float(np.hypot(leakage, LEAKAGE * self._typical(wrong)))
         tolerated = [e not in named for e in p.ids]
-        white = ((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members)[:, tolerated]
+        share = np.array([p.law_error[e] for e in p.ids])
+        white = (((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members) * share)[:, tolerated]
         # Any rotation of what the effects do has the same errors, all of them together.
         together = [self.form_error_of(self.noise.colour(own)) for own in leading(white).T]
         if together:

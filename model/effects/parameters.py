@@ -45,7 +45,8 @@ class ParameterInfo:
     """The trial whose own it is, as the table numbers it; None for one of several trials."""
     scope: Scope = "all"
     tolerated: bool = True
-    """See `spec.EffectSpec`."""
+    exact: bool = False
+    """See `spec.EffectSpec`, as `tolerated`."""
 
     @property
     def recurs(self) -> bool:
@@ -148,6 +149,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
                         trial,
                         source.scope,
                         source.spec.tolerated,
+                        source.spec.exact,
                     )  # fmt: skip
                 )
             of_row.append(rows)

@@ -94,6 +94,8 @@ class EffectSpec:
     """Effects of one family are forms of one cause; empty: the effect is its own family."""
     tolerated: bool = True
     """Whether a robot has a little of it without it being worth a name; False where it is there or it is not."""
+    exact: bool = False
+    """Whether its law is geometry, with no unknown function of the state in it: a turned camera is turned in every state."""
 
     def __post_init__(self) -> None:
         if not self.id.isidentifier():

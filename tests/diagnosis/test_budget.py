@@ -47,14 +47,14 @@ def test_what_carries_at_least_half_of_the_largest_and_a_floor_is_named(
 
 def test_quantiles_are_weighted() -> None:
     metres = np.array([[1.0], [100.0], [1e4]])
-    b = Budget(("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), ((), (), ()))
+    b = Budget(("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), {"a": 1.0}, ((), (), ()))
     assert b.interval("a", 0.05, 0.15, 0.6) == pytest.approx((1.0, 100.0, 1e4))
 
 
 def test_an_interval_counts_on_a_law_that_is_wrong_by_as_much_as_laws_are() -> None:
     known = np.ones((1, 1))
     for form_error in (0.03, 0.3):
-        b = Budget(("a",), known, known, np.ones(1), np.array([form_error]), ((),))
+        b = Budget(("a",), known, known, np.ones(1), np.array([form_error]), {"a": 1.0}, ((),))
         low, middle, high = b.interval("a", 0.025, 0.5, 0.975)
         assert middle == pytest.approx(1.0)
         assert np.log(high) == pytest.approx(-np.log(low)) and 1.7 < np.log(high) / form_error < 2.0
@@ -76,7 +76,15 @@ def test_the_answer_is_what_is_named_in_most_draws(
     named: tuple[str, ...], weight: tuple[float, ...], expected: tuple[str, ...]
 ) -> None:
     draws = np.zeros((len(named), 3))
-    b = Budget(EFFECTS, draws, draws, np.array(weight), np.zeros(len(named)), tuple(tuple(n) for n in named))
+    b = Budget(
+        EFFECTS,
+        draws,
+        draws,
+        np.array(weight),
+        np.zeros(len(named)),
+        dict.fromkeys(EFFECTS, 1.0),
+        tuple(tuple(n) for n in named),
+    )
     found = module.by_what_is_carried(b, Posterior((((), 1.0),), {(): None}))  # type: ignore[dict-item]
     counted = [set(expected) <= set(n) if expected else not n for n in named]
     assert found.ranking[0] == (expected, pytest.approx(float(np.array(weight) @ counted)))

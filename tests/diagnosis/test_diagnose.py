@@ -6,6 +6,7 @@ That is an inverse crime: it shows that the path is whole and the numbers are co
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ import pytest
 from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from diagnosis.diagnose import diagnose
 from diagnosis.errors import BadCase
-from tests.diagnosis.small_campaigns import FEW, Catalogue, answer, few_and_all, measured, quick
+from model.effects import CATALOGUE
+from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, few_and_all, measured, quick
 
 
 @few_and_all
@@ -75,3 +77,14 @@ def test_nothing_is_named_where_nothing_was_repeated(catalogue: Catalogue) -> No
     assert d.attribute.verdict == "unknown" and d.attribute.effects == ()
     assert "nothing was repeated" in d.data.noise_from
     assert any("no cause is named" in c for c in d.concerns) and d.attribute.conclusion == "too little data"
+
+
+def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> None:
+    turned = measured(3, 5, frame_misalignment__x=0.009, frame_misalignment__z=0.006)
+    spec = CATALOGUE["frame_misalignment"]
+    verdicts = [
+        diagnose(turned, quick({**SOME, spec.id: replace(spec, exact=exact)})).attribute.effects
+        for exact in (True, False)
+    ]
+    # Else the tolerance of the cameras, which has no law error, takes the turn up at six of its standard deviations.
+    assert verdicts == [(spec.id,), ()]

@@ -140,6 +140,7 @@ SPECS = (
         parameters=(Parameter("angle", "rad", math.radians(6), -0.6, 0.6),),
         law=Law(before=_chamber_azimuth),
         citation="geometry",
+        exact=True,
         seen_best_in="tip out of the bending plane",
     ),
     EffectSpec(

@@ -52,6 +52,7 @@ SPECS = (
         parameters=tuple(Parameter(axis, "m", OFF, -0.05, 0.05) for axis in "xyz"),
         law=Law(after=_marker_offset),
         citation="geometry",
+        exact=True,
         seen_best_in="turns with the tip's orientation",
     ),
     EffectSpec(
@@ -61,6 +62,7 @@ SPECS = (
         parameters=tuple(Parameter(axis, "rad", TURN, -0.3, 0.3) for axis in "xyz"),
         law=Law(after=_frame_misalignment),
         citation="geometry",
+        exact=True,
         seen_best_in="grows with displacement, equally in all states",
     ),
     EffectSpec(

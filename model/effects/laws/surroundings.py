@@ -118,6 +118,7 @@ SPECS = (
         ),
         law=Law(before=_base_tilt),
         citation="geometry",
+        exact=True,
         seen_best_in="zero-pressure pose; does not turn with the robot",
     ),
     EffectSpec(
