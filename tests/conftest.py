@@ -7,18 +7,15 @@ back."""
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
-from lab.guard.priority import SESSION
+from lab.guard.priority import SESSION, take_place
 
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
@@ -111,15 +108,6 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         name = group(item.nodeid)
         talks = name in (WHOLE, SAFETY, CALLS) or name.startswith("drivers/")
         take_place(SESSION if talks else 0, AT_FIRST if talks else STEPPED_BACK)
-
-
-@functools.lru_cache(1)
-def take_place(session: int, niceness: int) -> None:
-    """Of this process's session, and of the process; who may not come forward stays where it is."""
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, niceness)
-    with contextlib.suppress(OSError):
-        Path("/proc/self/autogroup").write_text(str(session), encoding="ascii")
 
 
 @pytest.fixture(scope="session")

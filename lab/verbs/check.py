@@ -30,6 +30,8 @@ from ..rig.losses import newly_lost
 
 VACUUM = 80e3
 """Pa below ambient that the supply is set to."""
+LOOK = 0.05
+"""Host seconds between two looks at what has come."""
 
 
 def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes: bool = False) -> int:
@@ -49,11 +51,10 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
                 out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip(), style="dim")
 
         failures = rig.open_all(note)
-        before, lost_before, began = dict(rig.counts), rig.lost(), time.monotonic()
-        time.sleep(max(0.0, seconds))
-        span = time.monotonic() - began
+        before, lost_before = dict(rig.counts), rig.lost()
+        span = _listen(rig, before, seconds)
         rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
-        if robot is not None and not failures:
+        if robot is not None and all(r["ok"] for r in rows):
             moved = _moved(rig, robot, as_json)
             keep(rig_path, file, moved)
     lost = sum(r.get("lost", 0) for r in rows)
@@ -66,9 +67,11 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
         out.print(_table(rig.file.name, rows, span))
         for f in failures:
             err.print(f"missing: {f}")
+        for r in (r for r in rows if not r["ok"] and "samples" in r):
+            err.print(f"silent: {r['instrument']}: {r['problem']}")
         if locked := Latch(rig_path).read():
             err.print(f"locked: {locked}. Nothing can be run until `lab safe --clear --rig {rig_path}`")
-    failed = failures or not all(m.ok for m in moved)
+    failed = not all(r["ok"] for r in rows) or not all(m.ok for m in moved)
     return 1 if failed else (3 if lost else 0)
 
 
@@ -138,6 +141,19 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
     return seen
 
 
+def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
+    """Let samples come for `seconds` of host time, and on until each instrument has brought one, for as long as a run would
+    wait for it; returns how long that was."""
+    began = time.monotonic()
+    time.sleep(max(0.0, seconds))
+    awaited = [topic for name in rig.identities if (topic := rig.topic(name))]
+    while (span := time.monotonic() - began) < rig.file.limits.max_age:
+        if all(rig.counts.get(topic, 0) > before.get(topic, 0) for topic in awaited):
+            break
+        time.sleep(LOOK)
+    return span
+
+
 def _row(
     rig: Rig,
     name: str,
@@ -155,6 +171,11 @@ def _row(
         row["rate_hz"] = round(row["samples"] / span, 1) if span > 0 else None
     if topic in lost_before:
         row["lost"] = newly_lost(lost_before[topic], rig.lost()[topic])
+        if row["samples"] == 0:
+            row |= {
+                "ok": False,
+                "problem": f"opened, and no sample in {span:.1f} s; check its cable, and that it sends",
+            }
     config = table_of(rig.file.instruments, name)
     row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}
     return row

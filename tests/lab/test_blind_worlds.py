@@ -132,6 +132,8 @@ def test_right_by_mm_is_what_carries_half_of_the_largest_and_a_floor() -> None:
     assert not case(answered("base_tilt"), "contact", contact=4.0, base_tilt=1.5).right
     assert not case(answered("contact", "base_tilt"), "contact", contact=4.0, base_tilt=1.5).right
     assert not case(answered("contact"), "contact", contact=0.8).right
+    assert case(answered("contact", "base_tilt"), "contact", contact=5.0, base_tilt=3.0).right
+    assert not case(answered("base_tilt"), "contact", contact=1.5, base_tilt=0.8).right  # less than a floor
     assert case(answered(), "contact", contact=1.7).right and not case(answered(), "contact", contact=1.9).right
 
 
