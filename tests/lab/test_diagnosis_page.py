@@ -53,7 +53,7 @@ def browser() -> str:
 def opened(browser: str, page: Path, folder: Path, *what: str) -> str:
     """What a browser prints on opening a page."""
     command = [browser, *QUIET, f"--user-data-dir={folder / 'profile'}", *what, page.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
 

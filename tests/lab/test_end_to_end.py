@@ -192,7 +192,7 @@ def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, 
     for _ in range(presses):
         process.send_signal(signal.SIGINT)
         time.sleep(0.3)
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=600)
     assert process.returncode == 1, output
     assert vented(virtual_lab, 20.0)
     assert "stopped" in output

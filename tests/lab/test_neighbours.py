@@ -28,7 +28,7 @@ def test_another_model_on_the_path_is_named(tmp_path: Path, words: tuple[str, ..
     if first.endswith("model.py"):
         (tmp_path / "model").rmdir()
     env = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    done = subprocess.run([sys.executable, *words], cwd="/", env=env, capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, *words], cwd="/", env=env, capture_output=True, text=True, timeout=600)
     told = " ".join(done.stderr.split())
     assert done.returncode == (1 if "-c" in words else 2), told
     assert f"another package called model, {tmp_path}/model" in told and "an environment of its own" in told

@@ -122,7 +122,7 @@ def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_
     while (max(plant.chamber_pressure) > 5e3 or plant.valve_on) and time.monotonic() < full + 30:
         time.sleep(0.01)
     safe = time.monotonic() - full
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=600)
     assert process.returncode == 1 and "recording stopped" in output and "lab recover" in output
     assert safe < 30.0, f"{safe:.1f} s"  # a second on an idle machine; measured by benchmarks/recording.py
     assert file.stat().st_size <= 60_000

@@ -38,7 +38,7 @@ def node_modules(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("the independent reader needs SOFTLAB_NODE_MODULES=<folder> or SOFTLAB_NPM_INSTALL=1 (and npm)")
     folder = tmp_path_factory.mktemp("node")
     command = ["npm", "install", "--ignore-scripts", "--no-audit", "--no-fund", "--prefix", str(folder), *PACKAGES]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=folder)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, cwd=folder)
     if done.returncode:
         pytest.skip(f"npm could not install the independent reader: {done.stderr[-300:]}")
     return folder / "node_modules"
@@ -60,7 +60,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def read_by_node(file: Path, modules: Path) -> Any:
     command = ["node", str(HERE / "independent" / "read.cjs"), str(file)]
     environment = os.environ | {"NODE_PATH": str(modules)}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -118,7 +118,7 @@ def test_another_viewer_imports_messages_as_fields_not_bytes(path: Path, tmp_pat
         pytest.skip("the command rerun (rerun-sdk) is not installed; name it in SOFTLAB_RERUN to check its importer")
 
     def run(*arguments: object) -> str:
-        done = subprocess.run([rerun, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=True)
+        done = subprocess.run([rerun, *map(str, arguments)], capture_output=True, text=True, timeout=600, check=True)
         return done.stdout
 
     run("mcap", "check", path)

@@ -236,7 +236,7 @@ FULL = textwrap.dedent(
 
 def test_a_disk_that_fills_up_is_told_at_the_next_push_and_at_close_and_leaves_whole_records(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", FULL, str(tmp_path / "a.mcap")], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", FULL, str(tmp_path / "a.mcap")], capture_output=True, text=True, timeout=600, check=True
     )
     push, close, written = done.stdout.splitlines()
     assert push.startswith("push:") and "recording stopped" in push and "recover" in push
