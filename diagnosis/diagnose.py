@@ -23,6 +23,7 @@ from .answer.sentences import Facts, statement, stiffness_sentence
 from .answer.shrink import shrink
 from .answer.waterfall import waterfall
 from .criticism.probability_calibration import TYPICAL_EXCESS
+from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .inference.executor import SINGLE_THREAD, Executor
 from .inference.prepare import prepare
@@ -40,6 +41,8 @@ class Options:
     """The effects that are considered."""
     holdout: CaseLike | None = None
     """A campaign that is not fitted, on which the answer is tested."""
+    baseline: Baseline | None = None
+    """What another simulator predicts of the rows of the case's table, in the rod's place."""
     executor: Executor = SINGLE_THREAD
 
 
@@ -62,7 +65,8 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     wanted = options or Options()
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
-    prepared = prepare(case.robot, own, catalogue=wanted.catalogue)
+    simulated = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
+    prepared = prepare(case.robot, own, catalogue=wanted.catalogue, baseline=simulated)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
     found = attribute(prepared, stages, wanted.executor)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
@@ -79,7 +83,7 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     facts = Facts(
         found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, shrunk, steps,
         which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking, found.misfit.outlier_trial,
-        lacking(own),
+        lacking(own), assemble.simulator_section(found),
     )  # fmt: skip
     text = statement(facts)
     if "stiffness" in detail and where.of == "tip":

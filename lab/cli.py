@@ -111,7 +111,7 @@ def _compare(a: argparse.Namespace) -> int:
 def _diagnose(a: argparse.Namespace) -> int:
     from .verbs.diagnose import Comparisons, Outputs, diagnose
 
-    beside = Comparisons(a.reference, a.holdout, a.effects)
+    beside = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), beside, a.workers, a.scheduler)
 
 
@@ -382,6 +382,13 @@ def parser() -> argparse.ArgumentParser:
         metavar="B",
         help="a campaign that is not fitted (case folder or .mcap): test the answer on it",
     )
+    p.add_argument(
+        "--baseline",
+        type=Path,
+        metavar="P.csv",
+        help="what another simulator predicts of these states: diagnose its gap",
+    )
+    p.add_argument("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself")
     p.add_argument("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
     p.add_argument("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")
     own_effects(p)

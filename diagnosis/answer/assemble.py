@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from recordings.trials import Table
 
 from ..inference.evidence import NONE
+from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.stiffness_trials import StiffnessTrials
@@ -20,7 +21,7 @@ from .attribute import Attribution
 from .confounding import confounded_shares
 from .distinguishability import TIED
 from .holdout import Holdout
-from .result import STAGES, Attribute, Data, Locate, Ranked
+from .result import STAGES, Attribute, Data, Locate, Ranked, Simulator
 from .shapes import worst_states
 from .shrink import HeldOutErrors, candidate_model, folds, held_out_errors
 from .size import sizes, values
@@ -63,7 +64,7 @@ def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
     rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
-    numerical = locate.numerical_error(p.robot, own) * MM
+    numerical = float("nan") if p.baseline is not None else locate.numerical_error(p.robot, own) * MM
     what: Literal["tip", "deflection"] = "deflection" if p.pushes_only else "tip"
     return Locate(rmse * MM, p.noise_floor * MM, significant, by, stage, numerical, what)
 
@@ -153,6 +154,8 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
             "explained": p.tip(explained)[~p.states.pushed].tolist(),
         },
     }
+    if (simulator := simulator_section(f)) is not None:
+        made["baseline"] = asdict(simulator)
     if unseen is not None:
         made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
         if not p.pushes_only:
@@ -171,6 +174,26 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
     if holdout is not None:
         made["holdout"] = asdict(holdout) | {"statement": holdout.statement}
     return made
+
+
+def simulator_section(f: Attribution) -> Simulator | None:
+    """How the simulator in the rod's place differs from the rod, as far as the leading hypothesis tells; None without one."""
+    p, fitted = f.prepared, f.best.fit
+    if p.baseline is None:
+        return None
+    parameters = p.problem.parameters
+    at = parameters.names.index(SHARE)
+    rod, simulated = fitted.theta.copy(), fitted.theta.copy()
+    rod[at], simulated[at] = 1.0, 0.0
+    own = p.labels.kind == 0
+    difference = (p.problem.forward.predict(simulated) - p.problem.forward.predict(rod))[own]
+    count = len(np.unique(p.labels.state[own]))
+    free = [i for i, is_one in enumerate(parameters.calibration) if is_one and i != at]
+    slope = p.problem.linearise(fitted.theta, free)[1][own]
+    left = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
+    share = float(fitted.theta[at])
+    differs, beyond = (float(np.sqrt(d @ d / count)) * MM for d in (difference, left))
+    return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond)
 
 
 def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array]) -> dict[str, Any]:

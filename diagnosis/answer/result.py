@@ -72,6 +72,23 @@ class Locate:
 
 
 @dataclass(frozen=True)
+class Simulator:
+    """The simulator that takes the rod's place as a baseline, beside the rod of robot.yaml; rms of the tip."""
+
+    name: str
+    area_factor: float
+    """With which the rod comes nearest to it."""
+    differs_mm: float
+    """From that rod."""
+    beyond_calibration_mm: float
+    """What an area factor leaves of that."""
+    share: float
+    """Of the difference, 0 to 1, that the measurements do not show: fitted beside the leading hypothesis."""
+    not_measured_mm: float
+    """That share of it, beyond calibration."""
+
+
+@dataclass(frozen=True)
 class Value:
     """A parameter with its standard deviation."""
 
@@ -148,7 +165,7 @@ class Shrink:
     by_spine_length: tuple[LengthShrink, ...]
 
 
-StepName = Literal["calibration", "cause", "tolerances", "regular", "irregular", "noise"]
+StepName = Literal["calibration", "simulator", "cause", "tolerances", "regular", "irregular", "noise"]
 
 
 @dataclass(frozen=True)

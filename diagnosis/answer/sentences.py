@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..criticism.stage_errors import StageError
-from .result import Carries, Conclusion, Locate, Shrink, Waterfall
+from .result import Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
 from .verdict import Decision, stage
 
 LEAST_TOLD = 0.01
@@ -43,11 +43,14 @@ class Facts:
     odd_trial: int | None = None
     missing: Sequence[str] = ()
     """What the table lacks."""
+    simulator: Simulator | None = None
+    """What takes the rod's place; None: nothing does."""
 
 
 def statement(f: Facts) -> str:
     """The answer in a few sentences, the verdict first."""
-    return " ".join(s for s in (_verdict(f), _gap(f), _moved(f), _closing(f), _absorbed(f), _present(f), _odd(f)) if s)
+    parts = (_verdict, _gap, _simulator, _moved, _closing, _absorbed, _present, _odd)
+    return " ".join(text for part in parts if (text := part(f)))
 
 
 def _what(f: Facts) -> tuple[str, int]:
@@ -101,11 +104,33 @@ def _gap(f: Facts) -> str:
     floor = f"the noise floor is {f.where.noise_floor_mm:.{digits}f} mm"
     if f.waterfall is None:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
-        return f"Calibrated with one area factor the model misses {what} by {missed}; {floor}."
+        return f"Calibrated {_calibrated(f)} {_model(f)} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
     return (
-        f"As given the model misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor by "
+        f"As given {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor by "
         f"{calibrated:.{digits}f} mm on states that the fit did not see; {floor}."
+    )
+
+
+def _calibrated(f: Facts) -> str:
+    return "with one area factor" if f.simulator is None else "with one area factor and towards the rod"
+
+
+def _model(f: Facts) -> str:
+    return "the model" if f.simulator is None else f.simulator.name
+
+
+def _simulator(f: Facts) -> str:
+    """How the simulator in the rod's place differs from the rod, and which of them the measurements side with."""
+    own = f.simulator
+    if own is None:
+        return ""
+    apart = f"{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
+    if own.beyond_calibration_mm < f.where.noise_floor_mm:
+        return f"{apart}, {own.beyond_calibration_mm:.2f} mm beyond an area factor: less than the noise floor."
+    return (
+        f"{apart}, {own.beyond_calibration_mm:.2f} mm beyond an area factor; {own.not_measured_mm:.2f} mm of that are not in the "
+        "measurements (in-sample)."
     )
 
 

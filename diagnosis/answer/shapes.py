@@ -21,8 +21,11 @@ MOST = 4
 def worst_states(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
     """The worst state of each spine length, at most four, by spine length; m, base frame.
 
-    `calibrated` and `explained` are parameters (k,); what each trial has of its own is left out of both.
+    `calibrated` and `explained` are parameters (k,); what each trial has of its own is left out of both. None where another
+    simulator takes the rod's place, which tells no shape.
     """
+    if p.baseline is not None:
+        return []
     models = {"calibrated": p.common(calibrated), "explained": p.common(explained)}
     tips = {name: p.tip(p.problem.forward.predict(theta)) for name, theta in models.items()}
     missed = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)

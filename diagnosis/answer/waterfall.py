@@ -2,6 +2,7 @@
 
     as given          the model of robot.yaml, nothing fitted
     calibration       one area factor, and the tolerances of geometry, frames and trials
+    simulator         where one takes the rod's place: how far it is taken back to the rod
     cause             each effect that is named, the largest first
     tolerances        every other effect, within the tolerance that the data ask for
     regular           what a smooth function of the state, fitted to what is left of other states, predicts of this one
@@ -49,11 +50,13 @@ def waterfall(f: Attribution, unseen: HeldOutErrors) -> Waterfall:
     tolerant = unseen.after if named else held_out_errors(p, last, fold)[0]
     by_causes = {frozenset[str](): unseen.before}
     by_causes |= {frozenset(s): held_out_errors(p, _only(f, s), fold)[0] for s in _subsets(named)}
-    errors = _Errors(p, by_causes, tolerant, _smooth(p, last, fold, tolerant))
+    errors = _Errors(p, by_causes, tolerant, _smooth(p, last, fold, tolerant), _simulator_as_it_is(p, fold))
     order = errors.largest_first(named)
     columns = errors.in_order(order)
     left = [errors.rms(c) for c in columns] + [np.full(errors.draws, p.noise_floor), np.zeros(errors.draws)]
-    titles: list[tuple[StepName, str | None]] = [("calibration", None), *(("cause", e) for e in order)]
+    titles: list[tuple[StepName, str | None]] = [("calibration", None)]
+    titles += [("simulator", None)] if errors.simulated is not None else []
+    titles += [("cause", e) for e in order]
     titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
     steps = []
     for (name, effect), before, after in zip(titles, left[:-1], left[1:], strict=True):
@@ -85,13 +88,31 @@ def _smooth(p: Prepared, model: Model, fold: Ints, without: Array) -> Array:
     return min([without, *tried], key=lambda e: float(np.nanmean(e**2)))
 
 
+def _simulator_as_it_is(p: Prepared, fold: Ints) -> Array | None:
+    """Errors (states,) m of the simulator in the rod's place, calibrated and not taken back to the rod."""
+    if p.baseline is None:
+        return None
+    own = p.simulator_as_it_is
+    return held_out_errors(own, baseline_model(own, calibrated(own)), fold)[0]
+
+
 class _Errors:
     """Errors (states,) m of all models, and their rms as the data are and with trials drawn anew."""
 
-    def __init__(self, p: Prepared, by_causes: Mapping[frozenset[str], Array], tolerant: Array, smooth: Array) -> None:
+    def __init__(
+        self,
+        p: Prepared,
+        by_causes: Mapping[frozenset[str], Array],
+        tolerant: Array,
+        smooth: Array,
+        simulated: Array | None,
+    ) -> None:
         self._given: Array = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1)
         self._by_causes, self._tolerant, self._smooth = by_causes, tolerant, smooth
-        every = np.array([self._given, *by_causes.values(), tolerant, smooth])
+        self.simulated = simulated
+        every = np.array(
+            [self._given, *by_causes.values(), tolerant, smooth, *([simulated] if simulated is not None else ())]
+        )
         self.seen: NDArray[np.bool_] = np.asarray(np.isfinite(every).all(axis=0))
         """(states,) predicted by every model."""
         again = resampled(p.states.trial[self.seen])
@@ -104,9 +125,11 @@ class _Errors:
         return np.asarray(np.sqrt(squares / self._weights.sum(axis=1)))
 
     def in_order(self, order: Sequence[str]) -> list[Array]:
-        """As given, calibrated, with the causes added in this order, with tolerances, with a smooth function."""
+        """As given, calibrated, with the causes added in this order, with tolerances, with a smooth function; a simulator as it
+        is before it is taken back to the rod."""
         causes = [self._with(order[:k]) for k in range(len(order) + 1)]
-        return [self._given, *causes, self._tolerant, self._smooth]
+        first = [self._given] if self.simulated is None else [self._given, self.simulated]
+        return [*first, *causes, self._tolerant, self._smooth]
 
     def largest_first(self, named: Hypothesis) -> tuple[str, ...]:
         """Each cause the one that takes most of what the causes before it leave."""
@@ -137,7 +160,7 @@ def _absorbed(f: Attribution) -> Absorbed | None:
     p = f.prepared
     length = levels(p.states.spine_length, SPINE_GAP)
     pressure = levels(p.states.highest, p.states.pressure_gap)
-    if p.pushes_only or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
+    if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
         return None
     one = held_out_errors(p, baseline_model(p, f.calibrated), pressure)[0]
     by_length = prepare(p.robot, p.states, "per_length", {})

@@ -19,13 +19,15 @@ from model.prediction.campaign import predict_campaign
 from model.robot import Robot
 from recordings.trials import TEXTS
 
+from ..data.baseline import Baseline
 from ..data.noise import Noise
 from ..data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
 from ..data.states import States
 from ..errors import BadCase
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
-from .problem import LEAST_NAMED_SIZE, Parameters, Problem
+from .on_baseline import SHARE, OnBaseline, on_baseline
+from .problem import LEAST_NAMED_SIZE, Forward, Parameters, Problem
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials, stiffness_trials
 
 Array = NDArray[np.float64]
@@ -65,6 +67,8 @@ class Prepared:
     forward: ForwardModel
     pushes: StiffnessTrials | None
     """Noise of the stiffness trials; None where there are none."""
+    baseline: OnBaseline | None = None
+    """What takes the rod's place as a baseline; None: nothing does."""
 
     @property
     def pushes_only(self) -> bool:
@@ -77,11 +81,19 @@ class Prepared:
         lasts = np.array([p.lasts for p in self.forward.parameters])
         return np.where(lasts, theta, self.problem.parameters.mean)
 
+    @property
+    def simulator_as_it_is(self) -> Prepared:
+        """The same with the share of the simulator's difference from the rod that is not measured held at zero."""
+        made = self.problem.parameters
+        sd = np.where(np.array(made.names) == SHARE, TINY, made.sd)
+        return replace(self, problem=replace(self.problem, parameters=replace(made, sd=sd)))
+
     @cached_property
     def given(self) -> Array:
-        """(values,) by robot.yaml as it stands, with its area factor for each spine length, and nothing fitted."""
+        """(values,) by robot.yaml as it stands, with its area factor for each spine length, or by the simulator that takes its
+        place; nothing fitted."""
         out = self.problem.forward.predict(self.problem.parameters.mean)
-        if not self.pushes_only:
+        if not self.pushes_only and self.baseline is None:
             own = self.labels.kind == 0
             bent = ~self.states.pushed
             tip = np.full((len(self.states), 3), np.nan)
@@ -119,7 +131,7 @@ class Prepared:
 class MaskedForward:
     """A forward model of some of the values."""
 
-    def __init__(self, forward: ForwardModel, kept: NDArray[np.bool_]) -> None:
+    def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
         self._forward, self._kept = forward, kept
 
     def predict(self, theta: Array) -> Array:
@@ -141,17 +153,22 @@ def prepare(
     states: States,
     area: Literal["one", "per_length"] = "one",
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+    baseline: Baseline | None = None,
 ) -> Prepared:
-    """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was."""
+    """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was.
+
+    `baseline`: what another simulator predicts of these states, in the rod's place; it has one area factor.
+    """
     table = table_columns(states)
     design = design_from_columns(robot, table)
-    forward = ForwardModel(robot, design, area, observable_effects(states, catalogue))
-    start = np.zeros(len(forward.parameters))
-    predicted, slope = forward.linearise(start)
+    effects = observable_effects(states, catalogue)
+    simulated = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
+    forward = simulated.forward if simulated is not None else ForwardModel(robot, design, area, effects)
+    whole: Forward = simulated or forward
+    predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     if states.pushed.all():
-        forward = ForwardModel(robot, design, area, _effective(forward, slope))
-        start = np.zeros(len(forward.parameters))
-        predicted, slope = forward.linearise(start)
+        whole = forward = ForwardModel(robot, design, area, _effective(forward, slope))
+        predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     observed, sd = forward.observe(table)
     kept = np.isfinite(sd) & np.isfinite(predicted)
     if not kept.any():
@@ -173,7 +190,7 @@ def prepare(
     unit = float(np.clip(beside_model / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
-        MaskedForward(forward, kept),
+        MaskedForward(whole, kept),
         replace(
             _with_trial_scatter(made, forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)
         ),
@@ -183,7 +200,7 @@ def prepare(
         shared_basis,
         channel_basis,
     )
-    return Prepared(robot, states, problem, labels, floor, known, unit, forward, pushes)
+    return Prepared(robot, states, problem, labels, floor, known, unit, forward, pushes, simulated)
 
 
 def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
@@ -241,14 +258,14 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
     """The forward model's table as the diagnosis sees it."""
     return Parameters(
         names=tuple(p.name for p in infos),
-        effects=tuple(p.source if p.group == "effect" else "" for p in infos),
+        effects=tuple(p.source if p.group == "effect" and p.name != SHARE else "" for p in infos),
         mean=np.zeros(len(infos)),
         sd=np.array([p.sd for p in infos]),
         lower=np.array([p.low for p in infos]),
         upper=np.array([p.high for p in infos]),
         units=tuple(p.unit for p in infos),
         shapes=tuple(p.role == "shape" for p in infos),
-        calibration=tuple(p.group == "calibration" for p in infos),
+        calibration=tuple(p.group == "calibration" or p.name == SHARE for p in infos),
         starts=tuple(p.starts for p in infos),
         sources=tuple(p.source for p in infos),
         recurring=tuple(p.recurs for p in infos),

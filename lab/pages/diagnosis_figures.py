@@ -21,7 +21,9 @@ GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
 MM = 1e3
 
 
-HATCHES = {"calibration": "", "cause": "", "tolerances": "//", "regular": "..", "irregular": "xx", "noise": "||"}
+HATCHES = {
+    "calibration": "", "simulator": "\\\\", "cause": "", "tolerances": "//", "regular": "..", "irregular": "xx", "noise": "||",
+}  # fmt: skip
 """Steps can be told apart without colours."""
 
 

@@ -84,6 +84,7 @@ def write(d: Diagnosis, length: float, path: Path, source: str, table: Table | N
 
 STEPS = {
     "calibration": "calibration with one area factor",
+    "simulator": "the simulator taken back to the rod",
     "tolerances": "tolerances of every other effect",
     "regular": "regular, but unexplained",
     "irregular": "irregular, above the noise floor",
@@ -105,7 +106,8 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
         "is what the step takes; whiskers: 95 % over trials drawn anew and orders of the causes.",
     )
-    rows = [["model as given", "", "", f"{w.given_mm:.2f}"]]
+    model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
+    rows = [[f"{model} as given", "", "", f"{w.given_mm:.2f}"]]
     rows += [
         [name, _mm(x.mm), f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}", _mm(x.left_mm)]
         for name, x in zip(names, w.steps, strict=True)
@@ -199,7 +201,7 @@ def _by_factor(s: Section, d: Diagnosis) -> None:
         for c in cells
     ]
     s.table(("factor", "at", "n", "rms, mm", "95 %", "above the floor"), rows)
-    if d.locate.of != "tip":
+    if d.locate.of != "tip" or "baseline" in d.detail:
         return
     s.text(
         f"The paper's Euler integration alone would add {d.locate.numerical_error_mm:.2f} mm rms; it is not part of this gap."

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import yaml
 from rich.table import Table as Sheet
 
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.compare_campaigns import compare_campaigns
+from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.inference.executor import Executor
+from model.effects.spec import EffectSpec
 from model.errors import ModelError
 from recordings.errors import RecordingError
 
 from ..cluster import cluster
 from ..console import Screen, note, out
+from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable
 from ..files.inputs import Case, clipped_note, read_case
 from ..files.own_effects import catalogue
@@ -48,6 +52,10 @@ class Comparisons:
     """A campaign that is not fitted."""
     effects: Path | None = None
     """Python file with effects of one's own."""
+    baseline: Path | None = None
+    """Predictions of another simulator, in the rod's place."""
+    simulator: str | None = None
+    """The same from the simulator itself."""
 
 
 def diagnose(
@@ -89,9 +97,11 @@ def diagnose(
 def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor) -> Diagnosis:
     weighed, left_out = catalogue(case.robot, comparisons.effects)
     held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
+    baseline = _baseline(case, comparisons, weighed)
     try:
         with Screen("weighing hypotheses") as screen:
-            found = diagnosed(case, Options(catalogue=weighed, holdout=held, executor=_shown(screen, executor)))
+            shown = _shown(screen, executor)
+            found = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
         answer = replace(found, concerns=(*found.concerns, *(f"not considered: {why}" for why in left_out)))
         if comparisons.reference is None:
             return answer
@@ -102,6 +112,28 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
         raise ConfigError(f"--holdout {comparisons.holdout}: {e}") from e
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
+
+
+def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
+    """What takes the rod's place; raises ConfigError."""
+    asked = [name for name in ("baseline", "simulator") if getattr(comparisons, name) is not None]
+    if not asked:
+        return None
+    if len(asked) > 1:
+        raise ConfigError("--baseline and --simulator: give one of them; both are predictions in the rod's place")
+    for name in ("reference", "holdout"):
+        if getattr(comparisons, name) is not None:
+            raise ConfigError(f"--{asked[0]}: predicts the states of one campaign; leave --{name} out")
+    if comparisons.baseline is not None:
+        made = from_table(comparisons.baseline, case)
+    else:
+        name, own = simulator(str(comparisons.simulator))
+        with Screen(f"simulating with {name}") as screen:
+            made = from_simulator(name, own, case, weighed, screen.progress)
+    lost = [r for r, tip in zip(case.table, made.tip, strict=True) if r.tip is not None and not np.isfinite(tip).all()]
+    if lost:
+        note([f"{made.name} predicts no tip for {len(lost)} of {len(case.table)} states; they are left out"])
+    return made
 
 
 def _shown(screen: Screen, executor: Executor) -> Executor:

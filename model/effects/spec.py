@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 Values = Mapping[str, Array]
 """Parameter name -> value, shape (variants, 1) or (variants, states); the effect's own names without its id."""
 
-Stage = Literal["actuation", "material", "structure", "load", "boundary", "measurement"]
+Stage = Literal["actuation", "material", "structure", "load", "boundary", "measurement", "simulator"]
 STAGES: tuple[Stage, ...] = ("actuation", "material", "structure", "load", "boundary", "measurement")
-"""The chain from pressure to reading."""
+"""The chain from pressure to reading; beside it stands a simulator of the lab's own that takes the rod's place."""
 Sign = Literal["both", "positive", "blend"]
 """both: either way; positive: zero or more; blend: 0 (baseline) to 1 (the other law in full)."""
 
@@ -100,7 +100,7 @@ class EffectSpec:
     def __post_init__(self) -> None:
         if not self.id.isidentifier():
             raise BadEffect(f"effect id {self.id!r}: letters, digits and _ only")
-        if self.stage not in STAGES:
+        if self.stage not in get_args(Stage):
             raise BadEffect(f"effect {self.id}: stage {self.stage!r} must be one of {', '.join(STAGES)}")
         names = [p.name for p in self.parameters]
         if not names or len(set(names)) != len(names):

@@ -1,0 +1,56 @@
+"""What another simulator predicts of a case: a baseline in the rod's place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.trials import TrialRow
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Predictions of n states, in the order of the case's table; SI, base frame, NaN where there is none."""
+
+    name: str
+    """Of the simulator, or of the file of its predictions."""
+    spine_length: Array
+    """(n,) m, of the state that was predicted; it may differ a little from the measured one."""
+    pressure: Array
+    """(n, chambers) Pa gauge, the same."""
+    tip: Array
+    """(n, 3) m."""
+    orientation: Array
+    """(n, 4) quaternion w, x, y, z."""
+    markers: Array
+    """(n, k, 3) m."""
+    varied: Mapping[str, tuple[float, Baseline]] = field(default_factory=dict)
+    """Parameter -> a small step in its unit, and what the simulator predicts that far from the robot as it is described."""
+
+    def of(self, rows: Sequence[TrialRow], every: Sequence[TrialRow]) -> Baseline:
+        """The predictions of some `rows` of the table, which has `every` row."""
+        place = {id(row): i for i, row in enumerate(every)}
+        own = np.array([place[id(row)] for row in rows], np.int64)
+        return replace(
+            self, spine_length=self.spine_length[own], pressure=self.pressure[own], tip=self.tip[own],
+            orientation=self.orientation[own], markers=self.markers[own],
+            varied={name: (step, there.of(rows, every)) for name, (step, there) in self.varied.items()},
+        )  # fmt: skip
+
+    def columns(self) -> dict[str, Array]:
+        """As columns of a table of trials."""
+        out = {"spine_length": self.spine_length}
+        out |= {f"p{i}": column for i, column in enumerate(self.pressure.T, 1)}
+        out |= dict(zip("xyz", self.tip.T, strict=True)) | {
+            f"q{name}": column for name, column in zip("wxyz", self.orientation.T, strict=True)
+        }
+        return out | {
+            f"m{k + 1}{axis}": self.markers[:, k, i]
+            for k in range(self.markers.shape[1])
+            for i, axis in enumerate("xyz")
+        }

@@ -1,0 +1,145 @@
+"""Effects on top of another simulator's prediction.
+
+With y_sim what the simulator predicts of the states and rod(theta) the rod with parameters theta,
+
+    y(theta, s) = y_sim + rod(theta) - rod(0) + sum_k theta_k (dy_sim/dtheta_k - drod/dtheta_k) - s (y_sim - rod(0)),
+
+    0 <= s <= 1, k over the parameters that the simulator can vary itself,
+
+rod(0) having the area factor with which it comes nearest to y_sim, so that effects act on a rod that bends as far. The share s
+is fitted beside the area factor, in every hypothesis: it tells how much of what the simulator does otherwise than the rod is
+not there in the measurements (an error of its numerics, of its mesh, of its form). How the simulator's response to an effect
+differs from the rod's is part of the effect's law error; a factor common to all states is its size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import Design, design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.spec import EffectSpec, Law, Parameter
+from model.robot import Robot
+
+from ..data.baseline import Baseline
+from ..errors import BadCase
+
+Array = NDArray[np.float64]
+Table = Mapping[str, NDArray[np.generic]]
+
+SIMULATOR_DIFFERENCE = EffectSpec(
+    id="simulator_difference",
+    stage="simulator",
+    equation="y = y_sim - s (y_sim - y_rod)",
+    parameters=(Parameter("share", "1", 1.0, 0.0, 1.0, "blend"),),
+    law=Law(),
+    citation="this package: diagnosis.inference.on_baseline",
+    seen_best_in="states in which simulator and rod differ",
+)
+SHARE = "simulator_difference.share"
+ROUNDS, ENOUGH = 12, 1e-6
+"""Of Gauss-Newton for the area factor; step below which it is found."""
+LEAST_AREA_EXCESS, MOST_AREA_EXCESS = -0.85, 7.5
+
+
+@dataclass(frozen=True)
+class OnBaseline:
+    """A forward model with a simulator's difference from the rod added."""
+
+    name: str
+    forward: ForwardModel
+    difference: Array
+    """(observations,) simulator minus rod; NaN where the simulator predicts nothing."""
+    varied: Mapping[int, Array]
+    """Index of a parameter -> (observations,) by how much the simulator's derivative exceeds the rod's."""
+    area_factor: float
+    """With which the rod comes nearest to the simulator."""
+
+    @cached_property
+    def _share(self) -> int:
+        return [p.name for p in self.forward.parameters].index(SHARE)
+
+    def rod(self, theta: Array) -> Array:
+        """(k,) the same parameters with the rod in the simulator's place."""
+        out = theta.copy()
+        out[self._share] = 1.0
+        return out
+
+    def predict(self, theta: Array) -> Array:
+        """(observations,) at parameters (k,)."""
+        return np.asarray(self.forward.predict(theta) + self._beside(theta))
+
+    def _beside(self, theta: Array) -> Array:
+        """(observations,) what the rod alone does not predict."""
+        out = (1.0 - theta[self._share]) * self.difference
+        for k, excess in self.varied.items():
+            out = out + theta[k] * excess
+        return np.asarray(out)
+
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """Prediction, and its derivatives (observations, k)."""
+        predicted, slope = self.forward.linearise(theta, columns)
+        wanted = list(range(slope.shape[1])) if columns is None else list(columns)
+        for k, excess in {**self.varied, self._share: -self.difference}.items():
+            if k in wanted:
+                slope[:, wanted.index(k)] += excess
+        return predicted + self._beside(theta), slope
+
+
+def on_baseline(
+    robot: Robot, design: Design, table: Table, catalogue: Mapping[str, EffectSpec], baseline: Baseline
+) -> OnBaseline:
+    """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in."""
+    theirs = dict(table) | baseline.columns()
+    there = design_from_columns(robot, theirs, design.channels)
+    factor = _nearest_area_factor(robot, there, theirs, baseline.name)
+    known = {**catalogue, SIMULATOR_DIFFERENCE.id: SIMULATOR_DIFFERENCE}
+    rod = ForwardModel(robot, there, "one", known, factor)
+    names = [p.name for p in rod.parameters]
+    own = [names.index(name) for name in baseline.varied if name in names]
+    predicted, slope = rod.linearise(np.zeros(len(names)), own)
+    simulated = _values(rod, theirs)
+    varied = {}
+    for k, column in zip(own, slope.T, strict=True):
+        step, moved = baseline.varied[names[k]]
+        varied[k] = (_values(rod, dict(table) | moved.columns()) - simulated) / step - column
+    forward = ForwardModel(robot, design, "one", known, factor)
+    return OnBaseline(baseline.name, forward, simulated - predicted, varied, factor)
+
+
+def _values(model: ForwardModel, columns: Table) -> Array:
+    """(observations,) what a table holds, NaN where it holds nothing."""
+    value, sd = model.observe(columns)
+    return np.where(np.isfinite(sd), value, np.nan)
+
+
+def _nearest_area_factor(robot: Robot, design: Design, theirs: Table, name: str) -> float:
+    """The one area factor of the rod whose tips come nearest to a simulator's."""
+    model = ForwardModel(robot, design, catalogue={})
+    start = float(model.area_factor[~design.stiffness].mean())
+    value, sd = model.observe(theirs)
+    own = np.isfinite(sd) & np.isin(model.observations.channel, ("x", "y", "z"))
+    theta = np.zeros(len(model.parameters))
+    (at,) = model.index("area")
+    for _ in range(ROUNDS):
+        predicted, slope = model.linearise(theta, [at])
+        seen = own & np.isfinite(predicted) & np.isfinite(slope[:, 0])
+        strength = float(slope[seen, 0] @ slope[seen, 0])
+        if not seen.any():
+            raise BadCase(
+                f"the baseline {name} has no state in which the rod of robot.yaml has an equilibrium: check its stiffness and "
+                "area factor"
+            )
+        if strength == 0.0:
+            break
+        step = float(slope[seen, 0] @ (value - predicted)[seen]) / strength
+        reached = float(np.clip(theta[at] + step, LEAST_AREA_EXCESS, MOST_AREA_EXCESS))
+        moved, theta[at] = abs(reached - theta[at]), reached
+        if moved < ENOUGH:
+            break
+    return start * (1.0 + float(theta[at]))

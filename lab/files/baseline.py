@@ -1,0 +1,228 @@
+"""What another simulator predicts of the measured states: from a table of its predictions, or from the simulator itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.data.baseline import Baseline
+from diagnosis.data.plausible import require_plausible
+from diagnosis.errors import DiagnosisError
+from model.effects.nominal import TOLERANCES
+from model.effects.spec import EffectSpec
+from model.effects.tolerance import AREA
+from model.simulator import GROUP, Forward, Readings, States
+from recordings.trials import Table, TrialRow
+
+from .config import ConfigError
+from .inputs import Case
+from .number_table import Columns, read_numbers
+from .packages import Unusable, installed, python_file
+
+Array = NDArray[np.float64]
+
+PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
+"""Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
+TOGETHER = (1e-3, 1e3, 1e-4, 1e-3)
+"""m of spine, Pa, kg at the tip and rad of roll to which settings are rounded before they are simulated."""
+BATCH = 8
+"""Settings that a simulator is asked for at once."""
+STEP = 0.1
+"""Of a parameter's plausible scale, by which a simulator is differenced."""
+SETTING = ("spine_length", "tip_mass", "roll_deg")
+READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+def from_table(path: Path, case: Case) -> Baseline:
+    """Predictions of a CSV file, matched by trial and step, or by state; raises ConfigError naming line, column and value."""
+    found = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p\d+|m\d+[xyz]", "x, y, z (m)", empty=True)
+    missing = [name for name in "xyz" if name not in found]
+    if missing:
+        raise ConfigError(f"{path}: has no column {missing[0]}; a baseline predicts the tip: x, y, z in m, base frame")
+    place = _by_step(path, found, case) if {"trial", "step"} <= found.keys() else _by_state(path, found, case)
+    made = _baseline(path.name, found, place, case)
+    _demand_plausible(str(path), made, case)
+    return made
+
+
+def _by_step(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
+    """(rows,) line of the file for each row of the table, -1 where it has none."""
+    keys = list(zip(found["trial"].tolist(), found["step"].tolist(), strict=True))
+    twice = next((k for k in dict.fromkeys(keys) if keys.count(k) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"{path}: trial {twice[0]:g} step {twice[1]:g} is predicted twice; keep one")
+    line = {key: i for i, key in enumerate(keys)}
+    place = np.array([line.get((float(r.trial), float(r.step)), -1) for r in case.table])
+    if (place < 0).all():
+        raise ConfigError(
+            f"{path}: predicts none of the {len(place)} states of the table; match its columns trial and step"
+        )
+    return place
+
+
+def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
+    """The same, by the nearest state."""
+    pressures = [f"p{i}" for i in range(1, len(case.robot.chambers.azimuths_deg) + 1)]
+    missing = [name for name in pressures if name not in found]
+    if missing:
+        raise ConfigError(
+            f"{path}: has neither trial and step nor {missing[0]}; give the columns trial and step, or the state: "
+            f"spine_length (m) and p1..p{len(pressures)} (Pa)"
+        )
+    theirs = np.column_stack([np.asarray(found[name], float) for name in pressures])
+    spine = np.asarray(found.get("spine_length", np.zeros(len(theirs))), float)
+    others = [name for name in ("tip_mass", "roll_deg") if name in found]
+    place = np.full(len(case.table), -1)
+    for i, row in enumerate(case.table):
+        far = np.abs(theirs - np.array(row.pressures)).max(axis=1) / PRESSURE_WITHIN
+        far = np.maximum(far, np.abs(spine - max(row.spine_length, 0.0)) / SPINE_WITHIN)
+        for name in others:
+            own = getattr(row, name)
+            far[np.asarray(found[name], float) != (0.0 if own is None else own)] = np.inf
+        nearest = int(np.nanargmin(far)) if np.isfinite(far).any() else 0
+        place[i] = nearest if far[nearest] <= 1.0 else -1
+    if (place < 0).all():
+        raise ConfigError(
+            f"{path}: predicts none of the {len(place)} states of the table to {PRESSURE_WITHIN / 1e3:g} kPa and "
+            f"{SPINE_WITHIN * 1e3:g} mm of spine; pressures are in Pa, lengths in m"
+        )
+    return place
+
+
+def _baseline(name: str, found: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
+    """Columns of a file, or what a simulator made, in the order of the case's table."""
+    rows, chambers = case.table.rows, len(case.robot.chambers.azimuths_deg)
+    seen = place >= 0
+
+    def column(of: str, default: Array) -> Array:
+        if of not in found:
+            return default
+        return np.where(seen, np.asarray(found[of], float)[np.maximum(place, 0)], default)
+
+    nothing = np.full(len(rows), np.nan)
+    markers = len(case.robot.markers)
+    return Baseline(
+        name,
+        column("spine_length", np.array([max(r.spine_length, 0.0) for r in rows])),
+        np.column_stack([column(f"p{i + 1}", np.array([r.pressures[i] for r in rows])) for i in range(chambers)]),
+        np.column_stack([column(axis, nothing) for axis in "xyz"]),
+        np.column_stack([column(f"q{k}", nothing) for k in "wxyz"]),
+        np.stack(
+            [np.column_stack([column(f"m{k + 1}{axis}", nothing) for axis in "xyz"]) for k in range(markers)], axis=1
+        )
+        if markers
+        else np.zeros((len(rows), 0, 3)),
+    )
+
+
+def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
+    """A prediction in mm, or with z upside down, looks as a measurement would."""
+    rows: list[TrialRow] = []
+    for i, row in enumerate(case.table):
+        if np.isfinite(made.tip[i]).all():
+            x, y, z = made.tip[i].tolist()
+            rows.append(
+                replace(row, tip=(x, y, z), orientation=None, markers=(), pressures=tuple(made.pressure[i].tolist()))
+            )
+    try:
+        require_plausible(case.robot, Table(tuple(rows)), name)
+    except DiagnosisError as e:
+        raise ConfigError(str(e)) from e
+
+
+def simulator(name: str) -> tuple[str, Forward]:
+    """A simulator by the name under which a package announces it, or by the Python file with its SIMULATOR."""
+    if name.endswith(".py"):
+        return Path(name).stem, _checked(name, getattr(python_file(Path(name)), "SIMULATOR", None))
+
+    def unpack(entry: str, thing: object) -> dict[str, Forward]:
+        try:
+            return {entry: _checked(entry, thing)}
+        except ConfigError as e:
+            raise Unusable(str(e)) from e
+
+    found = installed(GROUP, {}, unpack)
+    if name in found.broken:
+        raise ConfigError(found.broken[name])
+    if name not in found.usable:
+        known = ", ".join(sorted(found.usable)) or "none is installed"
+        raise ConfigError(
+            f"--simulator {name}: is not known ({known}); give its name, or a Python file with a SIMULATOR"
+        )
+    return name, found.usable[name]
+
+
+def _checked(place: str, thing: object) -> Forward:
+    if isinstance(thing, type):
+        raise ConfigError(f"{place}: SIMULATOR is a class; make it an object: SIMULATOR = {thing.__name__}()")
+    if not isinstance(thing, Forward):
+        raise ConfigError(
+            f"{place}: SIMULATOR must have `parameters` and `predict(states, parameters)`; see model/simulator.py"
+        )
+    return thing
+
+
+def from_simulator(
+    name: str, own: Forward, case: Case, catalogue: Mapping[str, EffectSpec], progress: Callable[[float, float], None]
+) -> Baseline:
+    """What a simulator predicts of a case, as it is and with each of its own parameters varied.
+
+    Readings of one setting are simulated once. Raises ConfigError for what is not as `Forward` asks.
+    """
+    varied = (*catalogue.values(), *TOLERANCES.values(), AREA)
+    scale = {f"{spec.id}.{p.name}": p.scale for spec in varied for p in spec.parameters}
+    unknown = [p for p in own.parameters if p not in scale]
+    if unknown:
+        raise ConfigError(
+            f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names"
+        )
+    settings = np.array([_setting(r, case) for r in case.table])
+    rounding = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - 3), *TOGETHER[2:]])
+    unique, place = np.unique(np.round(settings / rounding), axis=0, return_inverse=True)
+    distinct = unique * rounding
+    states = [distinct[i : i + BATCH] for i in range(0, len(distinct), BATCH)]
+    variants: list[tuple[str, float]] = [("", 0.0), *((p, STEP * scale[p]) for p in own.parameters)]
+    made: dict[str, Baseline] = {}
+    for v, (parameter, step) in enumerate(variants):
+        columns: list[Columns] = []
+        for i, part in enumerate(states):
+            read = own.predict(_states(part), {parameter: step} if parameter else {})
+            columns.append(_columns(name, read, part, len(case.robot.markers)))
+            progress(v * len(states) + i + 1, len(variants) * len(states))
+        together = {key: np.concatenate([c[key] for c in columns]) for key in columns[0]}
+        made[parameter] = _baseline(name, together, place.reshape(-1), case)
+    _demand_plausible(f"simulator {name}", made[""], case)
+    return replace(made[""], varied={p: (step, made[p]) for p, step in variants if p})
+
+
+def _setting(row: TrialRow, case: Case) -> tuple[float, ...]:
+    mass = case.robot.tip_mass if row.tip_mass is None else row.tip_mass
+    return (max(row.spine_length, 0.0), *row.pressures, mass, float(np.radians(row.roll_deg or 0.0)))
+
+
+def _states(part: Array) -> States:
+    return States(part[:, 0], part[:, 1:-2], part[:, -2], part[:, -1])
+
+
+def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:
+    """What a simulator read, as columns of a file of predictions."""
+    n = len(part)
+    shapes: Sequence[tuple[str, Array | None, tuple[int, ...]]] = (
+        ("tip", read.tip, (n, 3)), ("orientation", read.orientation, (n, 4)), ("markers", read.markers, (n, markers, 3)),
+    )  # fmt: skip
+    out: Columns = {"spine_length": part[:, 0]} | {f"p{i}": c for i, c in enumerate(part[:, 1:-2].T, 1)}
+    for what, values, shape in shapes:
+        if values is None:
+            continue
+        values = np.asarray(values, float)
+        if values.shape != shape:
+            raise ConfigError(f"simulator {name}: {what} has the shape {values.shape}, must be {shape}")
+        if what == "markers":
+            out |= {f"m{k + 1}{axis}": values[:, k, i] for k in range(markers) for i, axis in enumerate("xyz")}
+        else:
+            out |= dict(zip("xyz" if what == "tip" else ("qw", "qx", "qy", "qz"), values.T, strict=True))
+    return out
