@@ -6,6 +6,7 @@ time stamp advance by `speed` cycles meanwhile.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 
@@ -86,8 +87,8 @@ class Controller:
         self._measure()
 
     # -- one cycle
-    def advance(self) -> None:
-        """One cycle."""
+    def advance(self, lasted: float = math.inf) -> None:
+        """One cycle, which took so many s of host time."""
         if self.halted:
             return
         dt = self.period * self.speed
@@ -99,14 +100,15 @@ class Controller:
             self.end_program(str(error))
         except JointOverspeed as error:
             self.protective_stop(str(error))
-        self._watch()
+        self._watch(min(lasted, self.period))
         self._measure()
 
-    def _watch(self) -> None:
-        """The watchdog counts the controller's own cycles, so a late host does not trip it."""
+    def _watch(self, lasted: float) -> None:
+        """The watchdog counts the controller's own cycles, so a late host does not trip it; nor do cycles that the host makes
+        up faster than they should come, in which a client has less time than it knows."""
         if self._watchdog is None:
             return
-        self._starving += self.period
+        self._starving += lasted
         if self._starving > 1.0 / self._watchdog:
             self.end_program(f"watchdog: input registers not written at {self._watchdog:g} Hz")
 

@@ -50,14 +50,15 @@ class Server:
 
     async def _cycles(self, plant: socket.socket, pose_to: Address | None) -> None:
         controller, period = self.controller, self.controller.period
-        due = time.monotonic()
+        due = began = time.monotonic()
         while True:
             now = time.monotonic()
             # A real controller is never late; a host is. What was missed is made up at twice the rate, because a client
             # keeps only the newest of several packages that arrive together.
             due = max(due + period, now - LONGEST_BACKLOG)
             await asyncio.sleep(due - now if due > now else period / 2)
-            controller.advance()
+            before, began = began, time.monotonic()
+            controller.advance(began - before)
             if pose_to is not None:
                 rig_time = (due - self.clock_start) * controller.speed
                 with contextlib.suppress(OSError):

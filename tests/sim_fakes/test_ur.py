@@ -217,6 +217,20 @@ def test_the_watchdog_ends_a_program_that_is_no_longer_written_to() -> None:
     assert controller.runtime == STOPPED and "watchdog" in controller.ended[-1]
 
 
+def test_cycles_that_a_late_host_makes_up_count_by_the_time_they_took() -> None:
+    """Of cycles of 8 ms: 22 in half the time, and one that the host did not run for long, are less than 0.1 s of a client's."""
+    controller = playing(speed=20.0)
+    command(controller, WATCHDOG, [10.0])
+    controller.write("input_int_register_0", 0)
+    for _ in range(22):
+        controller.advance(0.5 * controller.period)
+    controller.advance(1.0)
+    assert controller.runtime == PLAYING
+    for _ in range(2):
+        controller.advance(0.5 * controller.period)
+    assert controller.runtime == STOPPED and "watchdog" in controller.ended[-1]
+
+
 def test_no_program_starts_during_a_protective_stop() -> None:
     controller = playing()
     controller.protective_stop("test")
