@@ -3,29 +3,35 @@
     class Mine:
         parameters = ("youngs_modulus.excess",)             # what it can vary; may be empty
 
-        def predict(self, states, parameters):
-            softer = 1 + parameters.get("youngs_modulus.excess", 0.0)
-            tips = [my_solver(p, modulus=505e3 * softer) for p in states.pressure]
-            return Readings(tip=np.array(tips))
+        def __init__(self, robot):                          # the robot of robot.yaml
+            self.robot = robot
 
-    SIMULATOR = Mine()
+        def predict(self, states, parameters):
+            modulus = self.robot.youngs_modulus * (1 + parameters.get("youngs_modulus.excess", 0.0))
+            return Readings(tip=np.array([my_solver(p, modulus) for p in states.pressure]))
+
+    SIMULATOR = Mine
 
 A package announces it as an entry point of the group `softlab.simulators`; `lab diagnose --simulator` takes its name, or the
-file it stands in.
+Python file in which it stands as SIMULATOR.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.robot import Robot
+
 Array = NDArray[np.float64]
 
 GROUP = "softlab.simulators"
+Factory = Callable[[Robot], "Forward"]
+"""What an entry point gives: a class or function that takes the robot."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +65,11 @@ class Readings:
 
 @runtime_checkable
 class Forward(Protocol):
-    """A simulator."""
+    """A simulator of one robot."""
 
     parameters: tuple[str, ...]
     """What it can vary, by the names of `lab effects --json` (`spine_slip.moment`) and of calibration and tolerances
-    (`area.excess`, `youngs_modulus.excess`): its own response to these is used, the rod's to all others. They are
-    differenced unless it has a method `sensitivities`."""
+    (`area.excess`, `youngs_modulus.excess`): its own response to these is used (differenced), the rod's to all others."""
 
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """Readings of the states; `parameters` name -> how far from the robot as it is described, in the name's unit, 0 for

@@ -15,6 +15,8 @@ from diagnosis.errors import DiagnosisError
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
 from model.effects.tolerance import AREA
+from model.errors import ModelError
+from model.robot import Robot
 from model.simulator import GROUP, Forward, Readings, States
 from recordings.trials import Table, TrialRow
 
@@ -27,6 +29,8 @@ Array = NDArray[np.float64]
 
 PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
 """Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
+UNITS_APART = 0.01
+"""Share of the measured pressures below which those of a file have another unit."""
 TOGETHER = (1e-3, 1e3, 1e-4, 1e-3)
 """m of spine, Pa, kg at the tip and rad of roll to which settings are rounded before they are simulated."""
 BATCH = 8
@@ -74,6 +78,11 @@ def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
             f"spine_length (m) and p1..p{len(pressures)} (Pa)"
         )
     theirs = np.column_stack([np.asarray(found[name], float) for name in pressures])
+    highest, measured = float(np.nanmax(theirs)), max((max(r.pressures) for r in case.table), default=0.0)
+    if measured > PRESSURE_WITHIN and highest < UNITS_APART * measured:
+        raise ConfigError(
+            f"{path}: its highest pressure is {highest:g} Pa, that of the table {measured:g} Pa; pressures are in Pa"
+        )
     spine = np.asarray(found.get("spine_length", np.zeros(len(theirs))), float)
     others = [name for name in ("tip_mass", "roll_deg") if name in found]
     place = np.full(len(case.table), -1)
@@ -134,16 +143,15 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
         raise ConfigError(str(e)) from e
 
 
-def simulator(name: str) -> tuple[str, Forward]:
-    """A simulator by the name under which a package announces it, or by the Python file with its SIMULATOR."""
+def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
+    """A simulator of the robot, by the name under which a package announces it or by the Python file with its SIMULATOR."""
     if name.endswith(".py"):
-        return Path(name).stem, _checked(name, getattr(python_file(Path(name)), "SIMULATOR", None))
+        return Path(name).stem, _made(name, getattr(python_file(Path(name)), "SIMULATOR", None), robot)
 
-    def unpack(entry: str, thing: object) -> dict[str, Forward]:
-        try:
-            return {entry: _checked(entry, thing)}
-        except ConfigError as e:
-            raise Unusable(str(e)) from e
+    def unpack(entry: str, thing: object) -> dict[str, object]:
+        if not callable(thing):
+            raise Unusable(f"{entry} must be a class or function that takes the robot")
+        return {entry: thing}
 
     found = installed(GROUP, {}, unpack)
     if name in found.broken:
@@ -153,17 +161,23 @@ def simulator(name: str) -> tuple[str, Forward]:
         raise ConfigError(
             f"--simulator {name}: is not known ({known}); give its name, or a Python file with a SIMULATOR"
         )
-    return name, found.usable[name]
+    return name, _made(name, found.usable[name], robot)
 
 
-def _checked(place: str, thing: object) -> Forward:
-    if isinstance(thing, type):
-        raise ConfigError(f"{place}: SIMULATOR is a class; make it an object: SIMULATOR = {thing.__name__}()")
-    if not isinstance(thing, Forward):
+def _made(place: str, thing: object, robot: Robot) -> Forward:
+    if not callable(thing):
         raise ConfigError(
-            f"{place}: SIMULATOR must have `parameters` and `predict(states, parameters)`; see model/simulator.py"
+            f"{place}: has no SIMULATOR, a class or function that takes the robot; see model/simulator.py"
         )
-    return thing
+    try:
+        made = thing(robot)
+    except (ImportError, ModelError, TypeError, ValueError) as e:
+        raise ConfigError(f"{place}: SIMULATOR cannot be made of this robot: {type(e).__name__}: {e}") from e
+    if not isinstance(made, Forward):
+        raise ConfigError(
+            f"{place}: SIMULATOR must give `parameters` and `predict(states, parameters)`; see model/simulator.py"
+        )
+    return made
 
 
 def from_simulator(

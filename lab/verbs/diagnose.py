@@ -127,7 +127,7 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
     if comparisons.baseline is not None:
         made = from_table(comparisons.baseline, case)
     else:
-        name, own = simulator(str(comparisons.simulator))
+        name, own = simulator(str(comparisons.simulator), case.robot)
         with Screen(f"simulating with {name}") as screen:
             made = from_simulator(name, own, case, weighed, screen.progress)
     lost = [r for r, tip in zip(case.table, made.tip, strict=True) if r.tip is not None and not np.isfinite(tip).all()]

@@ -13,15 +13,16 @@ from diagnosis.diagnose import diagnose
 from diagnosis.inference.on_baseline import SHARE
 from diagnosis.inference.prepare import Prepared, prepare
 from model.effects import CATALOGUE
-from tests.diagnosis.small_campaigns import FEW, SOME, Measured, measured, quick
+from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
-TWIST = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
+TURN = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
+SOME = {effect: CATALOGUE[effect] for effect in ("chamber_azimuth", "pressure_offset", "body_modulus", "precurvature")}
 
 
 def rod_tips(case: Measured, **excess: float) -> NDArray[np.float64]:
     """(n, 3) m, by the rod of robot.yaml with what is added to parameters of its model."""
-    p = prepare(ROBOT, states(case)[0], catalogue=TWIST)
+    p = prepare(ROBOT, states(case)[0], catalogue=TURN)
     theta = np.zeros(len(p.problem.parameters.names))
     for name, value in excess.items():
         theta[p.problem.parameters.names.index(name.replace("__", "."))] = value
@@ -48,7 +49,7 @@ def bent_otherwise(case: Measured, by: float) -> NDArray[np.float64]:
 
 
 def prepared(case: Measured, made: Baseline) -> Prepared:
-    return prepare(ROBOT, states(case)[0], catalogue=TWIST, baseline=made)
+    return prepare(ROBOT, states(case)[0], catalogue=TURN, baseline=made)
 
 
 def test_at_zero_it_predicts_what_the_simulator_does_and_at_a_whole_share_what_the_rod_does() -> None:
