@@ -1,0 +1,203 @@
+"""Predictions of another simulator: read from a table or asked of the simulator, and every doubt told."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosed_case import ROBOT, campaign, folder
+
+from lab.cli import main
+from lab.files.baseline import from_simulator, from_table, simulator
+from lab.files.config import ConfigError
+from lab.files.inputs import Case, read_case
+from model.condition import conditions
+from model.effects import CATALOGUE
+from model.rods import FINE, solve
+from model.section import rods_of
+from model.simulator import Readings, States
+
+LENGTHS, PRESSURES = (0.0, 0.2), (0.0, 100e3, 200e3)
+
+OWN = """
+import numpy as np
+
+from model.condition import conditions
+from model.rods import PAPER, solve
+from model.section import rods_of
+from model.simulator import Readings
+
+
+class Euler:
+    parameters = ()
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def predict(self, states, parameters):
+        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        return Readings(tip=solve(rods_of(self.robot, at), PAPER).tip)
+
+
+SIMULATOR = Euler
+"""
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    rows = campaign({"chamber_azimuth.angle": np.radians(8)}, lengths=LENGTHS, pressures=PRESSURES)
+    return read_case([folder(tmp_path_factory.mktemp("case"), rows)])
+
+
+def written(path: Path, rows: list[dict[str, object]]) -> Path:
+    with path.open("w", newline="", encoding="utf-8") as f:
+        table = csv.DictWriter(f, list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+    return path
+
+
+def by_step(case: Case, scale: float = 1.0) -> list[dict[str, object]]:
+    return [
+        {"trial": r.trial, "step": r.step, **dict(zip("xyz", (scale * c for c in r.tip or ()), strict=True))}
+        for r in case.table
+    ]
+
+
+def by_state() -> list[dict[str, object]]:
+    return [
+        {
+            "spine_length": s,
+            **{f"p{c}": p if c in (9, 1, 2) else 0.0 for c in range(1, 10)},
+            "x": 0.01 * s, "y": p * 1e-7, "z": 0.39,
+        }
+        for s in LENGTHS
+        for p in PRESSURES
+    ]  # fmt: skip
+
+
+def test_rows_are_matched_by_trial_and_step(case: Case, tmp_path: Path) -> None:
+    made = from_table(written(tmp_path / "p.csv", by_step(case)[::-1]), case)
+    assert made.tip == pytest.approx(np.array([r.tip for r in case.table]))
+    assert np.isnan(made.orientation).all() and made.name == "p.csv"
+    assert made.pressure == pytest.approx(np.array([r.pressures for r in case.table]))
+
+
+def test_or_by_the_nearest_state_which_is_kept(case: Case, tmp_path: Path) -> None:
+    made = from_table(written(tmp_path / "p.csv", by_state()), case)
+    measured = np.array([r.pressures[0] for r in case.table])
+    assert made.pressure[:, 0] == pytest.approx(measured, abs=5e3)
+    assert set(made.pressure[:, 0]) == set(PRESSURES) and made.tip[:, 1] == pytest.approx(made.pressure[:, 0] * 1e-7)
+
+
+def test_a_state_that_is_far_from_all_predicted_ones_has_none(case: Case, tmp_path: Path) -> None:
+    made = from_table(written(tmp_path / "p.csv", [r for r in by_state() if r["p1"] != PRESSURES[-1]]), case)
+    lost = np.isnan(made.tip).any(axis=1)
+    assert lost.any() and np.array([r.pressures[0] for r in case.table])[lost].min() > 150e3
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ([{"trial": 1, "step": 1, "x": 0.0, "y": 0.0}], "has no column z"),
+        ([{"trial": 1, "step": 1, "x": 0, "y": 0, "z": 0.4}] * 2, "trial 1 step 1 is predicted twice"),
+        ([{"trial": 77, "step": 1, "x": 0.0, "y": 0.0, "z": 0.4}], "predicts none of the"),
+        ([{"x": 0.0, "y": 0.0, "z": 0.4}], "neither trial and step nor p1"),
+        ([{**by_state()[2], "p1": 200.0, "p2": 200.0, "p9": 200.0}], "highest pressure is 200 Pa, .* are in Pa"),
+        ([{**by_state()[2], "spine_length": 200.0}], "predicts none of the .* lengths in m"),
+        ([{"trial": 1, "step": 1, "x": "left", "y": 0, "z": 0.4}], "p.csv:2: x = 'left' is not a finite number"),
+    ],
+)
+def test_what_cannot_be_matched_is_told(case: Case, tmp_path: Path, rows: list[dict[str, object]], told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        from_table(written(tmp_path / "p.csv", rows), case)
+
+
+def test_a_prediction_in_millimetres_is_refused(case: Case, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="mm"):
+        from_table(written(tmp_path / "p.csv", by_step(case, scale=1e3)), case)
+
+
+class Rod:
+    """The rod itself, which knows how soft it is."""
+
+    parameters = ("youngs_modulus.excess",)
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
+        self.asked.append(len(states))
+        at = conditions(ROBOT, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        softer = 1 + parameters.get("youngs_modulus.excess", 0.0)
+        robot = ROBOT.model_copy(update={"youngs_modulus": ROBOT.youngs_modulus * softer})
+        found = solve(rods_of(robot, at), FINE)
+        return Readings(found.tip)
+
+
+def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_parameters(case: Case) -> None:
+    own = Rod()
+    steps: list[tuple[float, float]] = []
+    made = from_simulator("rod", own, case, CATALOGUE, lambda done, total: steps.append((done, total)))
+    assert sum(own.asked) < 2 * len(case.table) and max(own.asked) <= 8
+    assert steps[-1][0] == steps[-1][1] == len(own.asked)
+    step, there = made.varied["youngs_modulus.excess"]
+    assert step == pytest.approx(0.002) and np.abs(there.tip - made.tip).max() > 1e-5
+
+
+def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--simulator nobody: is not known"):
+        simulator("nobody", ROBOT)
+    for text, told in (
+        ("x = 1", "has no SIMULATOR"),
+        ("SIMULATOR = lambda robot: 3", "must give `parameters` and `predict"),
+        ("SIMULATOR = lambda: 3", "cannot be made of this robot: TypeError"),
+        ("def SIMULATOR(robot):\n    raise ImportError('no such library')", "no such library"),
+    ):
+        (tmp_path / "own.py").write_text(text)
+        with pytest.raises(ConfigError, match=told):
+            simulator(str(tmp_path / "own.py"), ROBOT)
+
+    class Wrong(Rod):
+        parameters = ("softness",)  # type: ignore[assignment]
+
+    class Flat(Rod):
+        parameters = ()  # type: ignore[assignment]
+
+        def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
+            return Readings(np.zeros((len(states), 2)))
+
+    for own, told in (
+        (Wrong(), "parameter 'softness' is not known"),
+        (Flat(), r"tip has the shape \(\d, 2\), must be"),
+    ):
+        with pytest.raises(ConfigError, match=told):
+            from_simulator("own", own, case, CATALOGUE, lambda done, total: None)
+
+
+def test_the_command_diagnoses_the_gap_of_a_simulator(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = {effect: CATALOGUE[effect] for effect in ("chamber_azimuth", "pressure_offset")}
+    monkeypatch.setattr("lab.files.own_effects.CATALOGUE", few)
+    place = folder(
+        tmp_path / "case", campaign({"chamber_azimuth.angle": np.radians(8)}, lengths=LENGTHS, pressures=PRESSURES)
+    )
+    (tmp_path / "euler.py").write_text(OWN)
+    out = tmp_path / "out.json"
+    asked = ["diagnose", str(place), "--simulator", str(tmp_path / "euler.py"), "--json", str(out)]
+    assert main([*asked, "--report", str(tmp_path / "out.html")]) == 0
+    found = json.loads(out.read_text())
+    assert found["attribute"]["effects"] == ["chamber_azimuth"]
+    assert found["detail"]["baseline"]["name"] == "euler" and found["locate"]["numerical_error_mm"] is None
+    assert [s["step"] for s in found["waterfall"]["steps"]][:2] == ["calibration", "simulator"]
+    page = (tmp_path / "out.html").read_text()
+    assert (
+        "euler as given" in page and "the simulator taken back to the rod" in page and "Euler integration" not in page
+    )
+    for more in (["--baseline", "p.csv"], ["--reference", str(place)], ["--holdout", str(place)]):
+        assert main([*asked, *more]) == 2
