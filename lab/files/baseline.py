@@ -17,7 +17,7 @@ from model.effects.spec import EffectSpec
 from model.effects.tolerance import AREA
 from model.errors import ModelError
 from model.robot import Robot
-from model.simulator import GROUP, Forward, Readings, States
+from model.simulators import GROUP, Forward, Readings, States
 from recordings.trials import Table, TrialRow
 
 from .config import ConfigError
@@ -167,7 +167,7 @@ def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
 def _made(place: str, thing: object, robot: Robot) -> Forward:
     if not callable(thing):
         raise ConfigError(
-            f"{place}: has no SIMULATOR, a class or function that takes the robot; see model/simulator.py"
+            f"{place}: has no SIMULATOR, a class or function that takes the robot; see model/simulators/__init__.py"
         )
     try:
         made = thing(robot)
@@ -175,7 +175,7 @@ def _made(place: str, thing: object, robot: Robot) -> Forward:
         raise ConfigError(f"{place}: SIMULATOR cannot be made of this robot: {type(e).__name__}: {e}") from e
     if not isinstance(made, Forward):
         raise ConfigError(
-            f"{place}: SIMULATOR must give `parameters` and `predict(states, parameters)`; see model/simulator.py"
+            f"{place}: SIMULATOR must give `parameters` and `predict(states, parameters)`; see model/simulators/__init__.py"
         )
     return made
 

@@ -19,7 +19,7 @@ from model.condition import conditions
 from model.effects import CATALOGUE
 from model.rods import FINE, solve
 from model.section import rods_of
-from model.simulator import Readings, States
+from model.simulators import Readings, States
 
 LENGTHS, PRESSURES = (0.0, 0.2), (0.0, 100e3, 200e3)
 
@@ -29,7 +29,7 @@ import numpy as np
 from model.condition import conditions
 from model.rods import PAPER, solve
 from model.section import rods_of
-from model.simulator import Readings
+from model.simulators import Readings
 
 
 class Euler:

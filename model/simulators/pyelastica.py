@@ -1,0 +1,131 @@
+"""PyElastica (extra `pyelastica`) as a simulator of the robot: a Cosserat rod in time, damped until it rests.
+
+The robot's rod has N equal elements; stretch K_se and bend K_bt of each are those of the rod of robot.yaml at its middle, an
+element that the spine's end divides having both in series. It bends at the N - 1 places between elements, so K_bt is taken
+(N - 1) / N times. The chambers press on the tip with n_P and m_P, which turn with
+it (paper, eq. 4); weight and tip mass act at the nodes. Mass and damping decide how the robot comes to rest, not where.
+PyElastica's own law lets an element that is stretched bend more easily (its section keeps its volume), so that it does not
+agree with the rod to the last digit.
+
+N. Naughton et al., "Elastica: A compliant mechanics environment for soft robotic control", RA-L 2021.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import elastica as ea
+import numpy as np
+from numpy.typing import NDArray
+
+from model.condition import conditions
+from model.robot import Robot
+from model.rods import Rods
+from model.section import body_area, rods_of
+from model.simulators import Readings, States
+
+Array = NDArray[np.float64]
+
+ELEMENTS = 20
+TIME_STEP = 1e-4
+"""s."""
+DAMPING = 25.0
+"""1/s; near critical for the first bending mode of a robot of half a metre of silicone."""
+LOOK = 200
+"""Steps between two looks at whether it rests."""
+AT_REST = 1e-4
+"""m/s of the fastest node."""
+MOST_STEPS = 100_000
+RADIUS = 0.02
+"""m of the elements in PyElastica; it sets their rotary inertia alone, as the stiffness is given."""
+
+
+class PyElastica:
+    """The robot of robot.yaml in PyElastica."""
+
+    parameters = ("area.excess",)
+
+    def __init__(self, robot: Robot, elements: int = ELEMENTS) -> None:
+        self._robot, self._elements = robot, elements
+
+    def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
+        """One relaxation a state; NaN for a state that does not come to rest."""
+        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        rods = rods_of(self._robot, at)
+        push = 1.0 + parameters.get("area.excess", 0.0)
+        density = self._robot.density * body_area(self._robot) / (np.pi * RADIUS**2)
+        return Readings(np.array([relaxed(rods, i, push, density, self._elements) for i in range(len(states))]))
+
+
+class _Loads(ea.NoForces):  # type: ignore[misc]
+    """Weight at the nodes, and a force and moment that turn with the tip."""
+
+    def __init__(self, weight: Array, force: Array, moment: Array) -> None:
+        super().__init__()
+        self._weight, self._force, self._moment = weight, force, moment
+
+    def apply_forces(self, system: Any, time: float = 0.0) -> None:
+        """Forces in the base frame."""
+        system.external_forces += self._weight
+        system.external_forces[:, -1] += system.director_collection[:, :, -1].T @ self._force
+
+    def apply_torques(self, system: Any, time: float = 0.0) -> None:
+        """Torques in the element's own frame."""
+        system.external_torques[:, -1] += self._moment
+
+
+class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):  # type: ignore[misc]
+    """A clamped rod with loads and damping."""
+
+
+def relaxed(rods: Rods, i: int, push: float, density: float, elements: int = ELEMENTS) -> Array:
+    """(3,) m, the tip of rod `i` at rest, its tip force and moment times `push`; NaN where it does not rest."""
+    lengths = rods.field("length")[i]
+    total = float(lengths.sum())
+    rod = ea.CosseratRod.straight_rod(
+        elements, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), total, RADIUS, density,
+        youngs_modulus=1e6, shear_modulus=1e6 / 3,
+    )  # fmt: skip
+    edges = np.linspace(0.0, total, elements + 1)
+    inner = _share_within(edges, float(lengths[0]))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    for k in range(3):
+        rod.shear_matrix[k, k] = _in_series(rods.field("stretch_stiffness")[i, :, k], inner)
+        bend = _in_series(rods.field("bend_stiffness")[i, :, k], _share_within(middle, float(lengths[0])))
+        rod.bend_matrix[k, k] = (elements - 1) / elements * bend
+    weight = np.zeros((3, elements + 1))
+    below, above = rods.field("load")[i]
+    each = total / elements * (inner * below[:, None] + (1.0 - inner) * above[:, None])
+    weight[:, :-1] += 0.5 * each
+    weight[:, 1:] += 0.5 * each
+    weight[:, -1] += rods.field("dead_force")[i]
+    system = _System()
+    system.append(rod)
+    system.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
+    system.add_forcing_to(rod).using(
+        _Loads, weight, push * rods.field("tip_force")[i], push * rods.field("tip_moment")[i]
+    )
+    system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=DAMPING, time_step=TIME_STEP)
+    system.finalize()
+    stepper = ea.PositionVerlet()
+    time = 0.0
+    for step in range(MOST_STEPS):
+        time = float(stepper.step(system, time, TIME_STEP))
+        if step % LOOK == LOOK - 1:
+            speed = float(np.abs(rod.velocity_collection).max())
+            if not np.isfinite(speed):
+                break
+            if speed < AT_REST:
+                return np.asarray(rod.position_collection[:, -1].copy())
+    return np.full(3, np.nan)
+
+
+def _share_within(edges: Array, end: float) -> Array:
+    """Share of each element between `edges` that lies below `end`."""
+    return np.clip((end - edges[:-1]) / np.diff(edges), 0.0, 1.0)
+
+
+def _in_series(stiffness: Array, inner: Array) -> Array:
+    """Stiffness of elements of which a share is the inner part."""
+    return np.asarray(1.0 / (inner / stiffness[0] + (1.0 - inner) / stiffness[1]))
