@@ -65,19 +65,23 @@ class Budget:
     weight: Array
     """(d,) probability of each draw; they sum to one."""
     form_error: Array
-    """(d,) share by which laws are wrong there."""
+    """(d,) share by which laws may be wrong there: what the data say where nothing else is free to take up what is wrong, else
+    the largest (decision 070)."""
+    tolerant: NDArray[np.bool_]
+    """(d,) other effects are free within their tolerances there, and may hide what is wrong with any law."""
     law_error: dict[str, float]
-    """By effect, the part of that share that its law has."""
+    """By effect, the part of that share that its law has where nothing hides it."""
     named: tuple[Hypothesis, ...]
     """(d,) what is named in each draw."""
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
         """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""
-        laws = np.exp(np.outer(self.law_error[effect] * self.form_error, DEVIATES))
+        share = np.where(self.tolerant, 1.0, self.law_error[effect])
+        laws = np.exp(np.outer(share * self.form_error, DEVIATES))
         carried = (self.metres[:, self.effects.index(effect), None] * laws).ravel()
         order = np.argsort(carried, kind="stable")
-        share = np.cumsum(np.repeat(self.weight, DEVIATES.size)[order])
-        at = np.searchsorted(share / share[-1], quantiles).clip(0, len(order) - 1)
+        below = np.cumsum(np.repeat(self.weight, DEVIATES.size)[order])
+        at = np.searchsorted(below / below[-1], quantiles).clip(0, len(order) - 1)
         return tuple(float(v) for v in carried[order][at])
 
 
@@ -122,7 +126,7 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
     p = problem.parameters
     weights = shares(candidates, len(p.ids), temperature).tolist()
     carry = _Carrying(problem, where)
-    metres, floors, weight, form_error, named = [], [], [], [], []
+    metres, floors, weight, form_error, tolerant, named = [], [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_WEIGHT:
             continue
@@ -130,17 +134,16 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
         metres.append(m)
         floors.append(f)
         weight += [w / DRAWS] * DRAWS
-        form_error += [_form_error(c)] * DRAWS
+        free = c.grid_point.spike > 0.0
+        form_error += [float(KNOWN.form_errors.max()) if free else c.grid_point.form_error] * DRAWS
+        tolerant += [free] * DRAWS
         named += [_named(row, p.ids, c.named) for row in f]
     total = np.array(weight)
     share = total / total.sum()
-    return Budget(p.ids, np.vstack(metres), np.vstack(floors), share, np.array(form_error), p.law_error, tuple(named))
-
-
-def _form_error(c: Candidate) -> float:
-    """Share by which laws may be wrong: what the data say of the named law where nothing else is free to take up what is
-    wrong with it, else the largest (decision 070)."""
-    return c.grid_point.form_error if c.grid_point.spike == 0.0 else float(KNOWN.form_errors.max())
+    return Budget(
+        p.ids, np.vstack(metres), np.vstack(floors), share, np.array(form_error), np.array(tolerant), p.law_error,
+        tuple(named),
+    )  # fmt: skip
 
 
 def _drawn(mean: Array, covariance: Array) -> Array:

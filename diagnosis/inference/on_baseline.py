@@ -2,10 +2,9 @@
 
 With y_sim what the simulator predicts of the states and rod(theta) the rod with parameters theta,
 
-    y(theta, s) = y_sim + rod(theta) - rod(0) + sum_k theta_k (dy_sim/dtheta_k - drod/dtheta_k) - s (y_sim - rod(0)),
+    y(theta, s) = rod(theta) + (1 - s) (y_sim - rod(0) + sum_k theta_k (dy_sim/dtheta_k - drod/dtheta_k)),    0 <= s <= 1,
 
-    0 <= s <= 1, k over the parameters that the simulator can vary itself,
-
+k over the parameters that the simulator can vary itself,
 rod(0) having the area factor with which it comes nearest to y_sim, so that effects act on a rod that bends as far. The share s
 is fitted beside the area factor, in every hypothesis: it tells how much of what the simulator does otherwise than the rod is
 not there in the measurements (an error of its numerics, of its mesh, of its form). How the simulator's response to an effect
@@ -76,16 +75,22 @@ class OnBaseline:
 
     def _beside(self, theta: Array) -> Array:
         """(observations,) what the rod alone does not predict."""
-        out = (1.0 - theta[self._share]) * self.difference
+        return np.asarray((1.0 - theta[self._share]) * self._apart(theta))
+
+    def _apart(self, theta: Array) -> Array:
+        """(observations,) simulator minus rod at these parameters."""
+        out = self.difference
         for k, excess in self.varied.items():
             out = out + theta[k] * excess
-        return np.asarray(out)
+        return out
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Prediction, and its derivatives (observations, k)."""
         predicted, slope = self.forward.linearise(theta, columns)
         wanted = list(range(slope.shape[1])) if columns is None else list(columns)
-        for k, excess in {**self.varied, self._share: -self.difference}.items():
+        kept = 1.0 - theta[self._share]
+        beside = {k: kept * excess for k, excess in self.varied.items()} | {self._share: -self._apart(theta)}
+        for k, excess in beside.items():
             if k in wanted:
                 slope[:, wanted.index(k)] += excess
         return predicted + self._beside(theta), slope

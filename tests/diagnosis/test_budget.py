@@ -47,17 +47,28 @@ def test_what_carries_at_least_half_of_the_largest_and_a_floor_is_named(
 
 def test_quantiles_are_weighted() -> None:
     metres = np.array([[1.0], [100.0], [1e4]])
-    b = Budget(("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), {"a": 1.0}, ((), (), ()))
+    b = Budget(
+        ("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), np.zeros(3, bool), {"a": 1.0}, ((), (), ())
+    )
     assert b.interval("a", 0.05, 0.15, 0.6) == pytest.approx((1.0, 100.0, 1e4))
 
 
 def test_an_interval_counts_on_a_law_that_is_wrong_by_as_much_as_laws_are() -> None:
     known = np.ones((1, 1))
     for form_error in (0.03, 0.3):
-        b = Budget(("a",), known, known, np.ones(1), np.array([form_error]), {"a": 1.0}, ((),))
+        b = Budget(("a",), known, known, np.ones(1), np.array([form_error]), np.zeros(1, bool), {"a": 1.0}, ((),))
         low, middle, high = b.interval("a", 0.025, 0.5, 0.975)
         assert middle == pytest.approx(1.0)
         assert np.log(high) == pytest.approx(-np.log(low)) and 1.7 < np.log(high) / form_error < 2.0
+
+
+@pytest.mark.parametrize(("tolerant", "share"), [(False, 0.1), (True, 1.0)])
+def test_an_exact_law_is_as_wrong_as_any_where_tolerances_may_hide_the_error_of_another(
+    tolerant: bool, share: float
+) -> None:
+    known = np.ones((1, 1))
+    b = Budget(("a",), known, known, np.ones(1), np.array([0.3]), np.array([tolerant]), {"a": 0.1}, ((),))
+    assert 1.7 < np.log(b.interval("a", 0.975)[0]) / (0.3 * share) < 2.0
 
 
 @pytest.mark.parametrize(
@@ -82,6 +93,7 @@ def test_the_answer_is_what_is_named_in_most_draws(
         draws,
         np.array(weight),
         np.zeros(len(named)),
+        np.zeros(len(named), bool),
         dict.fromkeys(EFFECTS, 1.0),
         tuple(tuple(n) for n in named),
     )

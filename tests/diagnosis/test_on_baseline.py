@@ -73,6 +73,7 @@ def test_derivatives_are_those_of_differences_and_its_own_where_it_has_them() ->
     p = prepared(case, baseline(case, tips, youngs_modulus__excess=(0.01, softer)))
     theta = p.problem.parameters.mean.copy()
     theta[p.problem.parameters.names.index(SHARE)] = 0.3
+    theta[p.problem.parameters.names.index("youngs_modulus.excess")] = 0.01
     slope = p.problem.forward.linearise(theta)[1]
     for name, step in ((SHARE, 1e-3), ("chamber_azimuth.angle", 1e-5), ("youngs_modulus.excess", 1e-5)):
         k = p.problem.parameters.names.index(name)
