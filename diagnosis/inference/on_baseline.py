@@ -63,12 +63,6 @@ class OnBaseline:
     def _share(self) -> int:
         return [p.name for p in self.forward.parameters].index(SHARE)
 
-    def rod(self, theta: Array) -> Array:
-        """(k,) the same parameters with the rod in the simulator's place."""
-        out = theta.copy()
-        out[self._share] = 1.0
-        return out
-
     def predict(self, theta: Array) -> Array:
         """(observations,) at parameters (k,)."""
         return np.asarray(self.forward.predict(theta) + self._beside(theta))

@@ -291,7 +291,8 @@ def _bound(value: float | None) -> str:
 def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
     states = d.detail["shapes"]
     if not states:
-        s.text("The model has no equilibrium in the measured states, so there is no shape to show.")
+        why = "Another simulator takes the rod's place" if "baseline" in d.detail else "The model has no equilibrium"
+        s.text(f"{why} in the measured states, so there is no shape to show.")
         return
     s.figure(
         draw_shapes(states, folder / "shapes.svg"),
