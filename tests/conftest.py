@@ -41,6 +41,7 @@ GROUPS = {
     "test_who_may_speak.py": WHOLE,
     "diagnosis": RODS,
     "model": RODS,
+    "test_baseline.py": RODS,
     "test_blind_bench.py": RODS,
     "test_diagnose_verb.py": RODS,
     "test_diagnosis_page.py": RODS,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,9 @@ from diagnosis.errors import DiagnosisError
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
 from model.effects.tolerance import AREA
-from model.errors import ModelError
+from model.errors import ModelError, nearest
 from model.robot import Robot
-from model.simulators import GROUP, Forward, Readings, States
+from model.simulators import GROUP, OWN, Forward, Readings, States
 from recordings.trials import Table, TrialRow
 
 from .config import ConfigError
@@ -147,19 +148,24 @@ def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
     """A simulator of the robot, by the name under which a package announces it or by the Python file with its SIMULATOR."""
     if name.endswith(".py"):
         return Path(name).stem, _made(name, getattr(python_file(Path(name)), "SIMULATOR", None), robot)
+    if name in OWN:
+        module, thing = OWN[name]
+        try:
+            return name, _made(name, getattr(import_module(module), thing), robot)
+        except ImportError as e:
+            raise ConfigError(f"--simulator {name}: is not installed ({e}); pip install 'softlab[{name}]'") from e
 
     def unpack(entry: str, thing: object) -> dict[str, object]:
         if not callable(thing):
             raise Unusable(f"{entry} must be a class or function that takes the robot")
         return {entry: thing}
 
-    found = installed(GROUP, {}, unpack)
+    found = installed(GROUP, dict.fromkeys(OWN, object()), unpack)
     if name in found.broken:
         raise ConfigError(found.broken[name])
     if name not in found.usable:
-        known = ", ".join(sorted(found.usable)) or "none is installed"
         raise ConfigError(
-            f"--simulator {name}: is not known ({known}); give its name, or a Python file with a SIMULATOR"
+            f"--simulator {name}: is not known, {nearest(name, found.usable)}; give its name, or a Python file with a SIMULATOR"
         )
     return name, _made(name, found.usable[name], robot)
 
@@ -204,7 +210,10 @@ def from_simulator(
     for v, (parameter, step) in enumerate(variants):
         columns: list[Columns] = []
         for i, part in enumerate(states):
-            read = own.predict(_states(part), {parameter: step} if parameter else {})
+            try:
+                read = own.predict(_states(part), {parameter: step} if parameter else {})
+            except Exception as e:
+                raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
             columns.append(_columns(name, read, part, len(case.robot.markers)))
             progress(v * len(states) + i + 1, len(variants) * len(states))
         together = {key: np.concatenate([c[key] for c in columns]) for key in columns[0]}
@@ -224,6 +233,8 @@ def _states(part: Array) -> States:
 
 def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:
     """What a simulator read, as columns of a file of predictions."""
+    if not isinstance(read, Readings):
+        raise ConfigError(f"simulator {name}: predict gave {type(read).__name__}, must give model.simulators.Readings")
     n = len(part)
     shapes: Sequence[tuple[str, Array | None, tuple[int, ...]]] = (
         ("tip", read.tip, (n, 3)), ("orientation", read.orientation, (n, 4)), ("markers", read.markers, (n, markers, 3)),

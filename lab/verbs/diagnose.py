@@ -76,6 +76,8 @@ def diagnose(
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
     case = read_case(inputs, robot)
+    if comparisons.baseline is not None or comparisons.simulator is not None:
+        case = _of_robot(case)
     note(case.table.warnings)
     note(clipped_note(case.table))
     if case.robot.residual is not None:
@@ -112,6 +114,18 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
         raise ConfigError(f"--holdout {comparisons.holdout}: {e}") from e
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
+
+
+def _of_robot(case: Case) -> Case:
+    """A case without stiffness trials, of which a simulator in the rod's place tells nothing."""
+    rows = tuple(r for r in case.table if r.protocol != "stiffness")
+    if not rows:
+        raise ConfigError(
+            "all rows are of stiffness trials, whose baseline is the rod: leave --baseline and --simulator out"
+        )
+    if len(rows) < len(case.table):
+        note([f"{len(case.table) - len(rows)} rows of stiffness trials are left out: their baseline is the rod"])
+    return replace(case, table=replace(case.table, rows=rows))
 
 
 def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -30,6 +31,8 @@ from model.robot import Robot
 Array = NDArray[np.float64]
 
 GROUP = "softlab.simulators"
+OWN: Mapping[str, tuple[str, str]] = MappingProxyType({"pyelastica": ("model.simulators.pyelastica", "PyElastica")})
+"""The project's own, by name: module and class. The name is also that of the extra that it needs."""
 Factory = Callable[[Robot], "Forward"]
 """What an entry point gives: a class or function that takes the robot."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -150,8 +151,8 @@ def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_paramete
 
 
 def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--simulator nobody: is not known"):
-        simulator("nobody", ROBOT)
+    with pytest.raises(ConfigError, match="--simulator pielastica: is not known, .*pyelastica"):
+        simulator("pielastica", ROBOT)
     for text, told in (
         ("x = 1", "has no SIMULATOR"),
         ("SIMULATOR = lambda robot: 3", "must give `parameters` and `predict"),
@@ -177,6 +178,13 @@ def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None
     ):
         with pytest.raises(ConfigError, match=told):
             from_simulator("own", own, case, CATALOGUE, lambda done, total: None)
+
+
+def test_one_that_comes_with_the_software_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert simulator("pyelastica", ROBOT)[1].parameters == ("area.excess",)
+    monkeypatch.setitem(sys.modules, "model.simulators.pyelastica", None)
+    with pytest.raises(ConfigError, match=r"is not installed .* pip install 'softlab\[pyelastica\]'"):
+        simulator("pyelastica", ROBOT)
 
 
 def test_the_command_diagnoses_the_gap_of_a_simulator(
