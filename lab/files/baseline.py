@@ -32,8 +32,8 @@ PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
 """Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
 UNITS_APART = 0.01
 """Share of the measured pressures below which those of a file have another unit."""
-TOGETHER = (1e-3, 1e3, 1e-4, 1e-3)
-"""m of spine, Pa, kg at the tip and rad of roll to which settings are rounded before they are simulated."""
+TOGETHER = (2e-3, 3e3, 1e-4, 1e-3)
+"""m of spine, Pa, kg at the tip and rad of roll within which one setting is simulated for several readings."""
 BATCH = 8
 """Settings that a simulator is asked for at once."""
 STEP = 0.1
@@ -201,9 +201,7 @@ def from_simulator(
             f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names"
         )
     settings = np.array([_setting(r, case) for r in case.table])
-    rounding = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - 3), *TOGETHER[2:]])
-    unique, place = np.unique(np.round(settings / rounding), axis=0, return_inverse=True)
-    distinct = unique * rounding
+    distinct, place = _distinct(settings)
     states = [distinct[i : i + BATCH] for i in range(0, len(distinct), BATCH)]
     variants: list[tuple[str, float]] = [("", 0.0), *((p, STEP * scale[p]) for p in own.parameters)]
     made: dict[str, Baseline] = {}
@@ -217,9 +215,22 @@ def from_simulator(
             columns.append(_columns(name, read, part, len(case.robot.markers)))
             progress(v * len(states) + i + 1, len(variants) * len(states))
         together = {key: np.concatenate([c[key] for c in columns]) for key in columns[0]}
-        made[parameter] = _baseline(name, together, place.reshape(-1), case)
+        made[parameter] = _baseline(name, together, place, case)
     _demand_plausible(f"simulator {name}", made[""], case)
     return replace(made[""], varied={p: (step, made[p]) for p, step in variants if p})
+
+
+def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Some of settings (n, ..), (m, ..), and which of them stands for each (n,): the first that is near enough."""
+    within = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - 3), *TOGETHER[2:]])
+    kept: list[int] = []
+    place = np.empty(len(settings), np.int64)
+    for i, own in enumerate(settings):
+        near = np.flatnonzero((np.abs(settings[kept] - own) <= within).all(axis=1)) if kept else np.zeros(0, np.int64)
+        if not near.size:
+            kept.append(i)
+        place[i] = near[0] if near.size else len(kept) - 1
+    return settings[kept], place
 
 
 def _setting(row: TrialRow, case: Case) -> tuple[float, ...]:
