@@ -65,8 +65,8 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     wanted = options or Options()
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
-    simulated = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
-    prepared = prepare(case.robot, own, catalogue=wanted.catalogue, baseline=simulated)
+    predicted = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
+    prepared = prepare(case.robot, own, catalogue=wanted.catalogue, baseline=predicted)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
     found = attribute(prepared, stages, wanted.executor)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)

@@ -183,10 +183,10 @@ def simulator_section(f: Attribution) -> Simulator | None:
         return None
     parameters = p.problem.parameters
     at = parameters.names.index(SHARE)
-    rod, simulated = fitted.theta.copy(), fitted.theta.copy()
-    rod[at], simulated[at] = 1.0, 0.0
+    rod, simulator = fitted.theta.copy(), fitted.theta.copy()
+    rod[at], simulator[at] = 1.0, 0.0
     own = p.labels.kind == 0
-    difference = (p.problem.forward.predict(simulated) - p.problem.forward.predict(rod))[own]
+    difference = (p.problem.forward.predict(simulator) - p.problem.forward.predict(rod))[own]
     count = len(np.unique(p.labels.state[own]))
     free = [i for i, is_one in enumerate(parameters.calibration) if is_one and i != at]
     slope = p.problem.linearise(fitted.theta, free)[1][own]

@@ -55,7 +55,7 @@ def waterfall(f: Attribution, unseen: HeldOutErrors) -> Waterfall:
     columns = errors.in_order(order)
     left = [errors.rms(c) for c in columns] + [np.full(errors.draws, p.noise_floor), np.zeros(errors.draws)]
     titles: list[tuple[StepName, str | None]] = [("calibration", None)]
-    titles += [("simulator", None)] if errors.simulated is not None else []
+    titles += [("simulator", None)] if errors.simulator is not None else []
     titles += [("cause", e) for e in order]
     titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
     steps = []
@@ -105,13 +105,13 @@ class _Errors:
         by_causes: Mapping[frozenset[str], Array],
         tolerant: Array,
         smooth: Array,
-        simulated: Array | None,
+        simulator: Array | None,
     ) -> None:
         self._given: Array = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1)
         self._by_causes, self._tolerant, self._smooth = by_causes, tolerant, smooth
-        self.simulated = simulated
+        self.simulator = simulator
         every = np.array(
-            [self._given, *by_causes.values(), tolerant, smooth, *([simulated] if simulated is not None else ())]
+            [self._given, *by_causes.values(), tolerant, smooth, *([simulator] if simulator is not None else ())]
         )
         self.seen: NDArray[np.bool_] = np.asarray(np.isfinite(every).all(axis=0))
         """(states,) predicted by every model."""
@@ -128,7 +128,7 @@ class _Errors:
         """As given, calibrated, with the causes added in this order, with tolerances, with a smooth function; a simulator as it
         is before it is taken back to the rod."""
         causes = [self._with(order[:k]) for k in range(len(order) + 1)]
-        first = [self._given] if self.simulated is None else [self._given, self.simulated]
+        first = [self._given] if self.simulator is None else [self._given, self.simulator]
         return [*first, *causes, self._tolerant, self._smooth]
 
     def largest_first(self, named: Hypothesis) -> tuple[str, ...]:

@@ -102,13 +102,13 @@ def on_baseline(
     names = [p.name for p in rod.parameters]
     own = [names.index(name) for name in baseline.varied if name in names]
     predicted, slope = rod.linearise(np.zeros(len(names)), own)
-    simulated = _values(rod, theirs)
+    baseline_values = _values(rod, theirs)
     varied = {}
     for k, column in zip(own, slope.T, strict=True):
         step, moved = baseline.varied[names[k]]
-        varied[k] = (_values(rod, dict(table) | moved.columns()) - simulated) / step - column
+        varied[k] = (_values(rod, dict(table) | moved.columns()) - baseline_values) / step - column
     forward = ForwardModel(robot, design, "one", known, factor)
-    return OnBaseline(baseline.name, forward, simulated - predicted, varied, factor)
+    return OnBaseline(baseline.name, forward, baseline_values - predicted, varied, factor)
 
 
 def _values(model: ForwardModel, columns: Table) -> Array:

@@ -162,9 +162,9 @@ def prepare(
     table = table_columns(states)
     design = design_from_columns(robot, table)
     effects = observable_effects(states, catalogue)
-    simulated = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
-    forward = simulated.forward if simulated is not None else ForwardModel(robot, design, area, effects)
-    whole: Forward = simulated or forward
+    on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
+    forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects)
+    whole: Forward = on_simulator or forward
     predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     if states.pushed.all():
         whole = forward = ForwardModel(robot, design, area, _effective(forward, slope))
@@ -200,7 +200,7 @@ def prepare(
         shared_basis,
         channel_basis,
     )
-    return Prepared(robot, states, problem, labels, floor, known, unit, forward, pushes, simulated)
+    return Prepared(robot, states, problem, labels, floor, known, unit, forward, pushes, on_simulator)
 
 
 def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
