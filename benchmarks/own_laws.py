@@ -34,10 +34,11 @@ from diagnosis.criticism.stage_errors import smooth_functions
 from diagnosis.inference.posterior import PRIOR_SHARES, prior
 from lab.blind.answers import Answer
 from lab.blind.intervals import share
+from lab.blind.make import ATTEMPTS
 from lab.blind.sweeps import BASE
 from lab.blind.worlds.by_mm import APART, FLOORS, HALF, Weighed
-from lab.blind.worlds.make import noise_floor, table_of, walk_of
-from lab.blind.worlds.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, WorldRecipe, draw, draw_robot
+from lab.blind.worlds.make import Drawn, Unequal, drawn, noise_floor, table_of
+from lab.blind.worlds.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Stratum, WorldRecipe, draw
 from model.effects.catalogue import CATALOGUE
 from sim_fakes.worlds.campaign import (
     DRIFT,
@@ -53,7 +54,7 @@ from sim_fakes.worlds.campaign import (
     read,
     respond,
 )
-from sim_fakes.worlds.carried import TRIED, carried, nearest
+from sim_fakes.worlds.carried import TRIED, nearest
 from sim_fakes.worlds.equilibrium import NoEquilibrium
 from sim_fakes.worlds.forms import EFFECTS, FORMS
 from sim_fakes.worlds.frames import rotation_vector, transposed
@@ -81,6 +82,20 @@ ANALYSES = {
 
 
 @dataclass(frozen=True)
+class Judged:
+    """What an analysis says of a robot."""
+
+    named: Hypothesis
+    """What is most probably right by mm: an effect, or nothing."""
+    probability: float
+    """That it is, if the cause is in the catalogue."""
+    outside: float
+    """Log odds of a cause outside the catalogue."""
+    carriers: Hypothesis
+    """All effects that more probably than not carry a floor and half of what the largest carrier does."""
+
+
+@dataclass(frozen=True)
 class Case:
     """One robot: what is measured beside what its effects do, whitened, and what is true."""
 
@@ -90,9 +105,8 @@ class Case:
     floor: float
     leaves: float
     """mm that the nearest known effect leaves of a cause outside the catalogue."""
-    answers: Mapping[str, tuple[Hypothesis, float, float]]
-    """By analysis: what is named, the probability that it is right by mm if the cause is in the catalogue, and the log odds of
-    a cause outside."""
+    answers: Mapping[str, Judged]
+    """By analysis."""
 
 
 class Evidence:
@@ -191,6 +205,16 @@ class Whitening:
         return solve_triangular(self.factor, stacked.reshape(len(stacked), -1), lower=True).reshape(-1, k)
 
 
+def first_drawn(recipe: WorldRecipe, place: int, stratum: Stratum, causes: Sequence[str]) -> tuple[int, Drawn]:
+    """The first attempt that has an equilibrium, and its robot."""
+    for attempt in range(ATTEMPTS):
+        try:
+            return attempt, drawn(recipe, place, stratum, causes, attempt)
+        except (NoEquilibrium, Unequal):
+            continue
+    raise NoEquilibrium(f"{recipe.world}, case {place + 1}")
+
+
 def other_forms(robot: Robot, k: int) -> Robot:
     """The same robot with the k-th other form of every law."""
     forms = {}
@@ -200,10 +224,10 @@ def other_forms(robot: Robot, k: int) -> Robot:
     return replace(robot, world=replace(robot.world, forms=forms))
 
 
-def case(recipe: WorldRecipe, place: int, stratum: str, causes: Sequence[str]) -> Case:
-    """One robot weighed. Raises NoEquilibrium."""
-    robot, drawn = draw_robot(recipe, place, stratum, causes)  # type: ignore[arg-type]
-    walked = walk_of(BASE)
+def case(recipe: WorldRecipe, place: int, stratum: Stratum, causes: Sequence[str]) -> Case:
+    """One robot weighed: the one that its set holds. Raises NoEquilibrium where another form of its laws has none."""
+    attempt, made = first_drawn(recipe, place, stratum, causes)
+    robot, walked = made.robot, made.walked
     absent = {e: TRIED for e in EFFECTS if e not in robot.present}
     known = replace(robot, causes=OUTSIDE)
     response = respond(
@@ -219,7 +243,7 @@ def case(recipe: WorldRecipe, place: int, stratum: str, causes: Sequence[str]) -
         for e in EFFECTS:
             if k < len(FORMS[e]) - 1:
                 families[e].append(c.column(there, e, size[e]))
-    readings = read(robot, walked, response, np.random.default_rng([recipe.seed, 7, place, 0]))
+    readings = read(robot, walked, response, np.random.default_rng([recipe.seed, 7, place, attempt]))
     floor = noise_floor(robot, walked, response, recipe.seed, place)
     y = c.beside(response, readings) + sum(s * own[e] for e, s in robot.present.items())
     white = c.whitened(readings.t)
@@ -236,12 +260,11 @@ def case(recipe: WorldRecipe, place: int, stratum: str, causes: Sequence[str]) -
         )
         for name, (which, listed) in ANALYSES.items()
     }  # fmt: skip
-    weight = carried(robot, walked, response)
     cause = next(iter(robot.outside), None)
     leaves = 0.0
     if cause is not None:
         leaves = nearest(robot, walked, response, cause, [e for e in EFFECTS if e != THRUST])[1]
-    return Case(stratum, frozenset(drawn), weight.calibrated, floor, leaves, answers)
+    return Case(stratum, frozenset(made.effects), made.weight.calibrated, floor, leaves, answers)
 
 
 def free_errors(white: Whitening, readings: Readings, floor: float, own: Mapping[str, Array]) -> dict[str, Array]:
@@ -274,8 +297,8 @@ def calibrated(columns: Sequence[Array], area: Array) -> Array:
 def answer(
     robot: Robot, floor: float, y: Array, nuisances: Array, laws: Mapping[str, Array], products: Mapping[str, Array],
     outside: Mapping[str, Array], listed: bool, rng: np.random.Generator,
-) -> tuple[Hypothesis, float, float]:  # fmt: skip
-    """What is most probably right by mm, how probably if the cause is in the catalogue, and log odds that it is not."""
+) -> Judged:  # fmt: skip
+    """The evidence of a robot's readings weighed."""
     world = robot.world
     blocks = [*laws.items(), *outside.items()]
     evidence = Evidence(y, nuisances, np.hstack([x for _, x in blocks]))
@@ -297,10 +320,10 @@ def answer(
     share_of = np.exp(score - within)
     counts = rng.multinomial(DRAWS, share_of / share_of.sum())
     sizes = [evidence.draws(variances[i], rng.normal(size=(counts[i], len(owner)))) for i in np.flatnonzero(counts)]
-    drawn = np.concatenate(sizes)
+    sampled = np.concatenate(sizes)
     carry = {}
     for e, product in products.items():
-        own = drawn[:, owner == e]
+        own = sampled[:, owner == e]
         carry[e] = np.sqrt(np.maximum(np.einsum("di,ij,dj->d", own, product, own), 0.0))
     most = np.max(list(carry.values()), axis=0)
     right: dict[Hypothesis, float] = {(): float(np.mean(most < FLOORS * floor))}
@@ -309,23 +332,33 @@ def answer(
     ways = [{o: 1.0} for o in outside] if listed else [{o: s**2} for o in outside for s in FREE]
     beyond = [evidence.log(variance((), way, level)) for way in ways for level in LEVELS]
     without = logsumexp(beyond) - np.log(len(beyond)) + np.log(1 - sum(PRIOR_SHARES.values()))
-    return best, right[best], float(without - within)
+    carriers = tuple(e for e in carry if right[(e,)] > 0.5)
+    return Judged(best, right[best], float(without - within), carriers)
 
 
 def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
     """By analysis: shares with their 95 % intervals."""
     out = {}
     for name in ANALYSES:
-        known = [(c, *c.answers[name]) for c in cases if not c.stratum.endswith("outside")]
-        outer = [(c, c.answers[name][2]) for c in cases if c.stratum.endswith("outside")]
-        right = [(c.stratum.startswith("cluttered"), p, _weighed(c, h).right) for c, h, p, _ in known]
-        limit = float(np.quantile([odds for *_, odds in known], 0.9)) if known else 0.0
+        known = [(c, c.answers[name]) for c in cases if not c.stratum.endswith(("outside", "pairs"))]
+        pairs = [(c, c.answers[name]) for c in cases if c.stratum.endswith("pairs")]
+        outer = [(c, c.answers[name].outside) for c in cases if c.stratum.endswith("outside")]
+        right = [(c.stratum.startswith("cluttered"), a.probability, _weighed(c, a.named).right) for c, a in known]
+        both = [(c.stratum.startswith("cluttered"), c.causes, set(a.carriers)) for c, a in pairs]
+        limit = float(np.quantile([a.outside for _, a in known], 0.9)) if known else 0.0
         big = [odds for c, odds in outer if c.leaves >= APART * c.floor]
         out[name] = {
             "right by mm, clean": _said([r for cluttered, _, r in right if not cluttered]),
             "right by mm, cluttered": _said([r for cluttered, _, r in right if cluttered]),
             "stated with p > 0.9: right": _said([r for _, p, r in right if p > SURE]),
-            "known cause: outside more probable": _said([odds > 0 for *_, odds in known]),
+            "pairs of comparable mm, clean: both named": _said(
+                [c <= found for cluttered, c, found in both if not cluttered]
+            ),
+            "pairs of comparable mm, cluttered: both named": _said(
+                [c <= found for cluttered, c, found in both if cluttered]
+            ),
+            "pairs of comparable mm: exactly both": _said([c == found for _, c, found in both]),
+            "known cause: outside more probable": _said([a.outside > 0 for _, a in known]),
             "outside: more probable": _said([odds > 0 for _, odds in outer]),
             "outside of 1.5 floors: more probable": _said([odds > 0 for odds in big]),
             "outside of 1.5 floors: flagged at 10 % false flags": _said([odds > limit for odds in big]),
@@ -347,7 +380,7 @@ def main() -> int:
     """Print the figures by what is known, and write the JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("worlds", nargs="+", help="WORLD=SEED of a set of `lab blind make --world WORLD --seed SEED`")
-    parser.add_argument("--n", type=int, default=40, help="cases of each set; pairs and walls are left out")
+    parser.add_argument("--n", type=int, default=40, help="cases of each set; walls are left out")
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=[], help="as of the set")
     parser.add_argument("--json", type=Path, default=Path("out/own_laws.json"))
     a = parser.parse_args()
@@ -359,7 +392,7 @@ def main() -> int:
     cases = []
     console = Console(width=150)
     for recipe, place, stratum, causes in track(orders, console=Console(stderr=True)):
-        if KINDS[stratum] != "pair" and stratum != "walls":
+        if stratum != "walls":
             try:
                 cases.append(case(recipe, place, stratum, causes))
             except NoEquilibrium:

@@ -192,7 +192,8 @@ def parser() -> argparse.ArgumentParser:
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
     def verb(name: str, handler: Handler, text: str, reads: bool = False) -> argparse.ArgumentParser:
-        p = verbs.add_parser(name, help=text, description=text)
+        plain = text.replace("%", "%%")  # argparse formats what it is given
+        p = verbs.add_parser(name, help=plain, description=plain)
         p.set_defaults(handler=handler)
         if reads:
             p.add_argument("--json", action="store_true", help="print the result as JSON")

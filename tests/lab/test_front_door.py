@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import subprocess
@@ -13,7 +14,7 @@ import pytest
 from virtual_lab import VirtualLab
 
 import lab
-from lab.cli import main
+from lab.cli import main, parser
 from lab.files.example import paper_robot
 
 
@@ -48,6 +49,12 @@ def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp
     assert fitted.area_factor is not None
     gap = lab.compare(lab.Case(fitted.robot, case.table))
     assert gap.predicted.shape == gap.measured.shape == (5, 3)
+
+
+def test_every_verb_says_what_it_does() -> None:
+    verbs = next(a for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
+    assert all(verb in parser().format_help() for verb in verbs.choices)
+    assert all("usage: lab " + verb in p.format_help() for verb, p in verbs.choices.items())
 
 
 def test_version_and_schemas(capsys: pytest.CaptureFixture[str]) -> None:

@@ -87,7 +87,7 @@ def make_case(order: Order) -> WorldTruth:
     for attempt in range(ATTEMPTS):
         try:
             truth, tables = _measured(order, attempt)
-        except (NoEquilibrium, _Unequal):
+        except (NoEquilibrium, Unequal):
             continue
         write_case(order.folder.case(truth.case), tables, order.design, menu=order.menu, per_length=order.per_length)
         return truth
@@ -97,24 +97,41 @@ def make_case(order: Order) -> WorldTruth:
     )
 
 
-class _Unequal(RuntimeError):
+class Unequal(RuntimeError):
     """A pair whose partners cannot be made comparable."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A robot in front of its campaign, before cameras read it."""
+
+    robot: Robot
+    effects: dict[str, float]
+    walked: Walked
+    response: Response
+    weight: Carried
+
+
+def drawn(recipe: WorldRecipe, place: int, stratum: Stratum, causes: Sequence[str], attempt: int) -> Drawn:
+    """A robot and what its effects do; a pair's partners carry alike. Raises NoEquilibrium and Unequal."""
+    robot, effects = draw_robot(recipe, place, stratum, causes, attempt)
+    walked = walk_of(BASE_SETTLED if recipe.settled else BASE)
+    pair = KINDS[stratum] == "pair"
+    if pair:
+        robot, effects = _comparable(robot, effects, walked)
+    others = [e for e in EFFECTS if e not in robot.present and e != THRUST] if robot.outside else []
+    response = respond(robot, walked, tuple(robot.present), dict.fromkeys(others, TRIED))
+    weight = carried(robot, walked, response)
+    if pair and _ratio(weight, [e for e in effects if e != THRUST]) < 0.5:
+        raise Unequal
+    return Drawn(robot, effects, walked, response, weight)
 
 
 def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]:
     recipe = order.recipe
     base = BASE_SETTLED if recipe.settled else BASE
-    robot, effects = draw_robot(recipe, order.place, order.stratum, order.causes, attempt)
-    walked = walk_of(base)
-    pair = KINDS[order.stratum] == "pair"
-    if pair:
-        robot, effects = _comparable(robot, effects, walked)
-    outside = next(iter(robot.outside), None)
-    extra = {} if outside is None else {e: TRIED for e in EFFECTS if e not in robot.present and e != THRUST}
-    response = respond(robot, walked, tuple(robot.present), extra)
-    weight = carried(robot, walked, response)
-    if pair and _ratio(weight, [e for e in effects if e != THRUST]) < 0.5:
-        raise _Unequal
+    d = drawn(recipe, order.place, order.stratum, order.causes, attempt)
+    robot, walked, response = d.robot, d.walked, d.response
     rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
     readings = read(robot, walked, response, rng)
     tables = {base.name: table_of(base, readings)}
@@ -123,18 +140,18 @@ def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]
         changing = respond(robot, later, tuple(courses(robot, later)))
         tables[sweep.name] = table_of(sweep, read(robot, later, changing, rng))
     closest = None
-    if outside is not None:
+    for outside in robot.outside:
         effect, left = nearest(robot, walked, response, outside, [e for e in EFFECTS if e != THRUST])
         closest = {"effect": effect, "leaves_mm": round(left, 3)}
     truth = WorldTruth(
-        f"{order.place + 1:04d}", order.stratum, robot, effects, weight.moves, weight.calibrated, closest,
+        f"{order.place + 1:04d}", order.stratum, robot, d.effects, d.weight.moves, d.weight.calibrated, closest,
         floor_mm=noise_floor(robot, walked, response, recipe.seed, order.place),
     )  # fmt: skip
     return truth, tables
 
 
 def _comparable(robot: Robot, effects: dict[str, float], walked: Walked) -> tuple[Robot, dict[str, float]]:
-    """Sizes of a pair at which both carry alike, within what is plausible. Raises `_Unequal`."""
+    """Sizes of a pair at which both carry alike, within what is plausible. Raises `Unequal`."""
     one, two = (e for e in effects if e != THRUST)
     weight = carried(robot, walked, respond(robot, walked, (one, two)))
     ratio = weight.calibrated[one] / max(weight.calibrated[two], 1e-6)
