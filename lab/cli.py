@@ -74,6 +74,16 @@ def _export(a: argparse.Namespace) -> int:
     return export(a.file, a.out, a.case, a.parquet, a.json)
 
 
+def _import(a: argparse.Namespace) -> int:
+    from .verbs.import_data import guess, import_files
+
+    if a.guess:
+        return guess(a.inputs, a.robot, a.out, a.json)
+    if a.map is None:
+        raise _usage("--map: give the map.yaml that says what the columns are, or --guess to have one proposed")
+    return import_files(a.inputs, a.map, a.robot, a.out, a.json)
+
+
 def _replay(a: argparse.Namespace) -> int:
     from .verbs.recorded import play, replay
 
@@ -306,6 +316,22 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
     p.add_argument("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)")
 
+    p = verb(
+        "import",
+        _import,
+        "measurements of other programs as a case, by a map of their columns",
+        reads=True,
+    )
+    p.add_argument(
+        "inputs", type=Path, nargs="+", help="files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"
+    )
+    p.add_argument("--map", type=Path, help="map.yaml: columns, units, frame, what a state is")
+    p.add_argument(
+        "--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"
+    )
+    p.add_argument("--robot", type=Path, help="robot.yaml (default: the one that the map names)")
+    p.add_argument("--out", type=Path, required=True, help="case folder to write; with --guess: where the map goes")
+
     for name, handler, text in (("fit", _fit, "calibrate the model on recordings or a case folder"),
                                 ("compare", _compare, "measured against model: error table and figure")):  # fmt: skip
         p = verb(name, handler, text, reads=True)
@@ -403,8 +429,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the paper's robot)")
     own_effects(p)
 
-    p = verb("schema", _schema, "JSON schema of rig.yaml, robot.yaml or a protocol file, for your editor")
-    p.add_argument("file", metavar="rig|robot|PROTOCOL")
+    p = verb("schema", _schema, "JSON schema of rig.yaml, robot.yaml, map.yaml or a protocol file, for your editor")
+    p.add_argument("file", metavar="rig|robot|map|PROTOCOL")
 
     p = verb("completion", _completion, "print the shell's completion script for verbs, options and files")
     p.add_argument("shell", choices=("bash", "zsh"))

@@ -13,16 +13,18 @@ from model.robot import Robot
 from ..files.all_protocols import found_protocols
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile
+from ..imports.map_file import Map
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schema(name: str) -> int:
-    """Print the schema of rig.yaml, robot.yaml or the file of a protocol; raises ConfigError for another name."""
+    """Print the schema of rig.yaml, robot.yaml, map.yaml or the file of a protocol; raises ConfigError for another name."""
     protocols = found_protocols()
     known: dict[str, type[BaseModel]] = {
         "rig": RigFile,
         "robot": Robot,
+        "map": Map,
         **{n: p.parameters for n, p in protocols.usable.items()},
     }
     if name in protocols.broken:

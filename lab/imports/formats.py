@@ -1,0 +1,98 @@
+"""Files of other programs as columns of numbers, by their ending."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recordings.bounded import read_bounded
+
+from ..files.config import ConfigError
+from .arrays import read_matlab, read_numpy
+from .map_file import Source
+from .series import LARGEST, Array, Series, Texts, unique
+from .text_tables import read_text
+
+MOST_COLUMNS = 5000
+
+
+def read(path: Path, source: Source) -> Series:
+    """The columns of a file, by its ending; raises ConfigError."""
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(READERS)}")
+    found = reader(path, source)
+    if not len(found):
+        raise ConfigError(f"{path}: has no rows of numbers")
+    if len(found.names) > MOST_COLUMNS:
+        raise ConfigError(f"{path}: has {len(found.names)} columns, at most {MOST_COLUMNS} are read")
+    return found
+
+
+def _package(name: str, path: Path) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as e:
+        raise ConfigError(f"{path}: is read with {name}, which is not installed; pip install 'softlab[import]'") from e
+
+
+def _c3d(path: Path, source: Source) -> Series:
+    library = _package("c3d", path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader = library.Reader(io.BytesIO(read_bounded(path, LARGEST, ConfigError)))
+            labels = [str(label).strip() for label in reader.point_labels]
+            frames = [points for _, points, _ in reader.read_frames(copy=True)]
+    except ConfigError:
+        raise
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a C3D file ({type(e).__name__}: {e})") from e
+    if not frames:
+        raise ConfigError(f"{path}: has no frames")
+    points = np.array(frames, np.float64)
+    seen = np.where(points[:, :, 3:4] < 0, np.nan, points[:, :, :3])
+    numbers = {"time": np.arange(len(seen)) / float(reader.point_rate or 1.0)}
+    for k, label in enumerate(unique(labels, seen.shape[1])):
+        numbers |= {f"{label}.{axis}": seen[:, k, i] for i, axis in enumerate("xyz")}
+    return Series(path, numbers, {}, f"C3D, {float(reader.point_rate):g} Hz")
+
+
+def _parquet(path: Path, source: Source) -> Series:
+    parquet = _package("pyarrow.parquet", path)
+    read_bounded(path, LARGEST, ConfigError)
+    try:
+        table = parquet.read_table(path)
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a Parquet file ({type(e).__name__}: {str(e).splitlines()[0][:200]})") from e
+    numbers: dict[str, Array] = {}
+    words: dict[str, Texts] = {}
+    for name in table.column_names:
+        values = table[name].to_numpy(zero_copy_only=False)
+        if values.dtype.kind in "fiub":
+            numbers[name] = values.astype(np.float64)
+        elif values.dtype.kind == "M":
+            numbers[name] = (values - values[0]) / np.timedelta64(1, "s")
+        else:
+            words[name] = np.array([str(v) for v in values])
+    return Series(path, numbers, words, "Parquet")
+
+
+def _recording(path: Path, source: Source) -> Series:
+    from .recording_topics import read_topics
+
+    return Series(path, read_topics(path, source), {}, "MCAP")
+
+
+READERS: Mapping[str, Callable[[Path, Source], Series]] = {
+    ".csv": read_text, ".tsv": read_text, ".txt": read_text, ".dat": read_text, ".mat": read_matlab, ".npz": read_numpy,
+    ".npy": read_numpy,
+    ".c3d": _c3d, ".parquet": _parquet, ".mcap": _recording,
+}  # fmt: skip
+"""By ending."""

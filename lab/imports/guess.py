@@ -1,0 +1,354 @@
+"""A map proposed for a file nobody described: what its headings and numbers say, each line with its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.robot import Robot
+
+from ..files.config import ConfigError
+from ..files.units import KINDS
+from .headings import (
+    BASE_WORDS,
+    TIP_WORDS,
+    WORDS_OF_BRANCH,
+    Heading,
+    Triple,
+    chamber,
+    heading,
+    quadruples,
+    quantity,
+    triples,
+)
+from .map_file import Frame
+from .quantities import ATMOSPHERE
+from .series import Series
+
+Array = NDArray[np.float64]
+
+USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
+"""Highest pressures of soft robots by unit, in the order in which they are considered."""
+AT_AMBIENT = 0.05
+"""Share of the atmosphere within which a lowest pressure is the atmosphere."""
+STEADY = 0.02
+"""Of the highest pressure, within which a plateau stands."""
+AGREED = 0.5
+"""Cosine between pressures and displacements below which the frame remains in doubt."""
+FEW = 5
+"""Rows of the same pressure, on average, from which on a file is a time series."""
+
+
+@dataclass
+class Guess:
+    """A map in the making: its values, and why."""
+
+    values: dict[str, Any] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    """By dotted key."""
+    doubts: list[str] = field(default_factory=list)
+    """What a person has to look at or to fill in."""
+
+    def say(self, key: str, value: Any, reason: str) -> None:
+        """Set a dotted key."""
+        *path, last = key.split(".")
+        place = self.values
+        for step in path:
+            place = place.setdefault(step, {})
+        place[last] = value
+        self.reasons[key] = reason
+
+
+def guess_map(series: Series, robot: Robot) -> Guess:
+    """The most plausible map of a file's columns for a robot; raises ConfigError where no tip or pressure can be made out."""
+    g = Guess()
+    headings = [heading(n) for n in series.names]
+    turns = quadruples(headings)
+    used = {name for four in turns for name in four}
+    pressures = _pressures(g, series, [h for h in headings if h.name not in used], robot)
+    used |= set(pressures)
+    tip = _tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
+    _turns(g, series, turns)
+    used |= set(tip)
+    _others(g, series, [h for h in headings if h.name not in used])
+    _states(g, series, pressures)
+    return g
+
+
+# ------------------------------------------------------------------ pressures
+def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
+    found = {h.name: n for h in headings if (n := chamber(h)) is not None and h.name in series.numbers}
+    by = {h.name: h for h in headings}
+    read = {name: n for name, n in found.items() if not by[name].asked_for}
+    chosen = read or found
+    names = sorted(chosen, key=lambda name: chosen[name])
+    wanted = len(robot.chambers.azimuths_deg)
+    if not names:
+        if wanted == 1:
+            g.say("constants", {"p1": 0}, "no column of pressures")
+            return []
+        raise ConfigError(
+            f"{series.path}: no heading names a pressure (p1, P2 [kPa], pressure_3 ..); there are "
+            f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
+        )
+    values = np.column_stack([series.numbers[n] for n in names])
+    unit, why, absolute = _pressure_unit(values, by[names[0]], names[0])
+    for k in range(wanted):
+        # fewer regulators than chambers: groups of neighbours
+        own = names[k * len(names) // wanted] if len(names) <= wanted else names[k]
+        entry: dict[str, Any] = {"column": own, "unit": unit}
+        if absolute:
+            entry["zero"] = "absolute"
+        g.say(f"columns.p{k + 1}", entry, f"{why}{'; starts at the atmosphere' if absolute else ''}")
+    if len(names) != wanted:
+        g.doubts.append(
+            f"{len(names)} columns of pressure for {wanted} chambers of robot.yaml: check which feeds which"
+        )
+    if set(found) - set(chosen):
+        g.doubts.append(f"set-points are left out: {', '.join(sorted(set(found) - set(chosen)))}")
+    return names
+
+
+def _pressure_unit(values: Array, h: Heading, name: str) -> tuple[str, str, bool]:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+
+    def absolute(unit: str) -> bool:
+        return abs(low * KINDS["Pa"][unit] - ATMOSPHERE) < AT_AMBIENT * ATMOSPHERE
+
+    if h.kind == "Pa":
+        return h.unit, f"the heading {name!r} says {h.unit}", absolute(h.unit)
+    for unit in ("kPa", "bar", "mbar", "psi", "Pa"):
+        if absolute(unit) and high > 1.02 * low:
+            return unit, f"the lowest reading, {low:.4g}, is the atmosphere in {unit}", True
+    for unit, (least, most) in USUAL_PRESSURES.items():
+        if least <= high <= most:
+            return unit, f"up to {high:.4g}: usual for soft robots in {unit}", False
+    return "Pa", f"up to {high:.4g}: no usual unit", False
+
+
+# ------------------------------------------------------------------ tip
+def _tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
+    found = [t for t in triples(headings) if all(c in series.numbers for c in t.columns)]
+    found = [t for t in found if t.unit in ("", *KINDS["m"])]
+    if not found:
+        raise ConfigError(
+            f"{series.path}: no three columns x, y, z of a tip are found; there are "
+            f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
+        )
+    tips, bases = [t for t in found if t.words & TIP_WORDS], [t for t in found if t.words & BASE_WORDS]
+    tips = tips or [max((t for t in found if t not in bases), key=lambda t: _spread(series, t))]
+    tip = np.mean([_xyz(series, t) for t in tips], axis=0)
+    rest = _at_rest(g, series, len(tip))
+    base = np.mean([_xyz(series, t) for t in bases], axis=0) if bases else np.zeros(3)
+    between = tip - base
+    unit, why = _length_unit(tips[0], between[rest], robot.length)
+    names = [c for t in tips for c in t.columns]
+    if bases or len(tips) > 1:
+        g.say(
+            "points.tip.of", [list(t.columns) for t in tips], f"{len(tips)} group(s) of columns that move with the tip"
+        )
+        if bases:
+            g.say("points.tip.against", [list(t.columns) for t in bases], "they are named after the base")
+            names += [c for t in bases for c in t.columns]
+        g.say("points.tip.unit", unit, why)
+    else:
+        for axis, column in zip("xyz", tips[0].columns, strict=True):
+            g.say(f"columns.{axis}", {"column": column, "unit": unit}, why)
+    _frame(g, series, between * KINDS["m"][unit], rest, robot)
+    others = [t for t in found if t not in tips and t not in bases]
+    if others:
+        g.doubts.append(
+            f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
+        )
+    return names
+
+
+def _xyz(series: Series, t: Triple) -> Array:
+    return np.column_stack([series.numbers[c] for c in t.columns])
+
+
+def _spread(series: Series, t: Triple) -> float:
+    return float(np.nansum(np.nanstd(_xyz(series, t), axis=0)))
+
+
+def _at_rest(g: Guess, series: Series, n: int) -> NDArray[np.bool_]:
+    """(n,) rows with the lowest pressures."""
+    columns = [c["column"] for k, c in g.values.get("columns", {}).items() if k.startswith("p") and "column" in c]
+    if not columns:
+        return np.ones(n, bool)
+    highest = np.column_stack([series.numbers[c] for c in dict.fromkeys(columns)])
+    highest = np.nanmax(highest - np.nanmin(highest, axis=0), axis=1)
+    return np.asarray(highest <= np.nanmin(highest) + 0.03 * (np.nanmax(highest) - np.nanmin(highest)))
+
+
+def _length_unit(t: Triple, rest: Array, length: float) -> tuple[str, str]:
+    if t.unit:
+        return t.unit, f"the heading says {t.unit}"
+    far = float(np.nanmedian(np.linalg.norm(rest, axis=1)))
+    best = min(("m", "cm", "mm"), key=lambda u: abs(np.log(max(far, 1e-9) * KINDS["m"][u] / length)))
+    return best, f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
+
+
+def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot: Robot) -> None:
+    """z along the axis on which the resting tip is far from its base; x and y as the chambers bend, right-handed. `tip`: m."""
+    at_rest = np.nanmean(tip[rest], axis=0)
+    along = int(np.argmax(np.abs(at_rest)))
+    sign = "-" if at_rest[along] < 0 else ""
+    lies = f"at rest the tip lies along {sign}{'xyz'[along]} of the file"
+    first, second = "xyz"[(along + 1) % 3], "xyz"[(along + 2) % 3]
+    one, two = (first, second) if not sign else (second, first)
+    turns = [(one, two), (two, f"-{one}"), (f"-{one}", f"-{two}"), (f"-{two}", one)]
+    agreement = [_agreement(g, series, tip - at_rest, Frame(x=x, y=y, z=sign + "xyz"[along]), robot) for x, y in turns]
+    best = int(np.argmax(agreement))
+    x, y = turns[best]
+    if agreement[best] < AGREED:
+        x, y = turns[0]
+        g.doubts.append(
+            f"frame: no turn about z lets the tip bend away from the chambers inflated (best: {agreement[best]:.2f} of 1)"
+        )
+    if (x, y, sign + "xyz"[along]) != ("x", "y", "z"):
+        why = f"{lies}; with these x and y it bends away from the chambers inflated ({agreement[best]:.2f} of 1)"
+        g.say("frame", {"x": x, "y": y, "z": sign + "xyz"[along]}, why)
+    away = float(np.linalg.norm(at_rest))
+    aside = float(np.linalg.norm(np.delete(at_rest, along)))
+    if abs(away - robot.length) > 0.02 * robot.length or aside > 0.05 * robot.length:
+        lies = f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis"
+        g.say(
+            "straight", "first state", f"{lies} of a robot of {robot.length * 1e3:g} mm: markers were placed elsewhere"
+        )
+
+
+def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
+    """Cosine between where the tip moves across and where the chambers' pressures bend it, over all rows."""
+    azimuth = np.radians(robot.chambers.azimuths_deg)
+    columns = [g.values.get("columns", {}).get(f"p{k + 1}") for k in range(len(azimuth))]
+    if any(c is None for c in columns):
+        return 1.0
+    pressure = np.column_stack([series.numbers[c["column"]] for c in columns])
+    pressure = pressure - np.nanmin(pressure, axis=0)
+    pushed = -pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    across = (moved @ frame.matrix.T)[:, :2]
+    seen = np.isfinite(pushed).all(axis=1) & np.isfinite(across).all(axis=1)
+    pushed, across = pushed[seen], across[seen]
+    size = float(np.linalg.norm(pushed) * np.linalg.norm(across))
+    return float((pushed * across).sum() / size) if size > 0 else 0.0
+
+
+def _turns(g: Guess, series: Series, found: Sequence[tuple[str, str, str, str]]) -> None:
+    for four in found:
+        if not all(c in series.numbers for c in four):
+            continue
+        norm = np.linalg.norm(np.column_stack([series.numbers[c] for c in four]), axis=1)
+        if abs(float(np.nanmedian(norm)) - 1) < 0.02:
+            g.say("orientation", {"columns": list(four), "order": "wxyz"}, "four columns w, x, y, z of norm 1")
+            return
+
+
+# ------------------------------------------------------------------ the rest
+def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
+    ignored = []
+    for h in headings:
+        column = quantity(h)
+        if column is None or f"columns.{column}" in g.reasons or (h.name in series.words and column != "branch"):
+            ignored.append(h.name)
+            continue
+        entry: dict[str, Any] = {"column": h.name}
+        why = f"the heading {h.name!r}"
+        if h.unit:
+            entry["unit"], why = h.unit, f"{why} says {h.unit}"
+        elif column == "t" and h.name in series.numbers:
+            step = float(np.nanmedian(np.diff(series.numbers[h.name]))) if len(series) > 1 else 1.0
+            if step >= 5 and len(series) > 200:
+                entry["unit"], why = "ms", f"{why}, and steps of {step:g}"
+        elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
+            entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
+            why = f"{why}, and values up to {float(np.nanmax(series.numbers[h.name])):g}"
+        if column == "branch":
+            values = _branches(series, h.name)
+            if values is None:
+                ignored.append(h.name)
+                continue
+            entry["values"] = values
+        g.say(f"columns.{column}", entry, why)
+    if "columns.spine_length" not in g.reasons:
+        g.say("constants.spine_length", "0 mm", "no column names the spine")
+    if ignored:
+        g.doubts.append(f"not used: {', '.join(ignored[:20])}")
+
+
+def _branches(series: Series, name: str) -> dict[str, str] | None:
+    if name not in series.words:
+        return None
+    known = {w: branch for branch, words in WORDS_OF_BRANCH.items() for w in words.split()}
+    said = {str(w): known.get(str(w).strip().casefold()) for w in dict.fromkeys(series.words[name].tolist())}
+    return {w: b for w, b in said.items() if b} if all(said.values()) else None
+
+
+def _states(g: Guess, series: Series, pressures: Sequence[str]) -> None:
+    if not pressures:
+        return
+    values = np.column_stack([series.numbers[n] for n in pressures])
+    span = float(np.nanmax(values) - np.nanmin(values))
+    stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
+    stretches = 1 + int((~stays).sum())
+    timed = "columns.t" in g.reasons or "time" in series.numbers
+    if len(series) >= FEW * stretches or (len(series) > 500 and stays.mean() > 0.5):
+        unit = KINDS["Pa"][g.values["columns"]["p1"]["unit"]]
+        steady = float(f"{STEADY * span * unit / 1e3:.2g}")
+        why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"
+        g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
+        if not timed:
+            g.say("source.rate", "100 Hz", "GUESSED: no column of time")
+            g.doubts.append("source.rate: how many rows a second? 100 is a guess")
+        if "columns.trial" not in g.reasons:
+            g.say("trials", {"begin": "rest"}, "each return to ambient pressure begins a trial")
+    elif "columns.trial" not in g.reasons:
+        g.say("trials", {"begin": "rest"}, "each return to ambient pressure begins a trial")
+
+
+def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
+    """The map as a file, with its reasons as comments."""
+    import yaml
+
+    lines = [
+        f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.",
+        "",
+    ]
+    lines += [f"# CHECK: {d}" for d in g.doubts] + ([""] if g.doubts else [])
+    lines.append(f"robot: {yaml.safe_dump(str(robot), default_flow_style=True).strip().removesuffix('...').strip()}")
+    for key, value in g.values.items():
+        own = {k.partition(".")[2]: r for k, r in g.reasons.items() if k == key or k.startswith(f"{key}.")}
+        lines.append("")
+        if "" in own:
+            lines += [f"# {own['']}", f"{key}: {_flow(value)}"]
+            continue
+        lines.append(f"{key}:")
+        said = ""
+        nested = any("." in k for k in own)
+        for name, inner in value.items():
+            if nested and isinstance(inner, dict) and name not in own:
+                lines.append(f"  {name}:")
+                for k, v in inner.items():
+                    lines += [f"    # {own[f'{name}.{k}']}", f"    {k}: {_flow(v)}"]
+                continue
+            if own.get(name, said) != said:
+                said = own[name]
+                lines.append(f"  # {said}")
+            lines.append(f"  {name}: {_flow(inner)}")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    import yaml
+
+    return (
+        yaml.safe_dump(value, default_flow_style=True, width=10_000, allow_unicode=True, sort_keys=False)
+        .strip()
+        .removesuffix("...")
+        .strip()
+    )

@@ -1,0 +1,267 @@
+"""map.yaml: what the columns of somebody's file are, in which unit and frame, and which of its rows make a state.
+
+Keys of `columns`, `constants` and `files` are columns of trials.csv. A quantity of `constants` and `files` carries its unit
+("20 mm"); a bare number is in SI.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+from recordings.trials import TEXTS, column_order
+
+from ..files.config import ConfigError, load
+from ..files.units import KINDS, UnitError, to_si
+
+Array = NDArray[np.float64]
+
+UNITS = {"t": "s", "hold": "s", "rate": "Pa/s", "vacuum": "Pa", "tip_mass": "kg", "roll_deg": "deg", "force": "N"}
+"""SI unit of columns of trials.csv; pressures are in Pa, numbers of trials in 1, all others in m."""
+COUNTS = ("trial", "step", "repeat")
+AXES = {f"{sign}{axis}": (i, -1.0 if sign == "-" else 1.0) for i, axis in enumerate("xyz") for sign in ("", "+", "-")}
+ORDERS = ("wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX")
+
+Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
+Point = Annotated[str | tuple[Name, Name, Name], Field(description="a marker, or its three columns")]
+
+
+class Part(BaseModel):
+    """A table of map.yaml."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Source(Part):
+    """How the file is read, where its ending and its first lines do not tell."""
+
+    separator: str | None = Field(
+        default=None, description="between columns of a text table", min_length=1, max_length=1
+    )
+    decimal: Literal[".", ","] | None = None
+    heading: int | None = Field(default=None, ge=0, le=1000, description="line of the headings; 0: there are none")
+    variable: str | None = Field(default=None, description="the table, in a file of several (.mat, .npz)")
+    axes: dict[str, tuple[str, ...]] = Field(
+        default={}, description="of arrays: what each dimension counts; `point` and `axis` become columns, others rows"
+    )
+    rate: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "Hz"}, description="rows a second")
+    topic: str | None = Field(default=None, description="of a recording: whose times count (default: the tip's)")
+
+
+class Column(Part):
+    """Where a column of trials.csv comes from: (value - zero) * scale, from its unit to SI."""
+
+    column: Name
+    unit: str = ""
+    scale: FiniteFloat = 1.0
+    zero: Literal["none", "first", "absolute"] = Field(
+        default="none", description="what is taken off: nothing, the first row, or the pressure of the atmosphere"
+    )
+    values: dict[str, str] = Field(default={}, description="of texts: the file's word -> that of trials.csv")
+
+
+class Points(Part):
+    """A place on the body: the middle of markers, against the middle of others."""
+
+    of: tuple[Point, ...] = Field(min_length=1)
+    against: tuple[Point, ...] = ()
+    unit: str = "m"
+    turn: bool = Field(default=False, description="the tip's orientation from how three markers or more turned")
+
+
+class Orientation(Part):
+    """How the tip is turned."""
+
+    columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
+    order: Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"] = "wxyz"
+    unit: Literal["rad", "deg"] = "rad"
+
+    @model_validator(mode="after")
+    def _counted(self) -> Orientation:
+        needed = 4 if self.order in ("wxyz", "xyzw") else 3
+        if len(self.columns) != needed:
+            raise ValueError(f"order {self.order!r} has {needed} columns, {len(self.columns)} are given")
+        return self
+
+
+class Frame(Part):
+    """Which recorded axis each axis of the robot is: z from base to tip."""
+
+    x: str = "x"
+    y: str = "y"
+    z: str = "z"
+
+    @model_validator(mode="after")
+    def _right_handed(self) -> Frame:
+        wrong = [f"{k} = {v!r}" for k, v in (("x", self.x), ("y", self.y), ("z", self.z)) if v not in AXES]
+        if wrong:
+            raise ValueError(f"{', '.join(wrong)}: must be one of x, -x, y, -y, z, -z")
+        handed = float(np.linalg.det(self.matrix))
+        if abs(handed) < 0.5:
+            raise ValueError("names an axis twice: x, y and z must be three different recorded axes")
+        if handed < 0:
+            raise ValueError("is a mirror image: turn the sign of one axis (or of two)")
+        return self
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3) from recorded to robot's coordinates."""
+        rows = np.zeros((3, 3))
+        for i, name in enumerate((self.x, self.y, self.z)):
+            axis, sign = AXES[name]
+            rows[i, axis] = sign
+        return rows
+
+
+class Plateaus(Part):
+    """States are stretches in which no pressure changes by more than `steady` within `shortest`; their mean is taken."""
+
+    steady: FiniteFloat = Field(gt=0, json_schema_extra={"unit": "Pa"})
+    shortest: FiniteFloat = Field(default=0.5, gt=0, json_schema_extra={"unit": "s"})
+    settling: FiniteFloat = Field(
+        default=0.3, ge=0, json_schema_extra={"unit": "s"}, description="left out at the start, where enough is left"
+    )
+
+
+class Window(Part):
+    """Rows at the start or the end of each trial that make one state."""
+
+    first: int | None = Field(default=None, ge=1)
+    last: int | None = Field(default=None, ge=1)
+    at_rest: bool = Field(default=False, description="all pressures are zero there")
+
+    @model_validator(mode="after")
+    def _one(self) -> Window:
+        if (self.first is None) == (self.last is None):
+            raise ValueError("needs either `first` or `last`, the number of rows")
+        return self
+
+
+class States(Part):
+    """Which rows make a state: each, stretches of steady pressure, or windows of each trial."""
+
+    plateaus: Plateaus | None = None
+    windows: tuple[Window, ...] = ()
+
+    @model_validator(mode="after")
+    def _one(self) -> States:
+        if self.plateaus is not None and self.windows:
+            raise ValueError("takes `plateaus` or `windows`, not both")
+        return self
+
+
+class Trials(Part):
+    """Where a trial begins, unless a column says: with each file, or also each time all pressures come back to rest."""
+
+    begin: Literal["file", "rest"] = "file"
+    below: FiniteFloat = Field(
+        default=2e3, gt=0, json_schema_extra={"unit": "Pa"}, description="what counts as at rest"
+    )
+
+
+class Stiffness(Part):
+    """Rows of a stiffness trial from files with a `force`: deflection against the file of the same repeat without one."""
+
+    specimen: Literal["spine", "body"] = "body"
+    along: str = Field(default="-x", description="axis of the robot along which the force deflects")
+
+    @model_validator(mode="after")
+    def _axis(self) -> Stiffness:
+        if self.along not in AXES:
+            raise ValueError(f"along = {self.along!r}: must be one of x, -x, y, -y, z, -z")
+        return self
+
+
+class Map(Part):
+    """What a file of measurements holds."""
+
+    robot: str = Field(default="robot.yaml", description="its robot.yaml, beside this file")
+    source: Source = Source()
+    columns: dict[str, Column] = {}
+    constants: dict[str, FiniteFloat | str] = {}
+    points: dict[str, Points] = Field(default={}, description="`tip`, `m1`, `m2` .. as markers")
+    orientation: Orientation | None = None
+    frame: Frame = Frame()
+    sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
+        default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}, description="where the tracked point sits on the straight "
+        "robot, from the end of the body; needs an orientation"
+    )  # fmt: skip
+    straight: Literal["as recorded", "first state", "first row"] = Field(
+        default="as recorded", description="which reading is the straight robot: what it differs by is where cameras and "
+        "markers were placed; first row: of each file"
+    )  # fmt: skip
+    states: States = States()
+    trials: Trials = Trials()
+    files: dict[str, dict[str, FiniteFloat | str]] = Field(
+        default={}, description="pattern of file names -> constants of these files; others are not read"
+    )
+    stiffness: Stiffness | None = None
+
+    @model_validator(mode="after")
+    def _known(self) -> Map:
+        found = []
+        for place, names in (("columns", self.columns), ("constants", self.constants)):
+            found += [f"{place}.{n}: is no column of trials.csv" for n in names if column_order(n) is None]
+        for pattern, own in self.files.items():
+            found += [f"files.{pattern}.{n}: is no column of trials.csv" for n in own if column_order(n) is None]
+        found += [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
+        if "tip" in self.points and any(a in self.columns for a in "xyz"):
+            found.append("points.tip: the tip is also given by columns x, y, z; keep one")
+        if "tip" not in self.points and not all(a in self.columns for a in "xyz"):
+            found.append("columns: give the tip by x, y and z, or by points.tip")
+        if any(self.sensor) and self.orientation is None and not any(p.turn for p in self.points.values()):
+            found.append("sensor: a point beside the end of the body needs an orientation to be moved back")
+        if found:
+            raise ValueError("; ".join(found))
+        return self
+
+
+def load_map(path: Path) -> Map:
+    """Read a map.yaml and judge its units; raises ConfigError."""
+    made = load(path, Map)
+    for name, column in made.columns.items():
+        factor(column.unit, name, f"{path}: columns.{name}.unit")
+    for name, points in made.points.items():
+        factor(points.unit, "x", f"{path}: points.{name}.unit")
+    quantities(made.constants, f"{path}: constants")
+    for pattern, own in made.files.items():
+        quantities(own, f"{path}: files.{pattern}")
+    return made
+
+
+def unit_of(name: str) -> str:
+    """SI unit of a column of trials.csv."""
+    if name in COUNTS or name in TEXTS or name.startswith(("q", "sensor_")):
+        return "1"
+    return "Pa" if re.fullmatch(r"p\d+", name) else UNITS.get(name, "m")
+
+
+def factor(unit: str, name: str, place: str) -> float:
+    """How many SI units one of `unit` is, for a column of trials.csv; raises ConfigError."""
+    needed = unit_of(name)
+    known = KINDS.get(needed, {"1": 1.0})
+    if unit in ("", needed):
+        return 1.0
+    if unit not in known:
+        raise ConfigError(f"{place} = {unit[:40]!r}: {name} needs one of {', '.join(known)}")
+    return known[unit]
+
+
+def quantities(given: Mapping[str, float | str], place: str) -> dict[str, Any]:
+    """Constants in SI, texts as they are; raises ConfigError."""
+    out: dict[str, Any] = {}
+    for name, value in given.items():
+        if name in TEXTS or not isinstance(value, str):
+            out[name] = value
+            continue
+        try:
+            out[name] = to_si(value, unit_of(name))
+        except UnitError as e:
+            raise ConfigError(f"{place}.{name}: {e}") from e
+    return out

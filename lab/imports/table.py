@@ -1,0 +1,283 @@
+"""Files and their map as one table of trials."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
+from recordings.errors import RecordingError
+from recordings.states.rules import BRANCHES
+from recordings.trials import HEAD, TAIL, Table, TrialRow
+
+from ..files.config import ConfigError
+from .formats import READERS, read
+from .map_file import AXES, Map, quantities
+from .plateaus import Cut, cuts
+from .quantities import Quantities, quantities_of
+from .series import Series
+
+Array = NDArray[np.float64]
+
+BETWEEN_FILES = 60.0
+"""s from the end of one file to the start of the next, where only each file's own time is known."""
+NO_PRESSURE = 2e3
+"""Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
+SAME_MASS, SAME_ROLL = 2e-3, 2.0
+"""kg at the tip, deg of roll: the same of these."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A table, and what it was made from."""
+
+    table: Table
+    files: tuple[tuple[Series, Quantities, tuple[Cut, ...]], ...]
+    notes: tuple[str, ...]
+    """What was left out, or taken for granted."""
+
+
+@dataclass(frozen=True)
+class _State:
+    """One state, not numbered yet."""
+
+    file: int
+    group: int
+    """Of states that were read one after the other: a trial."""
+    row: TrialRow
+    turn: Rotation | None
+
+
+def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Mapping[str, Any]]]:
+    """Files to read and what is constant in each: those given, or in a folder given those that the map names."""
+    out: list[tuple[Path, Mapping[str, Any]]] = []
+    shared = quantities(wanted.constants, "constants")
+    for path in given:
+        inside = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+        if path.is_dir() and not wanted.files:
+            inside = [p for p in inside if p.suffix.lower() in READERS]
+        for file in inside:
+            own = [quantities(v, f"files.{k}") for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
+            if wanted.files and not own:
+                if path.is_dir():
+                    continue
+                raise ConfigError(f"{file}: no pattern of `files` in the map fits; there are {', '.join(wanted.files)}")
+            merged: dict[str, Any] = dict(shared)
+            for one in own:
+                merged |= one
+            out.append((file, merged))
+    if not out:
+        raise ConfigError(f"{', '.join(map(str, given))}: holds no file that the map names")
+    return out
+
+
+def imported(given: Sequence[Path], wanted: Map, length: float) -> Imported:
+    """Read, cut and put into the robot's frame; `length` of the robot in m. Raises ConfigError."""
+    read_files, states, notes = [], [], []
+    group, start = 0, 0.0
+    for number, (path, constants) in enumerate(files_of(given, wanted)):
+        series = read(path, wanted.source)
+        q = quantities_of(series, wanted, constants)
+        if wanted.straight == "first row":
+            q = _straightened(q, 0, length, wanted.sensor)
+        if number and "t" not in wanted.columns or (number and q.t[0] < start):
+            q = replace(q, t=q.t - q.t[0] + start + BETWEEN_FILES)
+        trial = _trials(q, wanted)
+        own = cuts(wanted.states, q.t, q.pressures, trial)
+        made = [_state(number, group + int(trial[c.rows][0]), q, c) for c in own]
+        kept = [s for s in made if s is not None]
+        if len(kept) < len(made):
+            notes.append(
+                f"{path.name}: {len(made) - len(kept)} of {len(made)} states have no tip or pressure and are left out"
+            )
+        if not kept:
+            raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
+        states += kept
+        group += int(trial.max()) + 1
+        start = float(np.nanmax(q.t))
+        read_files.append((series, q, tuple(own)))
+    if wanted.straight == "first state":
+        states = _from_first(states, length, wanted.sensor)
+    elif any(wanted.sensor) and wanted.straight == "as recorded":
+        states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
+    rows = _numbered(states, bool({"repeat"} & wanted.columns.keys()), "branch" in wanted.columns)
+    if wanted.stiffness is not None:
+        rows += _pushes(rows, read_files, wanted)
+    try:
+        table = Table(tuple(TrialRow.from_cells(r.cells()) for r in rows))
+    except RecordingError as e:
+        raise ConfigError(f"the table made by the map is none: {e}") from e
+    return Imported(table, tuple(read_files), tuple(notes))
+
+
+def _why(wanted: Map, q: Quantities) -> str:
+    if wanted.states.plateaus is None:
+        return "its rows have no tip or pressure"
+    jump = float(np.nanmedian(np.abs(np.diff(q.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
+    return (
+        f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
+        f"(from row to row the median change is {jump:.3g} Pa): change states.plateaus"
+    )
+
+
+# ------------------------------------------------------------------ frames
+def _straightened(q: Quantities, at: int, length: float, sensor: Sequence[float]) -> Quantities:
+    """Places and turns against those of one row, which is the straight robot."""
+    lever = np.array(sensor)
+    turn = None if q.turn is None else q.turn * q.turn[at].inv()
+    moved = q.tip - q.tip[at]
+    if turn is not None:
+        moved = moved - (turn.apply(lever) - lever)
+    return replace(q, tip=moved + [0.0, 0.0, length], turn=turn)
+
+
+def _from_first(states: list[_State], length: float, sensor: Sequence[float]) -> list[_State]:
+    """The same for states: the first one without pressure is the straight robot, or the first where none is."""
+    at = min(range(len(states)), key=lambda i: (round(max(map(abs, states[i].row.pressures)) / NO_PRESSURE), i))
+    straight, lever = states[at], np.array(sensor)
+    origin = np.array(straight.row.tip)
+    out = []
+    for state in states:
+        turn = None if state.turn is None or straight.turn is None else state.turn * straight.turn.inv()
+        shift = -origin + [0.0, 0.0, length]
+        if turn is not None:
+            shift = shift - (turn.apply(lever) - lever)
+        out.append(_moved(replace(state, turn=turn), np.zeros(3), shift))
+    return out
+
+
+def _moved(state: _State, lever: Array, shift: Array) -> _State:
+    """A state with its tip moved: by a lever that turns with it, and by a shift."""
+    own = shift - (state.turn.apply(lever) if state.turn is not None else lever)
+    x, y, z = (np.array(state.row.tip) + own).tolist()
+    return replace(state, row=replace(state.row, tip=(x, y, z), orientation=_quaternion(state.turn)))
+
+
+def _quaternion(turn: Rotation | None) -> tuple[float, float, float, float] | None:
+    if turn is None:
+        return None
+    w, x, y, z = turn.as_quat(canonical=True, scalar_first=True).tolist()
+    return (w, x, y, z)
+
+
+# ------------------------------------------------------------------ states
+def _trials(q: Quantities, wanted: Map) -> NDArray[np.int64]:
+    """(n,) trial of each row, from 0, in this file."""
+    if "trial" in q.others:
+        named = q.others["trial"]
+        order = {v: i for i, v in enumerate(dict.fromkeys(named.tolist()))}
+        return np.array([order[v] for v in named.tolist()], np.int64)
+    if wanted.trials.begin == "file":
+        return np.zeros(len(q.t), np.int64)
+    resting = np.abs(q.pressures).max(axis=1) < wanted.trials.below
+    begins = resting & ~np.concatenate([[True], resting[:-1]])
+    return np.cumsum(begins).astype(np.int64)
+
+
+def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
+    own = cut.rows
+    tip, pressure = q.tip[own], q.pressures[own]
+    seen = np.isfinite(tip).all(axis=1) & np.isfinite(pressure).all(axis=1)
+    if not seen.any():
+        return None
+    held = np.zeros(pressure.shape[1]) if cut.at_rest else pressure[seen].mean(axis=0)
+    x, y, z = tip[seen].mean(axis=0).tolist()
+    turned = q.turned[own] & seen
+    turn = q.turn[own][turned].mean() if q.turn is not None and turned.any() else None
+    markers = tuple(
+        tuple(m[np.isfinite(m).all(axis=1)].mean(axis=0).tolist())
+        if np.isfinite(m).all(axis=1).any()
+        else (np.nan,) * 3
+        for m in np.swapaxes(q.markers[own], 0, 1)
+    )
+    cells: dict[str, Any] = dict(q.constants)
+    cells |= {name: float(np.nanmean(v[own])) for name, v in q.others.items() if np.isfinite(v[own]).any()}
+    cells |= {name: str(w[own][-1]) for name, w in q.words.items()}
+    if int(seen.sum()) > 1:
+        if not cut.at_rest:
+            cells |= {f"sd_p{k}": s for k, s in enumerate(pressure[seen].std(axis=0, ddof=1).tolist(), 1)}
+        cells |= {f"sd_{a}": s for a, s in zip("xyz", tip[seen].std(axis=0, ddof=1).tolist(), strict=True)}
+        cells.setdefault("hold", cut.since)
+    numbered = ("trial", "step", "repeat", "branch", "force", "deflection")
+    plain: dict[str, Any] = {"spine_length": 0.0, "protocol": "bending", "t": float(q.t[own][seen].mean())}
+    plain |= {n: cells[n] for n in (*HEAD, *TAIL) if n in cells and n not in numbered}
+    branch = str(cells.get("branch", "load"))
+    if branch not in BRANCHES:
+        raise ConfigError(
+            f"{q.path}: branch {branch[:40]!r} is not one of {', '.join(BRANCHES)}; translate it with columns.branch.values"
+        )
+    row = TrialRow(
+        **plain,
+        trial=group, step=0, repeat=int(cells.get("repeat", 0)), branch=branch, pressures=tuple(held.tolist()),
+        tip=(x, y, z), orientation=_quaternion(turn), markers=markers,  # type: ignore[arg-type]
+        sd={n[3:]: v for n, v in cells.items() if n.startswith("sd_")},
+        sensors={n: v for n, v in cells.items() if n.startswith("sensor_")},
+    )  # fmt: skip
+    return _State(file, group, row, turn)
+
+
+def _numbered(states: Sequence[_State], repeats_told: bool, branches_told: bool) -> list[TrialRow]:
+    """Trials, steps and, where no column tells them, repeats (of the same inflation) and branches, from 1 on."""
+    groups = list(dict.fromkeys(s.group for s in states))
+    trials = [[s.row for s in states if s.group == g] for g in groups]
+    rows: list[TrialRow] = []
+    before: dict[tuple[int, ...], int] = {}
+    for trial, (own, kind) in enumerate(zip(trials, _kinds(trials), strict=True), 1):
+        before[kind] = before.get(kind, 0) + 1
+        top = int(np.argmax([max(r.pressures) for r in own]))
+        for step, row in enumerate(own, 1):
+            repeat = max(row.repeat, 1) if repeats_told or row.repeat else before[kind]
+            falls = step - 1 > top and row.pressures != own[top].pressures
+            branch = row.branch if branches_told or not falls else "unload"
+            rows.append(replace(row, trial=trial, step=step, repeat=repeat, branch=branch))
+    return rows
+
+
+def _kinds(trials: Sequence[Sequence[TrialRow]]) -> list[tuple[int, ...]]:
+    """What trials that repeat each other have in common: how far each chamber is inflated, spine, mass and roll."""
+    highest = np.array([np.max([r.pressures for r in own], axis=0) for own in trials])
+    gap = pressure_gap([r for own in trials for r in own])
+    settings = [levels(chamber, gap) for chamber in highest.T]
+    first = [own[0] for own in trials]
+    settings.append(levels(np.array([r.spine_length for r in first]), SPINE_GAP))
+    settings.append(levels(np.array([r.tip_mass or 0.0 for r in first]), SAME_MASS))
+    settings.append(levels(np.array([r.roll_deg or 0.0 for r in first]), SAME_ROLL))
+    return [tuple(int(v) for v in kind) for kind in zip(*settings, strict=True)]
+
+
+def _pushes(
+    rows: Sequence[TrialRow], files: Sequence[tuple[Series, Quantities, tuple[Cut, ...]]], wanted: Map
+) -> list[TrialRow]:
+    """Stiffness rows: what each file's force adds to the place of the tip without it."""
+    assert wanted.stiffness is not None
+    axis, sign = AXES[wanted.stiffness.along]
+    numbered = []
+    at = 0
+    for _, q, own in files:
+        numbered.append((rows[at], q.constants.get("force")))
+        at += len(own)
+    out: list[TrialRow] = []
+    trials: dict[int, int] = {}
+    for row, force in numbered:
+        if force is None or force == 0 or row.tip is None:
+            continue
+        rest = next((r for r, f in numbered if f == 0 and r.repeat == row.repeat and r.tip is not None), None)
+        if rest is None or rest.tip is None:
+            raise ConfigError(f"stiffness: repeat {row.repeat} has no file with force: 0 N to hold deflections against")
+        trial = trials.setdefault(row.repeat, len({r.trial for r in rows}) + len(trials) + 1)
+        deflection = sign * (row.tip[axis] - rest.tip[axis])
+        out.append(
+            TrialRow(
+                trial=trial, step=sum(r.trial == trial for r in out) + 1, protocol="stiffness", repeat=row.repeat, branch="load",
+                t=row.t, spine_length=row.spine_length, pressures=(0.0,) * len(row.pressures), specimen=wanted.stiffness.specimen,
+                force=float(force), deflection=float(deflection),
+            )
+        )  # fmt: skip
+    return out

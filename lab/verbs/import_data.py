@@ -1,0 +1,105 @@
+"""`lab import`: measurements of other laboratories and programs as a case, by a map of what their columns are."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from diagnosis.data.plausible import implausible_values
+from model.robot import Robot
+from recordings.table_file import write_csv
+
+from ..console import note, out
+from ..files.config import ConfigError, load
+from ..imports.formats import READERS, read
+from ..imports.guess import guess_map, guess_text
+from ..imports.map_file import Source, load_map
+from ..imports.table import Imported, imported
+
+MAP, PICTURE = "map.yaml", "states.png"
+
+
+def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, as_json: bool) -> int:
+    """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
+    wanted = load_map(map_path)
+    robot_path = robot_path or map_path.parent / wanted.robot
+    robot = load(robot_path, Robot)
+    made = imported(inputs, wanted, robot.length)
+    found = implausible_values(robot, made.table.rows)
+    if found:
+        raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
+    write_case(made, robot, robot_path, map_path, folder)
+    told(made, robot, folder, as_json)
+    return 0
+
+
+def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, folder: Path) -> None:
+    """The folder of a case; a picture shows which rows became states."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
+        if not ((folder / name).exists() and (folder / name).samefile(source)):
+            shutil.copyfile(source, folder / name)
+    write_csv(made.table, folder / "trials.csv")
+    from ..pages.import_figure import draw
+
+    draw(made, robot.length, folder / PICTURE)
+
+
+def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
+    """What was made, and of what."""
+    trials = len({r.trial for r in made.table})
+    if as_json:
+        names = ("robot.yaml", "trials.csv", MAP, PICTURE)
+        files = {"files": [str(folder / n) for n in names], "read": [str(q.path) for _, q, _ in made.files]}
+        about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
+        print(json.dumps(files | about, indent=1))
+        return
+    note(made.notes)
+    out.print(f"{len(made.table)} states in {trials} trials, in {folder}")
+    out.print(f"look at {folder / PICTURE}, then: lab diagnose {folder}")
+
+
+def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool) -> int:
+    """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
+    if robot_path is None:
+        raise ConfigError(
+            "--robot: a proposal needs the robot's robot.yaml: its length, chambers and axis are what columns are held against"
+        )
+    robot = load(robot_path, Robot)
+    first = next(
+        (f for p in inputs for f in ([p] if not p.is_dir() else sorted(p.iterdir())) if f.suffix.lower() in READERS),
+        None,
+    )
+    if first is None:
+        raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(READERS)})")
+    series = read(first, Source())
+    proposed = guess_map(series, robot)
+    folder.mkdir(parents=True, exist_ok=True)
+    if not ((folder / "robot.yaml").exists() and (folder / "robot.yaml").samefile(robot_path)):
+        shutil.copyfile(robot_path, folder / "robot.yaml")
+    (folder / MAP).write_text(guess_text(proposed, Path("robot.yaml"), [first], series.form), encoding="utf-8")
+    told_of = [f"check: {d}" for d in proposed.doubts]
+    made = None
+    try:
+        made = imported(inputs, load_map(folder / MAP), robot.length)
+        told_of += [f"check: {text}" for text in implausible_values(robot, made.table.rows)]
+        from ..pages.import_figure import draw
+
+        draw(made, robot.length, folder / PICTURE)
+    except ConfigError as e:
+        told_of.append(f"check: {e}")
+    if as_json:
+        checks = [t.removeprefix("check: ") for t in told_of]
+        about = {"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks}
+        print(json.dumps(about | {"states": len(made.table) if made else 0}, indent=1))
+        return 0
+    for key, reason in proposed.reasons.items():
+        out.print(f"{key:24s} {reason}")
+    note(told_of)
+    if made is not None:
+        out.print(f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, then:")
+    names = " ".join(str(p) for p in inputs)
+    out.print(f"lab import {names} --map {folder / MAP} --out CASE")
+    return 0
