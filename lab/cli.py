@@ -69,9 +69,10 @@ def _recover(a: argparse.Namespace) -> int:
 
 
 def _export(a: argparse.Namespace) -> int:
-    from .verbs.recorded import export
+    from .verbs.export import Forms, export
 
-    return export(a.file, a.out, a.case, a.parquet, a.json)
+    forms = Forms(a.case, a.crate, "mat" if a.mat else "parquet" if a.parquet else "csv", a.license, a.name)
+    return export(a.inputs, a.out, forms, a.json)
 
 
 def _import(a: argparse.Namespace) -> int:
@@ -310,11 +311,23 @@ def parser() -> argparse.ArgumentParser:
         default=math.inf,
         help="with --play: how much faster than rig time (default: without waiting)",
     )
-    p = verb("export", _export, "write a recording as CSV or Parquet files, or as a case folder", reads=True)
-    p.add_argument("file", type=Path, nargs="+")
+    p = verb(
+        "export",
+        _export,
+        "recordings and cases for other programs: CSV, Parquet, MATLAB, a case, an RO-Crate",
+        reads=True,
+    )
+    p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap); with --mat and --crate also a case folder")
     p.add_argument("--out", type=Path, required=True)
-    p.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
-    p.add_argument("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)")
+    form = p.add_mutually_exclusive_group()
+    form.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
+    form.add_argument("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)")
+    form.add_argument("--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV")
+    form.add_argument(
+        "--crate", action="store_true", help="everything in one described folder, as a paper's supplement"
+    )
+    p.add_argument("--license", metavar="URL", help="of the crate")
+    p.add_argument("--name", help="of the crate (default: the folder's name)")
 
     p = verb(
         "import",

@@ -65,6 +65,24 @@ def column_order(name: str) -> tuple[int, int, int] | None:
     return None
 
 
+UNITS = {"t": "s", "hold": "s", "rate": "Pa/s", "vacuum": "Pa", "tip_mass": "kg", "roll_deg": "deg", "force": "N"}
+"""Of columns; pressures are in Pa, lengths and positions in m, quaternions and numbers of trials in 1."""
+
+
+def unit_of(name: str) -> str:
+    """SI unit of a column; of a sensor of the lab's own the table does not tell it.
+
+    >>> unit_of("p1"), unit_of("sd_x"), unit_of("trial")
+    ('Pa', 'm', '1')
+    """
+    name = name.removeprefix("sd_")
+    if name in INTEGERS or name in TEXTS or name in ORIENTATION or name == "clipped":
+        return "1"
+    if name.startswith("sensor_"):
+        return ""
+    return "Pa" if _PRESSURE.fullmatch(name) else UNITS.get(name, "m")
+
+
 @dataclass(frozen=True)
 class TrialRow:
     """One state that was read; None where a quantity was not measured, NaN for a marker that was never seen."""

@@ -15,16 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from recordings.trials import TEXTS, column_order
+from recordings.trials import TEXTS, column_order, unit_of
 
 from ..files.config import ConfigError, load
 from ..files.units import KINDS, UnitError, to_si
 
 Array = NDArray[np.float64]
 
-UNITS = {"t": "s", "hold": "s", "rate": "Pa/s", "vacuum": "Pa", "tip_mass": "kg", "roll_deg": "deg", "force": "N"}
-"""SI unit of columns of trials.csv; pressures are in Pa, numbers of trials in 1, all others in m."""
-COUNTS = ("trial", "step", "repeat")
 AXES = {f"{sign}{axis}": (i, -1.0 if sign == "-" else 1.0) for i, axis in enumerate("xyz") for sign in ("", "+", "-")}
 ORDERS = ("wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX")
 
@@ -235,17 +232,10 @@ def load_map(path: Path) -> Map:
     return made
 
 
-def unit_of(name: str) -> str:
-    """SI unit of a column of trials.csv."""
-    if name in COUNTS or name in TEXTS or name.startswith(("q", "sensor_")):
-        return "1"
-    return "Pa" if re.fullmatch(r"p\d+", name) else UNITS.get(name, "m")
-
-
 def factor(unit: str, name: str, place: str) -> float:
     """How many SI units one of `unit` is, for a column of trials.csv; raises ConfigError."""
     needed = unit_of(name)
-    known = KINDS.get(needed, {"1": 1.0})
+    known = KINDS.get(needed, {needed: 1.0})
     if unit in ("", needed):
         return 1.0
     if unit not in known:

@@ -1,4 +1,4 @@
-"""`lab info`, `export` and `replay`: what can be done with a recording alone."""
+"""`lab info` and `replay`: what can be done with a recording alone."""
 
 from __future__ import annotations
 
@@ -7,24 +7,18 @@ import json
 import math
 import os
 import sys
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from rich.table import Table as Sheet
 
-from recordings.campaign.export import export_case, export_streams
 from recordings.campaign.info import info as summary
 from recordings.campaign.replay import Comparison, replay_states
 from recordings.campaign.replay import compare as hold_against
-from recordings.campaign.resumed import tables
 from recordings.file.player import play as played
 from recordings.file.reader import Recording
-from recordings.trials import Table, TrialRow
 
-from ..console import note, out
+from ..console import out
 from ..files.config import ConfigError
-from ..files.inputs import clipped_note, same_body
 from ..files.units import unit_text
 
 
@@ -68,49 +62,6 @@ def info(file: Path, as_json: bool) -> int:
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
-
-
-def export(files: Sequence[Path], folder: Path, case: bool, parquet: bool, as_json: bool) -> int:
-    """CSV or Parquet files of each stream, or one case folder from all files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    recordings = [Recording.open(f) for f in files]
-    if case:
-        first = recordings[0]
-        for other in recordings[1:]:
-            if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
-                raise ConfigError(
-                    f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately"
-                )
-        table = joined(tables(recordings))
-        export_case(first, folder, table)
-        _report([folder / "robot.yaml", folder / "trials.csv"], as_json, table)
-        return 0
-    written: list[Path] = []
-    for recording in recordings:
-        place = folder / recording.path.stem if len(files) > 1 else folder
-        written += export_streams(recording, place, "parquet" if parquet else "csv")
-    _report(written, as_json)
-    return 0
-
-
-def _report(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
-    if as_json:
-        clipped = {} if table is None else {"clipped": len(table.clipped)}
-        print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
-        return
-    if table is not None:
-        note(clipped_note(table))
-    for path in files:
-        out.print(str(path))
-
-
-def joined(tables: Sequence[Table]) -> Table:
-    """Tables one after the other, trials numbered on."""
-    rows: list[TrialRow] = []
-    for table in tables:
-        before = max((r.trial for r in rows), default=0)
-        rows += [replace(r, trial=r.trial + before) for r in table]
-    return Table(tuple(rows))
 
 
 def replayed(file: Path) -> tuple[Comparison, str]:

@@ -1,10 +1,11 @@
-"""Out of a recording: one CSV or Parquet file a stream, or a case folder (robot.yaml and trials.csv) for the diagnosis."""
+"""Out of a recording: one CSV or Parquet file a stream, one MATLAB file, or a case folder for the diagnosis."""
 
 from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -19,14 +20,14 @@ from ..table_file import write_csv
 from ..trials import Table
 from .replay import table_of
 
-Format = Literal["csv", "parquet"]
+StreamFormat = Literal["csv", "parquet", "mat"]
 ROWS = 10_000
 """Of a table that are written at a time."""
 Columns = dict[str, NDArray[Any]]
 
 
-def export_streams(recording: Recording, folder: str | os.PathLike[str], form: Format = "csv") -> list[Path]:
-    """Write each stream that has samples to `<stream>.csv` or `.parquet`. Returns the files.
+def export_streams(recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv") -> list[Path]:
+    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all and the trials to one `.mat`; returns the files.
 
     Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) tells
     when they were taken by its clock. Raises `MissingPackage` when Parquet is asked for without pyarrow.
@@ -36,16 +37,45 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: F
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    write = _write_csv if form == "csv" else _parquet_writer()
-    written = []
     if not recording.streams:
         recording.need(*STREAMS)
+    if form == "mat":
+        structures = {_stem(t): _columns(recording, t) for t in recording.streams if len(recording.stream(t))}
+        table = table_of(recording)
+        if len(table):
+            structures["trials"] = {name: table[name] for name in table.columns}
+        return [write_mat(structures, folder / f"{recording.path.stem}.mat")]
+    write = _write_csv if form == "csv" else _parquet_writer()
+    written = []
     for topic in recording.streams:
         if len(recording.stream(topic)):
-            path = folder / f"{topic.strip('/').replace('/', '_')}.{form}"
+            path = folder / f"{_stem(topic)}.{form}"
             write(_columns(recording, topic), path)
             written.append(path)
     return written
+
+
+def _stem(topic: str) -> str:
+    return topic.strip("/").replace("/", "_")
+
+
+def write_mat(structures: Mapping[str, Mapping[str, object]], path: Path) -> Path:
+    """A MATLAB file (version 5) of structures of columns; returns it.
+
+    >>> write_mat({"trials": {"x": [0.0, 0.1]}}, Path("case.mat"))
+    PosixPath('case.mat')
+    """
+    from scipy.io import savemat
+
+    plain = {_variable(name): {_variable(k): v for k, v in own.items()} for name, own in structures.items()}
+    savemat(path, plain, do_compression=True, long_field_names=True, oned_as="column")
+    return path
+
+
+def _variable(name: str) -> str:
+    """A name that MATLAB takes."""
+    own = re.sub(r"\W", "_", name)[:63]
+    return own if own[:1].isalpha() else f"v{own}"[:63]
 
 
 def _columns(recording: Recording, topic: str) -> Columns:

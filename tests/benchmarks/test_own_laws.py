@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from benchmarks.own_laws import ANALYSES, Case, Evidence, calibrated, figures
+from benchmarks.own_laws import ANALYSES, Case, Evidence, Judged, calibrated, figures
 
 RNG = np.random.default_rng(3)
 X, N, Y = RNG.normal(size=(12, 3)), RNG.normal(size=(12, 2)), 2 * RNG.normal(size=12)
@@ -45,15 +45,19 @@ def test_what_an_area_factor_takes_up_is_not_carried() -> None:
 
 
 def test_shares_are_of_those_that_they_say() -> None:
-    def case(stratum: str, named: tuple[str, ...], p: float, odds: float, leaves: float = 0.0) -> Case:
-        answers = dict.fromkeys(ANALYSES, (named, p, odds))
-        return Case(stratum, frozenset(), {"contact": 5.0, "base_tilt": 1.0}, 1.0, leaves, answers)
+    def case(
+        stratum: str, named: tuple[str, ...], p: float, odds: float, leaves: float = 0.0, causes: str = ""
+    ) -> Case:
+        answers = dict.fromkeys(ANALYSES, Judged(named[:1], p, odds, named))
+        return Case(stratum, frozenset(causes.split()), {"contact": 5.0, "base_tilt": 1.0}, 1.0, leaves, answers)
 
     cases = [
         case("clean", ("contact",), 0.95, -5.0), case("cluttered", ("base_tilt",), 0.95, 1.0),
+        case("pairs", ("contact", "base_tilt"), 0.5, -1.0, causes="contact base_tilt"),
+        case("cluttered_pairs", ("contact",), 0.5, -1.0, causes="contact base_tilt"),
         case("outside", (), 0.5, 0.5, leaves=1.0), case("cluttered_outside", (), 0.5, 2.0, leaves=3.0),
     ]  # fmt: skip
     (found, *_) = figures(cases).values()
     assert [value.split(" (")[0] for value in found.values()] == [
-        "1 of 1", "0 of 1", "1 of 2", "1 of 2", "2 of 2", "1 of 1", "1 of 1",
+        "1 of 1", "0 of 1", "1 of 2", "1 of 1", "0 of 1", "1 of 2", "1 of 2", "2 of 2", "1 of 1", "1 of 1",
     ]  # fmt: skip

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 from synthetic_run import Run
 
 from recordings.campaign.export import export_case, export_streams
@@ -67,6 +68,16 @@ def test_parquet_holds_the_same_columns_and_numbers_with_their_types(recording: 
 def test_parquet_without_pyarrow_says_what_to_install(recording: Recording, tmp_path: Path) -> None:
     with pytest.raises(MissingPackage, match="pyarrow.*CSV"):
         export_streams(recording, tmp_path, "parquet")
+
+
+def test_matlab_holds_the_same_columns_by_stream(recording: Recording, tmp_path: Path) -> None:
+    (file,) = export_streams(recording, tmp_path, "mat")
+    found = loadmat(file, squeeze_me=True, struct_as_record=False)
+    for name, columns in COLUMNS.items():
+        samples = recording.stream(f"/{name}")
+        assert [c.replace(".", "_") for c in columns] == found[name]._fieldnames
+        first = samples.dtype.names[0]  # type: ignore[index]
+        assert np.array_equal(getattr(found[name], first), samples[first])
 
 
 def test_a_recording_without_a_concluded_state_makes_no_case_folder(recording: Recording, tmp_path: Path) -> None:

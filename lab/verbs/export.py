@@ -1,0 +1,132 @@
+"""`lab export`: recordings and cases in the forms that other programs read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from recordings.campaign.export import StreamFormat, export_case, export_streams, write_mat
+from recordings.campaign.info import info as summary
+from recordings.campaign.resumed import tables
+from recordings.file.reader import Recording
+from recordings.table_file import read_csv, write_csv
+from recordings.trials import Table, TrialRow
+
+from ..console import note, out
+from ..files.config import ConfigError
+from ..files.crate import write_crate
+from ..files.inputs import clipped_note, same_body
+
+IN_A_CASE = ("map.yaml", "states.png", "diagnosis.json", "diagnosis.html", "rig.yaml", "predicted.csv")
+"""Files of a case folder that go into a crate beside the robot and the table."""
+
+
+@dataclass(frozen=True)
+class Forms:
+    """What is asked for."""
+
+    case: bool = False
+    crate: bool = False
+    streams: StreamFormat = "csv"
+    license: str | None = None
+    name: str | None = None
+
+
+def export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
+    """Files of each stream, one case folder, or an RO-Crate; raises ConfigError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    cases = [p for p in inputs if p.is_dir()]
+    if forms.crate:
+        return _crate(inputs, folder, forms, as_json)
+    if forms.case:
+        if cases:
+            raise ConfigError(f"{cases[0]}: is a case already; --case is for recordings")
+        return _case(inputs, folder, as_json)
+    written: list[Path] = []
+    for place in cases:
+        if forms.streams != "mat":
+            raise ConfigError(f"{place}: is a case folder, which has no streams; use --mat or --crate")
+        written.append(
+            write_mat({"trials": _columns(read_csv(place / "trials.csv"))}, folder / f"{place.resolve().name}.mat")
+        )
+    recordings = [Recording.open(f) for f in inputs if not f.is_dir()]
+    for recording in recordings:
+        own = folder / recording.path.stem if len(recordings) > 1 and forms.streams != "mat" else folder
+        written += export_streams(recording, own, forms.streams)
+    _report(written, as_json)
+    return 0
+
+
+def _columns(table: Table) -> dict[str, object]:
+    return {name: table[name] for name in table.columns}
+
+
+def _case(files: Sequence[Path], folder: Path, as_json: bool) -> int:
+    recordings = [Recording.open(f) for f in files]
+    table = _joined_case(recordings, folder)
+    _report([folder / "robot.yaml", folder / "trials.csv"], as_json, table)
+    return 0
+
+
+def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
+    """robot.yaml and trials.csv of recordings of one robot."""
+    first = recordings[0]
+    for other in recordings[1:]:
+        if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
+            raise ConfigError(
+                f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately"
+            )
+    table = joined(tables(recordings))
+    export_case(first, folder, table)
+    return table
+
+
+def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
+    """One folder with everything that a reader of a paper needs, described."""
+    cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
+    if len(cases) > 1:
+        raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")
+    recordings = {p.name: p for p in files if p.suffix == ".mcap"}
+    if not cases and not recordings:
+        raise ConfigError("--crate: give recordings (.mcap), a case folder, or both; further files go beside them")
+    if cases:
+        table = read_csv(cases[0] / "trials.csv")
+        for name in ("robot.yaml", "trials.csv"):
+            (folder / name).write_bytes((cases[0] / name).read_bytes())
+    else:
+        table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
+        write_csv(table, folder / "trials.csv")
+    beside = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
+    whole = [folder / "robot.yaml", folder / "trials.csv", *beside, *files]
+    twice = next((p for i, p in enumerate(whole) if any(p.name == q.name for q in whole[:i])), None)
+    if twice is not None:
+        raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")
+    infos = {name: summary(path) for name, path in recordings.items()}
+    name = forms.name or (cases[0] if cases else folder).resolve().name
+    made = write_crate(folder, whole, table, infos, name, forms.license)
+    _report([made, *(folder / p.name for p in whole)], as_json, table)
+    if forms.license is None and not as_json:
+        note(["no licence is stated; add --license URL before you publish"])
+    return 0
+
+
+def _report(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
+    if as_json:
+        clipped = {} if table is None else {"clipped": len(table.clipped)}
+        print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
+        return
+    if table is not None:
+        note(clipped_note(table))
+    for path in files:
+        out.print(str(path))
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Tables one after the other, trials numbered on."""
+    rows: list[TrialRow] = []
+    for table in tables:
+        before = max((r.trial for r in rows), default=0)
+        rows += [replace(r, trial=r.trial + before) for r in table]
+    return Table(tuple(rows))
