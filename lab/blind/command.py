@@ -25,6 +25,11 @@ def _crew(a: argparse.Namespace) -> Crew:
     return Crew(a.workers, a.scheduler)
 
 
+def _menu(a: argparse.Namespace) -> bool:
+    """Whether experiments are offered: a simulator's predictions are of the base sweep alone."""
+    return not a.no_menu and a.simulator is None
+
+
 def _make(a: argparse.Namespace) -> int:
     low, high = a.sizes
     clutter, wire = a.clutter or 0.0, WIRED if a.wire is None else a.wire
@@ -41,7 +46,7 @@ def _make(a: argparse.Namespace) -> int:
             f"--kind and --held-out are for other worlds: give --world, or use --only {' | '.join(KINDS)}"
         )
     recipe = Recipe(a.n, a.seed, clutter, (low, high), a.settled, min(wire, a.n), tuple(a.only or KINDS))
-    digest = make(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, crew=_crew(a))
+    digest = make(a.out, recipe, a.design, menu=_menu(a), per_length=a.per_length, simulator=a.simulator, crew=_crew(a))
     out.print(f"{a.n} cases in {a.out}; sha256 of the sealed truth {digest}")
     return 0
 
@@ -54,7 +59,9 @@ def _make_world(a: argparse.Namespace) -> int:
         raise ConfigError("--wire and --only are for the virtual robot: with --world leave them out, and use --kind")
     low, high = a.sizes
     recipe = WorldRecipe(a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.settled, a.held_out)
-    digest = make_world(a.out, recipe, a.design, menu=not a.no_menu, per_length=a.per_length, crew=_crew(a))
+    digest = make_world(
+        a.out, recipe, a.design, menu=_menu(a), per_length=a.per_length, simulator=a.simulator, crew=_crew(a)
+    )
     out.print(f"{a.n} cases of world {a.world} in {a.out}; sha256 of the sealed truth {digest}")
     return 0
 

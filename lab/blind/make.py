@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +10,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from model.effects.catalogue import CATALOGUE
 from model.robot import Robot
 from recordings.table_file import write_csv
 from recordings.trials import Table
 from sim_fakes.virtual_robot import NoEquilibrium
 
+from ..files.baseline import from_simulator, simulator
 from ..files.config import ConfigError, check, parse_yaml
 from ..files.example import paper_robot
+from ..files.inputs import read_case
 from .bench_robot import BenchRobot
 from .designs import Design, design, joined
 from .drive import measure
@@ -25,6 +29,8 @@ from .truth import Recipe, Truth, draw, draw_one
 from .wire import measure_by_wire
 from .workers import Crew, spread
 
+PREDICTED = "predicted.csv"
+"""In a case folder: what another simulator predicts of its states."""
 ATTEMPTS = 20
 """Draws of sizes for one case until the robot keeps its equilibrium through all experiments."""
 NOMINAL_AREA_FACTOR = 1.6
@@ -40,6 +46,7 @@ class Order:
     folder: SetFolder
     menu: bool
     per_length: bool
+    simulator: str | None = None
 
 
 def make(
@@ -49,22 +56,25 @@ def make(
     *,
     menu: bool = True,
     per_length: bool = False,
+    simulator: str | None = None,
     crew: Crew = Crew(),  # noqa: B008 (frozen)
 ) -> str:
     """Make a set in an empty folder; returns the digest of its truth. Raises ConfigError.
 
     `menu`: measure the experiments that a diagnosis may ask for. `per_length`: robot.yaml asks for an area factor of
-    its own for each spine length, as the paper does, instead of one for all.
+    its own for each spine length, as the paper does, instead of one for all. `simulator`: what it predicts lies in each case,
+    and is the baseline of its diagnosis in the rod's place.
     """
     shown = design(design_name)
     folder = new_set(root)
-    orders = [Order(t, recipe, shown, folder, menu or shown.extras, per_length) for t in draw(recipe)]
+    orders = [Order(t, recipe, shown, folder, menu or shown.extras, per_length, simulator) for t in draw(recipe)]
     # the wired ones take longest and go first
     orders.sort(key=lambda o: o.truth.route != "wire")
     truths = sorted(spread(make_case, orders, crew, "cases made"), key=lambda t: t.case)
     about = {
         "design": shown.name, "clutter": recipe.clutter, "sizes": list(recipe.sizes), "settled": recipe.settled,
         "wired": recipe.wire, "area_factor": "by spine length" if per_length else "one",
+        **({"simulator": simulator} if simulator else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
 
@@ -80,9 +90,10 @@ def make_case(order: Order) -> Truth:
             tables = _measure(order, truth)
         except NoEquilibrium:
             continue
-        write_case(
-            order.folder.case(order.truth.case), tables, order.design, menu=order.menu, per_length=order.per_length
-        )
+        case = order.folder.case(order.truth.case)
+        write_case(case, tables, order.design, menu=order.menu, per_length=order.per_length)
+        if order.simulator is not None:
+            write_predictions(case, order.simulator)
         return truth
     raise ConfigError(f"case {truth.case}: no equilibrium in {ATTEMPTS} draws of its sizes; use smaller --sizes")
 
@@ -118,6 +129,22 @@ def write_case(folder: Path, tables: dict[str, Table], shown: Design, *, menu: b
         (folder / "menu").mkdir()
         for name, table in tables.items():
             write_csv(table, folder / "menu" / f"{name}.csv")
+
+
+def write_predictions(folder: Path, name: str) -> Path:
+    """What a simulator of the robot of a case's robot.yaml predicts of its states, as a table for `--baseline`."""
+    case = read_case([folder])
+    label, own = simulator(name, case.robot)
+    made = from_simulator(label, own, case, CATALOGUE, lambda _done, _of: None, varied=False)
+    columns = {k: v for k, v in made.columns().items() if np.isfinite(v).any()}
+    path = folder / PREDICTED
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["trial", "step", *columns])
+        for i, row in enumerate(case.table):
+            cells = (float(c[i]) for c in columns.values())
+            writer.writerow([row.trial, row.step, *("" if np.isnan(c) else repr(c) for c in cells)])
+    return path
 
 
 def robot_yaml(*, markers: bool, per_length: bool) -> str:

@@ -58,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument("--per-length", action="store_true", help="an area factor of its own for each spine length")
     p.add_argument("--wire", type=int, help="cases measured through every wire (default 10, with --world 0)")
     p.add_argument("--no-menu", action="store_true", help="offer no further experiments")
+    p.add_argument(
+        "--simulator",
+        metavar="NAME|FILE.py",
+        help="its predictions are the baseline, in the rod's place; no further experiments",
+    )
     p.add_argument("--only", action="append", choices=KINDS, help="only cases of this kind (repeatable; default: all)")
     _crew(p)
     p = steps.add_parser("run", help="diagnose every case; the seal stays closed")

@@ -19,6 +19,7 @@ from recordings.trials import Table
 from ..files.config import ConfigError
 from .designs import CHANNELS, joined
 from .folder import SetFolder
+from .make import PREDICTED
 from .sweeps import MENU
 from .workers import Crew, spread
 
@@ -64,7 +65,7 @@ def answer(folder: SetFolder, diagnose: Diagnose, chosen: int, name: str) -> str
     asked: tuple[str, ...] = ()
     while True:
         began = time.monotonic()
-        found = _diagnosed(diagnose, case / "robot.yaml", table)
+        found = _diagnosed(diagnose, [case / "robot.yaml", case / PREDICTED], table)
         rounds.append(Round(asked, time.monotonic() - began, found))
         wish = wanted(found, asked) if len(asked) < chosen and menu.is_dir() else None
         if wish is None:
@@ -78,9 +79,11 @@ def answer(folder: SetFolder, diagnose: Diagnose, chosen: int, name: str) -> str
     return name
 
 
-def _diagnosed(diagnose: Diagnose, robot: Path, table: Table) -> dict[str, Any]:
+def _diagnosed(diagnose: Diagnose, files: Sequence[Path], table: Table) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="case-") as place:
-        shutil.copy(robot, place)
+        for file in files:
+            if file.exists():
+                shutil.copy(file, place)
         write_csv(table, Path(place) / "trials.csv")
         try:
             return diagnose(Path(place))

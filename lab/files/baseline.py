@@ -187,14 +187,19 @@ def _made(place: str, thing: object, robot: Robot) -> Forward:
 
 
 def from_simulator(
-    name: str, own: Forward, case: Case, catalogue: Mapping[str, EffectSpec], progress: Callable[[float, float], None]
+    name: str,
+    own: Forward,
+    case: Case,
+    catalogue: Mapping[str, EffectSpec],
+    progress: Callable[[float, float], None],
+    varied: bool = True,
 ) -> Baseline:
-    """What a simulator predicts of a case, as it is and with each of its own parameters varied.
+    """What a simulator predicts of a case, as it is and, where asked for, with each of its own parameters varied.
 
     Readings of one setting are simulated once. Raises ConfigError for what is not as `Forward` asks.
     """
-    varied = (*catalogue.values(), *TOLERANCES.values(), AREA)
-    scale = {f"{spec.id}.{p.name}": p.scale for spec in varied for p in spec.parameters}
+    known = (*catalogue.values(), *TOLERANCES.values(), AREA)
+    scale = {f"{spec.id}.{p.name}": p.scale for spec in known for p in spec.parameters}
     unknown = [p for p in own.parameters if p not in scale]
     if unknown:
         raise ConfigError(
@@ -203,7 +208,8 @@ def from_simulator(
     settings = np.array([_setting(r, case) for r in case.table])
     distinct, place = _distinct(settings)
     states = [distinct[i : i + BATCH] for i in range(0, len(distinct), BATCH)]
-    variants: list[tuple[str, float]] = [("", 0.0), *((p, STEP * scale[p]) for p in own.parameters)]
+    steps = [(p, STEP * scale[p]) for p in own.parameters] if varied else []
+    variants: list[tuple[str, float]] = [("", 0.0), *steps]
     made: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):
         columns: list[Columns] = []

@@ -31,7 +31,12 @@ from model.robot import Robot
 Array = NDArray[np.float64]
 
 GROUP = "softlab.simulators"
-OWN: Mapping[str, tuple[str, str]] = MappingProxyType({"pyelastica": ("model.simulators.pyelastica", "PyElastica")})
+OWN: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "pyelastica": ("model.simulators.pyelastica", "PyElastica"),
+        "soromox": ("model.simulators.soromox", "SoRoMoX"),
+    }
+)
 """The project's own, by name: module and class. The name is also that of the extra that it needs."""
 Factory = Callable[[Robot], "Forward"]
 """What an entry point gives: a class or function that takes the robot."""

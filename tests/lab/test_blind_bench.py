@@ -24,12 +24,34 @@ from lab.blind.sweeps import BASE, MENU
 from lab.blind.truth import CLUTTER_SHARE, STAND_ONLY, Recipe
 from lab.blind.truth import draw as draw_truths
 from lab.blind.workers import Crew
+from lab.files.baseline import from_table
 from lab.files.config import ConfigError
+from lab.files.inputs import read_case
 from model.effects.catalogue import CATALOGUE
 from recordings.table_file import read_csv
 from sim_fakes.virtual_robot import list_effects
 
 QUIET = Crew(quiet=True)
+EULER = """
+from model.condition import conditions
+from model.rods import PAPER, solve
+from model.section import rods_of
+from model.simulators import Readings
+
+
+class Euler:
+    parameters = ()
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def predict(self, states, parameters):
+        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        return Readings(tip=solve(rods_of(self.robot, at), PAPER).tip)
+
+
+SIMULATOR = Euler
+"""
 NAMED = [e.id for e in list_effects() if e.catalogue and e.id not in STAND_ONLY]
 
 
@@ -54,6 +76,14 @@ def asks(folder: Path) -> dict[str, Any]:
         "given": [len(table), "qw" in table.columns, "m1x" in table.columns],
         "next_experiment": [{"id": "unload"}, {"id": "tip_mass"}, {"id": "paint_it_blue"}, {"do": "sweep the vacuum"}],
     }
+
+
+def held_against(folder: Path) -> dict[str, Any]:
+    """A diagnosis that tells what lies in its case, and how far the baseline is from what was measured."""
+    case = read_case([folder])
+    there = from_table(folder / "predicted.csv", case)
+    measured = np.array([r.tip for r in case.table])
+    return {**always_none(folder), "missed_mm": float(np.linalg.norm(there.tip - measured, axis=1).max()) * 1e3}
 
 
 def breaks(folder: Path) -> dict[str, Any]:
@@ -145,6 +175,21 @@ def test_everything_on_the_menu_can_be_had(small_set: Path, wish: str) -> None:
     assert len(wider) > len(table) or set(wider.columns) > set(table.columns)
     assert [(r.trial, r.step) for r in wider] == sorted((r.trial, r.step) for r in wider)
     assert wish in bench.MENU_OF.values()
+
+
+def test_a_simulator_s_predictions_are_the_baseline_of_a_set(tmp_path: Path) -> None:
+    (tmp_path / "euler.py").write_text(EULER)
+    root = tmp_path / "set"
+    make(root, Recipe(1, 5, only=("none",)), "tip", menu=False, simulator=str(tmp_path / "euler.py"), crew=QUIET)
+    folder = SetFolder(root)
+    assert json.loads((root / "commitment.json").read_text())["simulator"].endswith("euler.py")
+    (name,) = folder.names()
+    rod, predicted = (folder.case(name) / n for n in ("trials.csv", "predicted.csv"))
+    assert len(predicted.read_text().splitlines()) == len(rod.read_text().splitlines())
+    assert bench.run(root, held_against, crew=QUIET) == 1
+    (first,) = json.loads((folder.answers(name) / "rounds.json").read_text())
+    # an area factor of 1.6 where the truth lies between 1.4 and 1.8, and the Euler integration's own error
+    assert 1.0 < first["diagnosis"]["missed_mm"] < 60.0
 
 
 def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> None:

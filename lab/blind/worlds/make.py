@@ -21,7 +21,7 @@ from sim_fakes.worlds.walk import Leg
 from ...files.config import ConfigError
 from ..designs import Design, design
 from ..folder import SetFolder, new_set, seal
-from ..make import ATTEMPTS, write_case
+from ..make import ATTEMPTS, write_case, write_predictions
 from ..sweeps import BASE, BASE_SETTLED, MENU, State, Sweep
 from ..workers import Crew, spread
 from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, draw, draw_robot
@@ -47,6 +47,7 @@ class Order:
     folder: SetFolder
     menu: bool
     per_length: bool
+    simulator: str | None = None
 
 
 def make(
@@ -56,6 +57,7 @@ def make(
     *,
     menu: bool = True,
     per_length: bool = False,
+    simulator: str | None = None,
     crew: Crew = Crew(),  # noqa: B008 (frozen)
 ) -> str:
     """Make a set of a world in an empty folder; returns the digest of its truth. Raises ConfigError."""
@@ -66,7 +68,7 @@ def make(
     shown = design(design_name)
     folder = new_set(root)
     orders = [
-        Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, per_length)
+        Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, per_length, simulator)
         for place, (stratum, causes) in enumerate(draw(recipe))
     ]
     truths = sorted(spread(make_case, orders, crew, "cases made"), key=lambda t: t.case)
@@ -74,6 +76,7 @@ def make(
         "design": shown.name, "world": recipe.world, "clutter": _clutter(recipe), "sizes": list(recipe.sizes),
         "settled": recipe.settled, "wired": 0, "area_factor": "by spine length" if per_length else "one",
         "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
+        **({"simulator": simulator} if simulator else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
 
@@ -89,7 +92,10 @@ def make_case(order: Order) -> WorldTruth:
             truth, tables = _measured(order, attempt)
         except (NoEquilibrium, Unequal):
             continue
-        write_case(order.folder.case(truth.case), tables, order.design, menu=order.menu, per_length=order.per_length)
+        case = order.folder.case(truth.case)
+        write_case(case, tables, order.design, menu=order.menu, per_length=order.per_length)
+        if order.simulator is not None:
+            write_predictions(case, order.simulator)
         return truth
     raise ConfigError(
         f"case {order.place + 1:04d} of world {order.recipe.world}: {ATTEMPTS} draws of its sizes gave no equilibrium or no "

@@ -1,0 +1,127 @@
+"""SoRoMoX (extra `soromox`) as a simulator of the robot: piecewise constant strain, in equilibrium.
+
+N equal segments of constant strain q; stretch K_se and bend K_bt of each are those of the rod of robot.yaml, a segment that the
+spine's end divides having both in series. At rest elasticity and weight, SoRoMoX's K q + G(q), balance the tip's loads,
+
+    K q + G(q) = J(q)^T (m_P, n_P + R(q)^T F),
+
+with its own Jacobian J and rotation R at the tip, n_P and m_P the chambers' force and moment, which turn with the tip (paper,
+eq. 4), F the tip mass's weight. Solved by Newton's method with the derivative that JAX takes, the loads put on in steps.
+SoRoMoX counts a rod's arc along its x axis: the robot's (z, x, y).
+
+M. Stölzle et al., soromox: soft robot models in JAX; F. Renda et al., "Discrete Cosserat approach for multisection soft
+manipulator dynamics", IEEE T-RO 34(6), 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from soromox.systems import PCS, LinkSpec
+
+from model.condition import conditions
+from model.robot import Robot
+from model.rods import Rods
+from model.section import rods_of
+from model.simulators import Readings, States
+
+Array = NDArray[np.float64]
+
+jax.config.update("jax_enable_x64", True)
+
+SEGMENTS = 10
+STEPS = 4
+"""In which the loads are put on."""
+NEWTON = 15
+"""Iterations of each, at most."""
+AT_REST = 1e-9
+"""N m, of the residual."""
+LEAST_WEIGHT = 1e-9
+"""N/m: SoRoMoX wants a density."""
+RADIUS = 0.02
+"""m of the segments in SoRoMoX; it sets nothing here, as stiffness and weight are given."""
+ORDER = (2, 0, 1)
+"""SoRoMoX' x, y, z among the robot's axes."""
+UPRIGHT = (-0.5, -0.5, -0.5, 0.5, 0.0, 0.0, 0.0)
+"""Pose of the base: quaternion x, y, z, w and position; x of SoRoMoX along z of the robot."""
+
+
+class SoRoMoX:
+    """The robot of robot.yaml in SoRoMoX."""
+
+    parameters = ("area.excess",)
+
+    def __init__(self, robot: Robot, segments: int = SEGMENTS) -> None:
+        self._robot, self._segments = robot, segments
+        self._models: dict[bytes, Any] = {}
+        """SoRoMoX' rods by stiffness and weight: one for each spine length."""
+
+    def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
+        """Newton's method for each state; NaN where it finds no equilibrium."""
+        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        rods = rods_of(self._robot, at)
+        push = 1.0 + parameters.get("area.excess", 0.0)
+        return Readings(np.array([self._at_rest(rods, i, push) for i in range(len(states))]))
+
+    def _at_rest(self, rods: Rods, i: int, push: float) -> Array:
+        """(3,) m, the tip of rod `i` in equilibrium."""
+        total = float(rods.field("length")[i].sum())
+        edges = np.linspace(0.0, total, self._segments + 1)
+        inner = np.clip((float(rods.field("length")[i][0]) - edges[:-1]) / np.diff(edges), 0.0, 1.0)
+        stretch, bend = rods.field("stretch_stiffness")[i], rods.field("bend_stiffness")[i]
+        each = [1.0 / (inner / k[0] + (1.0 - inner) / k[1]) for k in (*bend.T[list(ORDER)], *stretch.T[list(ORDER)])]
+        below, above = rods.field("load")[i]
+        stiffness, load = np.array(each).T, inner[:, None] * below + (1.0 - inner[:, None]) * above
+        key = np.concatenate([stiffness.ravel(), load.ravel()]).tobytes()
+        if key not in self._models:
+            self._models[key] = _model(total, stiffness, load)
+        follower = np.concatenate([rods.field("tip_moment")[i][list(ORDER)], rods.field("tip_force")[i][list(ORDER)]])
+        dead = jnp.asarray(rods.field("dead_force")[i])
+        tip, left = _solved(self._models[key], jnp.asarray(push * follower), dead, jnp.asarray(total))
+        return np.asarray(tip) if float(left) < AT_REST else np.full(3, np.nan)
+
+
+def _model(length: float, stiffness: Array, load: Array) -> Any:
+    """SoRoMoX' rod; its density is what makes each segment as heavy as `load` (N, 3) N/m."""
+    heaviest = load[int(np.argmax(np.linalg.norm(load, axis=1)))]
+    size = float(np.linalg.norm(heaviest))
+    gravity = heaviest / size if size else np.array([0.0, 0.0, 1.0])
+    each = length / len(stiffness)
+    links = [
+        LinkSpec.circular(
+            length=each, radius=RADIUS, density=max(float(w @ gravity), LEAST_WEIGHT) / (np.pi * RADIUS**2),
+            reference_strain=[0.0, 0.0, 0.0, 1.0, 0.0, 0.0], stiffness=jnp.diag(jnp.asarray(each * k)),
+        )
+        for k, w in zip(stiffness, load, strict=True)
+    ]  # fmt: skip
+    return PCS.from_links(links, gravity=jnp.asarray(gravity), base_pose=jnp.asarray(UPRIGHT))
+
+
+@eqx.filter_jit
+def _solved(model: Any, follower: Any, dead: Any, length: Any) -> tuple[Any, Any]:
+    """The tip (3,) m, and the largest component of what is out of balance."""
+
+    def residual(q: Any, share: Any) -> Any:
+        turn = model.forward_kinematics(q, length)[:3, :3]
+        wrench = share * follower + jnp.concatenate([jnp.zeros(3), turn.T @ dead])
+        return model.potential_force(q) - model.jacobian_bodyframe(q, length).T @ wrench
+
+    def balanced(q: Any, share: Any) -> tuple[Any, None]:
+        def goes_on(state: Any) -> Any:
+            return (state[2] > AT_REST) & (state[0] < NEWTON)
+
+        def step(state: Any) -> tuple[Any, Any, Any]:
+            k, q, _ = state
+            q = q - jnp.linalg.solve(jax.jacfwd(residual)(q, share), residual(q, share))
+            return k + 1, q, jnp.abs(residual(q, share)).max()
+
+        return jax.lax.while_loop(goes_on, step, (0, q, jnp.inf))[1], None
+
+    q, _ = jax.lax.scan(balanced, jnp.zeros(model.num_internal_dofs), jnp.linspace(1.0 / STEPS, 1.0, STEPS))
+    return model.forward_kinematics(q, length)[:3, 3], jnp.abs(residual(q, 1.0)).max()
