@@ -32,7 +32,7 @@ from lab.files.inputs import read_case
 from lab.files.resume import find
 from lab.files.rig_file import RigFile
 from lab.guard.latch import Latch
-from lab.verbs.recorded import joined
+from lab.verbs.export import joined
 from model.errors import ModelError
 from model.robot import Robot, load_robot
 from protocols.bending import Bending

@@ -98,12 +98,12 @@ def test_the_beam_s_stiffness_rows_hold_what_the_weights_add_to_its_own_sag(tmp_
     files = tmp_path / "beam"
     files.mkdir()
     still = np.zeros((120, 6, 3))
-    still[:, 3:, 2] = 0.095
+    still[:, :3, 2] = 0.095
     labels = [f"{place} - {i}" for place in ("Tip", "Base") for i in (1, 2, 3)]
     for letter in "ab":
         for name, sag in (("gravity", 0.006), ("load52", 0.016), ("load101", 0.026)):
             points = still.copy()
-            points[40:, 3:, 0] -= sag
+            points[40:, :3, 0] -= sag
             write_c3d(files / f"beam_{name}_V2_{letter}.c3d", points, labels)
     shutil.copy(__file__, files / "notes.txt")
     table = imported(files, "silicone_beam", tmp_path / "case")

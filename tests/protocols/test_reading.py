@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
 from drivers.chambers import ChamberMap
-from lab.files.clock import RigClock
 from protocols.bench import Bench
 from protocols.errors import NotReached
 from protocols.experiment import READINGS, Plan, Trials
@@ -23,25 +19,23 @@ from recordings.states.rules import Window
 TOPIC = "/force"
 
 
-@contextmanager
-def stream(clock: RigClock, recorder: Recorder, pauses: list[tuple[float, float]]) -> Iterator[None]:
-    """Samples of a force sensor every 0.05 s of rig time; none between the ends of a pause."""
-    stop = threading.Event()
+class ClockOfStream:
+    """Rig time that passes where somebody waits, and then brings a sample of a force sensor every 0.05 s; none in a pause."""
 
-    def send() -> None:
-        while not stop.is_set():
-            t = clock.now()
-            if not any(begin <= t < end for begin, end in pauses):
-                recorder.push(TOPIC, t, raw=(1.0,) * 6, zero=(0.0,) * 6)
-            clock.sleep(0.05)
+    def __init__(self) -> None:
+        self._t, self._next = 0.0, 0.0
+        self.recorder: Recorder | None = None
+        self.pauses: list[tuple[float, float]] = []
 
-    thread = threading.Thread(target=send)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
+    def now(self) -> float:
+        return self._t
+
+    def sleep(self, duration: float) -> None:
+        self._t += duration
+        while self.recorder is not None and self._next <= self._t:
+            if not any(begin <= self._next < end for begin, end in self.pauses):
+                self.recorder.push(TOPIC, self._next, raw=(1.0,) * 6, zero=(0.0,) * 6)
+            self._next += 0.05
 
 
 class Narrator:
@@ -59,7 +53,7 @@ class Narrator:
 
 def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool) -> list[str]:
     """What is said while one state is read in a window of 1 s; pauses from and to so many s after its begin."""
-    clock, narrator = RigClock(1.0), Narrator()
+    clock, narrator = ClockOfStream(), Narrator()
     with Recorder(path, start_wall_ns=10**18) as recorder:
         bench = Bench(
             clock,
@@ -72,11 +66,11 @@ def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool) -> lis
         trials = Trials(bench, Plan("test", (), {}))
         trial = trials.begin(repeat=1, spine=0.0)
         begin = clock.now()
-        with stream(clock, recorder, [(begin + a, begin + b) for a, b in pauses]):
-            row = trials.read(
-                trial, Window(0.2, 1.0, 3), branch="load", t_start=begin, ramp_end=begin, rate=0.0, targets=(),
-                topics=(TOPIC,), wait=30.0, repeatable=repeatable,
-            )  # fmt: skip
+        clock.pauses, clock.recorder = [(begin + a, begin + b) for a, b in pauses], recorder
+        row = trials.read(
+            trial, Window(0.2, 1.0, 3), branch="load", t_start=begin, ramp_end=begin, rate=0.0, targets=(),
+            topics=(TOPIC,), wait=30.0, repeatable=repeatable,
+        )  # fmt: skip
         assert trials.rows == [row] and row.step == 1
     return narrator.said
 
