@@ -9,7 +9,7 @@ answer.statement, answer.attribute.verdict, answer.to_json()
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
@@ -25,6 +25,7 @@ from .answer.waterfall import waterfall
 from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
+from .data.first_calibration import FirstCalibration, calibrate_first
 from .inference.executor import SINGLE_THREAD, Executor
 from .inference.prepare import prepare
 
@@ -66,7 +67,12 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
-    prepared = prepare(case.robot, own, catalogue=wanted.catalogue, baseline=predicted)
+    first = calibrate_first(case.robot, own) if predicted is None else FirstCalibration(case.robot, own)
+    prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
+    if first.adjusted:
+        concerns = (first.concern, *concerns)
+        prepared = replace(prepared, described=(case.robot, own))
+        other = None if other is None else first.moved(other)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
     found = attribute(prepared, stages, wanted.executor)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
@@ -77,15 +83,17 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     wanted.executor.progress(1.0)
     where = assemble.locate_section(found, stages)
     detail = assemble.detail_section(found, unseen, tested)
+    if first.adjusted:
+        detail["first_calibration"] = first.detail()
     budget = carried(found)
     steps = waterfall(found, unseen) if unseen is not None else None
     which = assemble.attribute_section(found, where.significant, unseen)
     facts = Facts(
         found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, shrunk, steps,
         which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking, found.misfit.outlier_trial,
-        lacking(own), assemble.simulator_section(found),
+        lacking(first.states), assemble.simulator_section(found),
     )  # fmt: skip
-    text = statement(facts)
+    text = f"{first.sentence} {statement(facts)}" if first.adjusted else statement(facts)
     if "stiffness" in detail and where.of == "tip":
         text += f" {stiffness_sentence(detail['stiffness'], found.decision)}"
     return Diagnosis(

@@ -29,6 +29,7 @@ from model.stated import AREA_FACTOR, Stated
 from .answer.attribute import calibrated
 from .answer.shrink import rms
 from .data.case import CaseLike, states
+from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
 from .fit_residual import learn_residual
 from .inference.evidence import KNOWN, weigh
@@ -111,6 +112,9 @@ def fit_effects(
     robot = case.robot
     kept = {id: stated for id, stated in robot.effects.items() if id not in named}
     robot = robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
+    first = calibrate_first(robot, own) if not kept else FirstCalibration(robot, own)
+    robot, own = first.robot, first.states
+    concerns = (first.concern, *concerns) if first.adjusted else concerns
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
     progress(0.1)

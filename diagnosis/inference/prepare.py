@@ -69,6 +69,8 @@ class Prepared:
     """Noise of the stiffness trials; None where there are none."""
     baseline: OnBaseline | None = None
     """What takes the rod's place as a baseline; None: nothing does."""
+    described: tuple[Robot, States] | None = None
+    """Robot and states as they were given, where `robot` and `states` were calibrated first (`data.first_calibration`)."""
 
     @property
     def pushes_only(self) -> bool:
@@ -97,9 +99,11 @@ class Prepared:
             own = self.labels.kind == 0
             bent = ~self.states.pushed
             tip = np.full((len(self.states), 3), np.nan)
+            robot, states = self.described or (self.robot, self.states)
             tip[bent] = predict_campaign(
-                self.robot.without_residual, table_columns(self.states.take(bent)), self.forward.catalogue
+                robot.without_residual, table_columns(states.take(bent)), self.forward.catalogue
             ).tip
+            tip += self.states.tip - states.tip
             out[own] = tip[self.labels.state[own], self.labels.axis[own]]
         return out
 

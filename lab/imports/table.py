@@ -265,7 +265,7 @@ def _pushes(
         at += len(own)
     out: list[TrialRow] = []
     trials: dict[int, int] = {}
-    for row, force in numbered:
+    for row, force in sorted(numbered, key=lambda n: (n[0].repeat, n[1] or 0.0)):
         if force is None or force == 0 or row.tip is None:
             continue
         rest = next((r for r, f in numbered if f == 0 and r.repeat == row.repeat and r.tip is not None), None)

@@ -1,0 +1,252 @@
+"""Numbers of robot.yaml and of the set-up that are far off, calibrated before anything is diagnosed.
+
+Robot files of other laboratories are off by a factor of two, cameras stand turned, the tracked point is not the end of the body.
+The diagnosis is local: around such a robot each of its hypotheses is wrong. So a few numbers are fitted first, robustly and
+over wide bounds,
+
+    min sum_i rho(|tip_i - rod(theta)_i|^2 / s^2) + sum_k (theta_k / w_k)^2,    rho(z) = 2 (sqrt(1 + z) - 1),
+
+theta: area factor (free), E with G (w = ln 2), azimuth of the chambers, direction of gravity, and where the cameras' frame has
+its origin; s is 1 % of the robot's length. What the diagnosis can describe itself stays within `USUAL`; only where going beyond
+leaves a quarter of the robust rms, or next to nothing, are the numbers that lie beyond it taken over, and told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from model.condition import Condition, conditions
+from model.errors import ModelError
+from model.robot import Robot
+from model.rods import FINE, solve
+from model.section import rods_of
+from recordings.trials import TrialRow
+
+from .states import States
+
+Array = NDArray[np.float64]
+
+NAMES = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
+WIDTH = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])
+"""Prior standard deviations: logarithms, rad, and robot lengths."""
+USUAL = np.array([np.log(20), np.log(1.6), np.radians(12), np.radians(4), np.radians(4), 0.03, 0.03, 0.03])
+"""As far as the diagnosis follows by itself."""
+MOST = np.array([np.log(20), np.log(5), np.radians(180), np.radians(25), np.radians(25), 0.3, 0.3, 0.3])
+FAR, AT_BOUND = 0.75, 0.98
+"""Shares of the bounds: from which on it is looked beyond the usual ones, and where a number would go beyond."""
+SCALE = 0.01
+"""Robot lengths, of the robust loss."""
+LOWERED, LOWERED_TO_NOTHING = 0.25, 2 / 3
+"""Of the robust rms, below which numbers are taken over, and where they leave less than `NEAR`: what laws of another form do
+may look like a modulus, but is not taken away by one."""
+MOST_STATES = 60
+"""That the fit looks at; the others lie between them."""
+SIMPLER = 0.5
+"""Of what is left by a robot the right way up, below which it counts as upside down."""
+FEWEST_STATES = 6
+NEAR = 3e-3
+"""Robot lengths: next to nothing."""
+STARTS = ((0.0, 1.0), (np.pi / 2, 1.0), (-np.pi / 2, 1.0), (np.pi, 1.0), (0.0, -1.0))
+"""Azimuth, and sense of gravity, from which it begins; turned ones only where the others miss by more than `SCALE`."""
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """One number that the data ask to be another."""
+
+    name: str
+    given: float
+    found: float
+    unit: str
+    at_bound: bool
+
+    def __str__(self) -> str:
+        bound = ", and would go beyond: another number beside it is wrong too" if self.at_bound else ""
+        return f"{self.name} {self.found:.4g} {self.unit} instead of {self.given:.4g} {self.unit}{bound}"
+
+
+@dataclass(frozen=True)
+class FirstCalibration:
+    """The robot and the states around which a diagnosis is made."""
+
+    robot: Robot
+    states: States
+    adjusted: tuple[Adjusted, ...] = ()
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """m, taken off every measured position."""
+    before: float = 0.0
+    after: float = 0.0
+    """m, robust rms of the tip as far as the diagnosis follows by itself, and with the numbers found."""
+
+    @property
+    def concern(self) -> str:
+        """What a person has to know and to look at."""
+        told = "; ".join(str(a) for a in self.adjusted)
+        return (
+            f"calibrated first, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm rms at best, so "
+            f"{self.after * 1e3:.2f} mm): {told}. Everything below is about the robot with these numbers; check them"
+        )
+
+    @property
+    def sentence(self) -> str:
+        """The same in short."""
+        return f"Calibrated first: {'; '.join(str(a) for a in self.adjusted)}."
+
+    def detail(self) -> dict[str, object]:
+        """For the answer's JSON."""
+        return {
+            "before_mm": self.before * 1e3,
+            "after_mm": self.after * 1e3,
+            "adjusted": [asdict(a) for a in self.adjusted],
+        }
+
+    def moved(self, states: States) -> States:
+        """Other states in the same frame."""
+        return _shifted(states, np.array(self.shift)) if any(self.shift) else states
+
+
+def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
+    """Take over what is far off; a robot that is near its data, or has effects of its own, comes back as it is."""
+    kept = ~states.pushed
+    if robot.effects or robot.tolerances or kept.sum() < FEWEST_STATES:
+        return FirstCalibration(robot, states)
+    own = states.take(kept)
+    picked = np.unique(np.linspace(0, len(own) - 1, min(MOST_STATES, len(own))).astype(int))
+    seen = np.zeros(len(own), bool)
+    seen[picked] = True
+    own = own.take(seen)
+    # one area factor, as the diagnosis has it
+    told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))
+    near = _fitted(robot, own, USUAL, STARTS[0])
+    if near is None:
+        return FirstCalibration(told, states)
+    missed = _rms(robot, own, near)
+    if missed < SCALE * robot.length and not (np.abs(near) > FAR * USUAL)[1:].any():
+        return FirstCalibration(told, states)
+    far, sense, least = None, 1.0, np.inf
+    for start in STARTS:
+        if least < (SCALE if start[0] else NEAR) * robot.length:
+            continue
+        there = _sensed(robot, start[1])
+        found = _fitted(there, own, MOST, start)
+        left = np.inf if found is None else _rms(there, own, found)
+        if left < (least if start[1] > 0 else SIMPLER * least):
+            far, sense, least = found, start[1], left
+    if far is None:
+        return FirstCalibration(told, states)
+    sensed = _sensed(robot, sense)
+    before, after = missed, _rms(sensed, own, far)
+    beyond = np.abs(far) > USUAL
+    most = LOWERED_TO_NOTHING if after < NEAR * robot.length else LOWERED
+    if not (beyond.any() or sense < 0) or after > most * before:
+        return FirstCalibration(told, states)
+    # what the diagnosis can describe itself stays for it, but the area factor goes with the others
+    theta = np.where(beyond | (np.array(NAMES) == "area_factor"), far, 0.0)
+    shift = theta[5:] * robot.length
+    made = _with(_sensed(told, sense), theta)
+    adjusted = _told(told, made, theta, shift, beyond, sense)
+    moved = _shifted(states, shift) if shift.any() else states
+    x, y, z = shift.tolist()
+    return FirstCalibration(made, moved, adjusted, (x, y, z), before, after)
+
+
+def _sensed(robot: Robot, sense: float) -> Robot:
+    """The robot, or it upside down."""
+    x, y, z = (np.array(robot.gravity) * sense).tolist()
+    return robot.model_copy(update={"gravity": (x, y, z)})
+
+
+def _fitted(robot: Robot, own: States, most: Array, start: tuple[float, float]) -> Array | None:
+    """(8,) the best parameters within bounds, from an azimuth; None where no rod stands."""
+    begin = np.zeros(len(NAMES))
+    begin[2] = np.clip(start[0], -0.99 * most[2], 0.99 * most[2])
+    try:
+        found = least_squares(
+            _residual, begin, args=(robot, own), bounds=(-most, most), x_scale=np.minimum(WIDTH, 0.3), loss="soft_l1",
+            max_nfev=25, ftol=1e-4, xtol=1e-4,
+        )  # fmt: skip
+    except (ModelError, ValueError):
+        return None
+    return np.asarray(found.x)
+
+
+def _residual(theta: Array, robot: Robot, own: States) -> Array:
+    missed = _missed(robot, own, theta) / (SCALE * robot.length)
+    return np.concatenate([missed.ravel(), theta[1:] / WIDTH[1:]])
+
+
+def _missed(robot: Robot, own: States, theta: Array) -> Array:
+    """(n, 3) m; a robot length where the rod has no equilibrium."""
+    found = solve(rods_of(_with(robot, theta), _conditions(robot, own)), FINE)
+    tip = own.tip - theta[5:] * robot.length
+    return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
+
+
+def _rms(robot: Robot, own: States, theta: Array) -> float:
+    """m, robust: the median distance, as that of a normal error in three axes."""
+    return float(np.median(np.linalg.norm(_missed(robot, own, theta), axis=1))) * 1.126
+
+
+def _conditions(robot: Robot, own: States) -> Condition:
+    mass = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
+    roll = np.radians([r.roll_deg or 0.0 for r in own.rows])
+    return conditions(robot, own.spine_length, own.pressure, mass, roll)
+
+
+def _with(robot: Robot, theta: Array) -> Robot:
+    """The robot with these numbers, unchecked."""
+    area, modulus = np.exp(theta[:2]).tolist()
+    factor = robot.area_factor
+    turned = tuple(a + float(np.degrees(theta[2])) for a in robot.chambers.azimuths_deg)
+    gravity = Rotation.from_rotvec([theta[3], theta[4], 0.0]).apply(np.array(robot.gravity))
+    x, y, z = gravity.tolist()
+    return robot.model_copy(
+        update={
+            "area_factor": {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area,
+            "youngs_modulus": robot.youngs_modulus * modulus,
+            "shear_modulus": robot.shear_modulus * modulus,
+            "chambers": robot.chambers.model_copy(update={"azimuths_deg": turned}),
+            "gravity": (x, y, z),
+        }
+    )
+
+
+def _told(
+    robot: Robot, made: Robot, theta: Array, shift: Array, beyond: NDArray[np.bool_], sense: float
+) -> tuple[Adjusted, ...]:
+    at_bound = np.abs(theta) > AT_BOUND * MOST
+    out = []
+    if sense < 0:
+        out.append(Adjusted("gravity z", robot.gravity[2], made.gravity[2], "m/s^2", False))
+    if beyond[1]:
+        out.append(
+            Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))
+        )
+    if beyond[2]:
+        first, now = robot.chambers.azimuths_deg[0], made.chambers.azimuths_deg[0]
+        out.append(Adjusted("azimuth of the first chamber", first, now, "deg", False))
+    if beyond[3] or beyond[4]:
+        tilt = float(np.degrees(np.linalg.norm(theta[3:5])))
+        out.append(Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any())))
+    for k, axis in enumerate("xyz"):
+        if beyond[5 + k]:
+            out.append(Adjusted(f"origin of the tip's {axis}", 0.0, float(shift[k]) * 1e3, "mm", bool(at_bound[5 + k])))
+    return tuple(out)
+
+
+def _shifted(states: States, shift: Array) -> States:
+    rows = tuple(_row(r, shift) for r in states.rows)
+    return replace(states, rows=rows, tip=states.tip - shift)
+
+
+def _row(row: TrialRow, shift: Array) -> TrialRow:
+    if row.tip is None:
+        return row
+    x, y, z = (np.array(row.tip) - shift).tolist()
+    markers = tuple((m[0] - shift[0], m[1] - shift[1], m[2] - shift[2]) for m in row.markers)
+    return replace(row, tip=(x, y, z), markers=markers)

@@ -1,0 +1,107 @@
+"""Numbers of robot.yaml that are far off are calibrated before the diagnosis, and told; others stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.data.first_calibration import calibrate_first
+from diagnosis.diagnose import diagnose
+from diagnosis.fit_effects import fit_effects
+from model.condition import conditions
+from model.robot import Robot
+from model.rods import FINE, solve
+from model.section import rods_of
+from tests.diagnosis.small_campaigns import LENGTHS, Measured, measured, quick
+from tests.diagnosis.test_case import ROBOT, states
+
+ONE = {effect: spec for effect, spec in quick().catalogue.items() if effect in ("chamber_azimuth", "pressure_offset")}
+
+
+def turned(robot: Robot, degrees: float) -> Robot:
+    azimuths = tuple(a + degrees for a in robot.chambers.azimuths_deg)
+    return robot.model_copy(update={"chambers": robot.chambers.model_copy(update={"azimuths_deg": azimuths})})
+
+
+def softer(robot: Robot, factor: float) -> Robot:
+    moduli = {name: getattr(robot, name) * factor for name in ("youngs_modulus", "shear_modulus")}
+    return robot.model_copy(update=moduli)
+
+
+def moved(case: Measured, shift: tuple[float, float, float]) -> Measured:
+    rows = [replace(r, tip=tuple((np.array(r.tip) + shift).tolist())) for r in case.table.rows]  # type: ignore[arg-type]
+    return replace(case, table=replace(case.table, rows=tuple(rows)))
+
+
+@pytest.fixture(scope="module")
+def case() -> Measured:
+    """Chambers 4 deg from where they should be."""
+    return measured(2, 4, LENGTHS, chamber_azimuth__angle=np.radians(4))
+
+
+def test_a_robot_near_its_data_stays_as_it_is(case: Measured) -> None:
+    own, _ = states(case)
+    found = calibrate_first(ROBOT, own)
+    assert found.robot is ROBOT and found.states is own and not found.adjusted
+    for told in (softer(ROBOT, 0.8), softer(ROBOT, 1.4)):
+        assert calibrate_first(told, own).robot is told
+
+
+@pytest.mark.parametrize(
+    ("told", "name", "found"),
+    [
+        (softer(ROBOT, 2.4), "youngs_modulus", ROBOT.youngs_modulus / 1e3),
+        (turned(ROBOT, -90), "azimuth of the first chamber", ROBOT.chambers.azimuths_deg[0]),
+    ],
+    ids=["a modulus of another silicone", "chambers counted from another one"],
+)
+def test_what_is_far_off_is_found_and_told(case: Measured, told: Robot, name: str, found: float) -> None:
+    first = calibrate_first(told, states(case)[0])
+    assert [a.name for a in first.adjusted] == [name] and not first.adjusted[0].at_bound
+    assert first.adjusted[0].found == pytest.approx(found, rel=0.1, abs=6)
+    assert first.after < 0.67 * first.before and name in first.concern
+
+
+def test_a_robot_that_stands_upside_down_is_found(case: Measured) -> None:
+    """Three groups of chambers, hanging; robot.yaml says standing."""
+    groups = ((0, 1, 8), (2, 3, 4), (5, 6, 7))
+    rows = []
+    for k, r in enumerate(case.table.rows):
+        own = tuple(max(r.pressures) if i in groups[(k // 5) % 3] else 0.0 for i in range(9))
+        at = conditions(ROBOT, r.spine_length, own)
+        (x, y, z), *_ = solve(rods_of(ROBOT.with_area_factor(1.5), at), FINE).tip.tolist()
+        rows.append(replace(r, pressures=own, tip=(x, y, z)))
+    told = ROBOT.model_copy(update={"gravity": (0.0, 0.0, -9.81)})
+    first = calibrate_first(told, states(replace(case, table=replace(case.table, rows=tuple(rows))))[0])
+    assert [(a.name, a.given, a.found) for a in first.adjusted] == [("gravity z", -9.81, 9.81)]
+
+
+def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
+    first = calibrate_first(ROBOT, states(moved(case, (0.03, 0.0, -0.02)))[0])
+    assert first.shift == pytest.approx((0.03, 0.0, -0.02), abs=5e-3)
+    assert first.states.tip == pytest.approx(states(case)[0].tip, abs=5e-3)
+    assert {a.name for a in first.adjusted} == {"origin of the tip's x", "origin of the tip's z"}
+
+
+def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
+    """Told another modulus, the diagnosis names what it names of the robot as it is."""
+    options = replace(quick(), catalogue=ONE)
+    there = replace(case, robot=softer(ROBOT, 2.4))
+    plain, found = diagnose(case, options), diagnose(there, options)
+    assert found.attribute.effects == plain.attribute.effects == ("chamber_azimuth",)
+    assert found.statement.startswith("Calibrated first: youngs_modulus") and found.concerns[0].startswith(
+        "calibrated first"
+    )
+    told: Any = found.detail["first_calibration"]
+    assert len(told["adjusted"]) == 1 and "first_calibration" not in plain.detail
+    given = found.detail["waterfall_mm"]["as given"]
+    assert given > 2 * plain.detail["waterfall_mm"]["as given"]  # as robot.yaml stands, not as it was calibrated
+
+
+def test_what_is_fitted_is_the_calibrated_robot(case: Measured) -> None:
+    fitted = fit_effects(replace(case, robot=softer(ROBOT, 2.4)), ("chamber_azimuth",))
+    assert fitted.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
+    assert "calibrated first" in fitted.concerns[0]
