@@ -8,7 +8,7 @@ over wide bounds,
 
 theta: area factor (free), E with G (w = ln 2), azimuth of the chambers, direction of gravity, and where the cameras' frame has
 its origin; s is 1 % of the robot's length. What the diagnosis can describe itself stays within `USUAL`; only where going beyond
-leaves a quarter of the robust rms, or next to nothing, are the numbers that lie beyond it taken over, and told.
+leaves less than 0.3 of the robust rms are the numbers that lie beyond it taken over, and told.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ FAR, AT_BOUND = 0.75, 0.98
 """Shares of the bounds: from which on it is looked beyond the usual ones, and where a number would go beyond."""
 SCALE = 0.01
 """Robot lengths, of the robust loss."""
-LOWERED, LOWERED_TO_NOTHING = 0.25, 2 / 3
-"""Of the robust rms, below which numbers are taken over, and where they leave less than `NEAR`: what laws of another form do
-may look like a modulus, but is not taken away by one."""
+LOWERED = 0.3
+"""Of the robust rms, below which numbers are taken over: what laws of another form do may look like a modulus or an origin, but
+is not taken away by one."""
 MOST_STATES = 60
 """That the fit looks at; the others lie between them."""
 SIMPLER = 0.5
@@ -142,8 +142,7 @@ def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
     sensed = _sensed(robot, sense)
     before, after = missed, _rms(sensed, own, far)
     beyond = np.abs(far) > USUAL
-    most = LOWERED_TO_NOTHING if after < NEAR * robot.length else LOWERED
-    if not (beyond.any() or sense < 0) or after > most * before:
+    if not (beyond.any() or sense < 0) or after > LOWERED * before:
         return FirstCalibration(told, states)
     # what the diagnosis can describe itself stays for it, but the area factor goes with the others
     theta = np.where(beyond | (np.array(NAMES) == "area_factor"), far, 0.0)

@@ -62,7 +62,7 @@ def test_what_is_far_off_is_found_and_told(case: Measured, told: Robot, name: st
     first = calibrate_first(told, states(case)[0])
     assert [a.name for a in first.adjusted] == [name] and not first.adjusted[0].at_bound
     assert first.adjusted[0].found == pytest.approx(found, rel=0.1, abs=6)
-    assert first.after < 0.67 * first.before and name in first.concern
+    assert first.after < 0.3 * first.before and name in first.concern
 
 
 def test_a_robot_that_stands_upside_down_is_found(case: Measured) -> None:
