@@ -51,8 +51,10 @@ SIMPLER = 0.5
 FEWEST_STATES = 6
 NEAR = 3e-3
 """Robot lengths: next to nothing."""
-STARTS = ((0.0, 1.0), (np.pi / 2, 1.0), (-np.pi / 2, 1.0), (np.pi, 1.0), (0.0, -1.0))
-"""Azimuth, and sense of gravity, from which it begins; turned ones only where the others miss by more than `SCALE`."""
+QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
+STARTS = tuple([(turn, 1.0, 1.0) for turn in QUARTERS] + [(turn, 1.0, -1.0) for turn in QUARTERS] + [(0.0, -1.0, 1.0)])
+"""Azimuth, sense of gravity and of counting the chambers from which it begins; turned and mirrored ones only where the others
+miss by more than `SCALE`."""
 
 
 @dataclass(frozen=True)
@@ -122,48 +124,51 @@ def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
     own = own.take(seen)
     # one area factor, as the diagnosis has it
     told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))
-    near = _fitted(robot, own, USUAL, STARTS[0])
+    near = _fitted(robot, own, USUAL, 0.0)
     if near is None:
         return FirstCalibration(told, states)
     missed = _rms(robot, own, near)
     if missed < SCALE * robot.length and not (np.abs(near) > FAR * USUAL)[1:].any():
         return FirstCalibration(told, states)
-    far, sense, least = None, 1.0, np.inf
-    for start in STARTS:
-        if least < (SCALE if start[0] else NEAR) * robot.length:
+    far, senses, least = None, (1.0, 1.0), np.inf
+    for turn, *own_senses in STARTS:
+        gravity, counting = own_senses
+        if least < (SCALE if turn or counting < 0 else NEAR) * robot.length:
             continue
-        there = _sensed(robot, start[1])
-        found = _fitted(there, own, MOST, start)
+        there = _sensed(robot, gravity, counting)
+        found = _fitted(there, own, MOST, turn)
         left = np.inf if found is None else _rms(there, own, found)
-        if left < (least if start[1] > 0 else SIMPLER * least):
-            far, sense, least = found, start[1], left
+        if left < (least if min(own_senses) > 0 else SIMPLER * least):
+            far, senses, least = found, (gravity, counting), left
     if far is None:
         return FirstCalibration(told, states)
-    sensed = _sensed(robot, sense)
-    before, after = missed, _rms(sensed, own, far)
+    before, after = missed, _rms(_sensed(robot, *senses), own, far)
     beyond = np.abs(far) > USUAL
-    if not (beyond.any() or sense < 0) or after > LOWERED * before:
+    if not (beyond.any() or min(senses) < 0) or after > LOWERED * before:
         return FirstCalibration(told, states)
     # what the diagnosis can describe itself stays for it, but the area factor goes with the others
     theta = np.where(beyond | (np.array(NAMES) == "area_factor"), far, 0.0)
     shift = theta[5:] * robot.length
-    made = _with(_sensed(told, sense), theta)
-    adjusted = _told(told, made, theta, shift, beyond, sense)
+    made = _with(_sensed(told, *senses), theta)
+    adjusted = _told(told, made, theta, shift, beyond, senses)
     moved = _shifted(states, shift) if shift.any() else states
     x, y, z = shift.tolist()
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after)
 
 
-def _sensed(robot: Robot, sense: float) -> Robot:
-    """The robot, or it upside down."""
-    x, y, z = (np.array(robot.gravity) * sense).tolist()
-    return robot.model_copy(update={"gravity": (x, y, z)})
+def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
+    """The robot, or it upside down, or with its chambers counted the other way round."""
+    x, y, z = (np.array(robot.gravity) * gravity).tolist()
+    azimuths = tuple(a * counting for a in robot.chambers.azimuths_deg)
+    return robot.model_copy(
+        update={"gravity": (x, y, z), "chambers": robot.chambers.model_copy(update={"azimuths_deg": azimuths})}
+    )
 
 
-def _fitted(robot: Robot, own: States, most: Array, start: tuple[float, float]) -> Array | None:
+def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None:
     """(8,) the best parameters within bounds, from an azimuth; None where no rod stands."""
     begin = np.zeros(len(NAMES))
-    begin[2] = np.clip(start[0], -0.99 * most[2], 0.99 * most[2])
+    begin[2] = np.clip(turn, -0.99 * most[2], 0.99 * most[2])
     try:
         found = least_squares(
             _residual, begin, args=(robot, own), bounds=(-most, most), x_scale=np.minimum(WIDTH, 0.3), loss="soft_l1",
@@ -187,8 +192,10 @@ def _missed(robot: Robot, own: States, theta: Array) -> Array:
 
 
 def _rms(robot: Robot, own: States, theta: Array) -> float:
-    """m, robust: the median distance, as that of a normal error in three axes."""
-    return float(np.median(np.linalg.norm(_missed(robot, own, theta), axis=1))) * 1.126
+    """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
+    scale = SCALE * robot.length
+    squared = (_missed(robot, own, theta) ** 2).sum(axis=1) / scale**2
+    return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
 
 def _conditions(robot: Robot, own: States) -> Condition:
@@ -216,12 +223,16 @@ def _with(robot: Robot, theta: Array) -> Robot:
 
 
 def _told(
-    robot: Robot, made: Robot, theta: Array, shift: Array, beyond: NDArray[np.bool_], sense: float
+    robot: Robot, made: Robot, theta: Array, shift: Array, beyond: NDArray[np.bool_], senses: tuple[float, float]
 ) -> tuple[Adjusted, ...]:
     at_bound = np.abs(theta) > AT_BOUND * MOST
     out = []
-    if sense < 0:
+    if senses[0] < 0:
         out.append(Adjusted("gravity z", robot.gravity[2], made.gravity[2], "m/s^2", False))
+    if senses[1] < 0:
+        second = min(1, len(made.chambers.azimuths_deg) - 1)
+        given, now = robot.chambers.azimuths_deg[second], made.chambers.azimuths_deg[second]
+        out.append(Adjusted("chambers counted the other way round, azimuth of the second", given, now, "deg", False))
     if beyond[1]:
         out.append(
             Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))

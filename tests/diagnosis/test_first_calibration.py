@@ -65,8 +65,8 @@ def test_what_is_far_off_is_found_and_told(case: Measured, told: Robot, name: st
     assert first.after < 0.3 * first.before and name in first.concern
 
 
-def test_a_robot_that_stands_upside_down_is_found(case: Measured) -> None:
-    """Three groups of chambers, hanging; robot.yaml says standing."""
+def by_groups(case: Measured, told: Robot) -> Measured:
+    """Three groups of chambers, one after the other, by the rod of ROBOT; robot.yaml says something else."""
     groups = ((0, 1, 8), (2, 3, 4), (5, 6, 7))
     rows = []
     for k, r in enumerate(case.table.rows):
@@ -74,9 +74,22 @@ def test_a_robot_that_stands_upside_down_is_found(case: Measured) -> None:
         at = conditions(ROBOT, r.spine_length, own)
         (x, y, z), *_ = solve(rods_of(ROBOT.with_area_factor(1.5), at), FINE).tip.tolist()
         rows.append(replace(r, pressures=own, tip=(x, y, z)))
-    told = ROBOT.model_copy(update={"gravity": (0.0, 0.0, -9.81)})
-    first = calibrate_first(told, states(replace(case, table=replace(case.table, rows=tuple(rows))))[0])
+    return replace(case, robot=told, table=replace(case.table, rows=tuple(rows)))
+
+
+def test_a_robot_that_stands_upside_down_is_found(case: Measured) -> None:
+    told = by_groups(case, ROBOT.model_copy(update={"gravity": (0.0, 0.0, -9.81)}))
+    first = calibrate_first(told.robot, states(told)[0])
     assert [(a.name, a.given, a.found) for a in first.adjusted] == [("gravity z", -9.81, 9.81)]
+
+
+def test_chambers_counted_the_other_way_round_are_found(case: Measured) -> None:
+    azimuths = tuple(-a for a in ROBOT.chambers.azimuths_deg)
+    mirrored = ROBOT.chambers.model_copy(update={"azimuths_deg": azimuths})
+    told = by_groups(case, ROBOT.model_copy(update={"chambers": mirrored}))
+    first = calibrate_first(told.robot, states(told)[0])
+    assert len(first.adjusted) == 1 and "the other way round" in first.adjusted[0].name
+    assert first.robot.chambers.azimuths_deg == pytest.approx(ROBOT.chambers.azimuths_deg, abs=0.5)
 
 
 def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
