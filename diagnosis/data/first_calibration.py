@@ -52,9 +52,7 @@ FEWEST_STATES = 6
 NEAR = 3e-3
 """Robot lengths: next to nothing."""
 QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
-STARTS = tuple([(turn, 1.0, 1.0) for turn in QUARTERS] + [(turn, 1.0, -1.0) for turn in QUARTERS] + [(0.0, -1.0, 1.0)])
-"""Azimuth, sense of gravity and of counting the chambers from which it begins; turned and mirrored ones only where the others
-miss by more than `SCALE`."""
+"""Azimuths by which chambers may be counted from another one."""
 
 
 @dataclass(frozen=True)
@@ -131,14 +129,13 @@ def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
     if missed < SCALE * robot.length and not (np.abs(near) > FAR * USUAL)[1:].any():
         return FirstCalibration(told, states)
     far, senses, least = None, (1.0, 1.0), np.inf
-    for turn, *own_senses in STARTS:
-        gravity, counting = own_senses
-        if least < (SCALE if turn or counting < 0 else NEAR) * robot.length:
+    for turn, gravity, counting in ((0.0, 1.0, 1.0), _counted(robot, own), (0.0, -1.0, 1.0)):
+        if least < NEAR * robot.length or (far is not None and (turn, gravity, counting) == (0.0, 1.0, 1.0)):
             continue
         there = _sensed(robot, gravity, counting)
         found = _fitted(there, own, MOST, turn)
         left = np.inf if found is None else _rms(there, own, found)
-        if left < (least if min(own_senses) > 0 else SIMPLER * least):
+        if left < (least if min(gravity, counting) > 0 else SIMPLER * least):
             far, senses, least = found, (gravity, counting), left
     if far is None:
         return FirstCalibration(told, states)
@@ -156,6 +153,20 @@ def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after)
 
 
+def _counted(robot: Robot, own: States) -> tuple[float, float, float]:
+    """Azimuth, 1, and sense of counting the chambers with which the robot as it is comes nearest."""
+    ways = [(turn, counting) for counting in (1.0, -1.0) for turn in QUARTERS]
+    missed = [_rms(_sensed(robot, 1.0, counting), own, _begin(turn)) for turn, counting in ways]
+    turn, counting = ways[int(np.argmin(missed))]
+    return turn, 1.0, counting
+
+
+def _begin(turn: float) -> Array:
+    theta = np.zeros(len(NAMES))
+    theta[2] = turn
+    return theta
+
+
 def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
     """The robot, or it upside down, or with its chambers counted the other way round."""
     x, y, z = (np.array(robot.gravity) * gravity).tolist()
@@ -167,8 +178,7 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
 
 def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None:
     """(8,) the best parameters within bounds, from an azimuth; None where no rod stands."""
-    begin = np.zeros(len(NAMES))
-    begin[2] = np.clip(turn, -0.99 * most[2], 0.99 * most[2])
+    begin = _begin(float(np.clip(turn, -0.99 * most[2], 0.99 * most[2])))
     try:
         found = least_squares(
             _residual, begin, args=(robot, own), bounds=(-most, most), x_scale=np.minimum(WIDTH, 0.3), loss="soft_l1",
