@@ -31,14 +31,16 @@ class Condition:
     """(n,) kg hung at the tip."""
     roll: Array
     """(n,) rad, the chamber pattern turned about the rod's axis."""
+    force: Array
+    """(n, 3) N, known forces on the tip, base frame, besides the weight of `tip_mass`."""
 
     def __post_init__(self) -> None:
         n = len(self.spine_length)
         for field in fields(self):
             value: Array = getattr(self, field.name)
-            shape = (n, value.shape[-1]) if field.name == "pressure" and value.ndim == 2 else (n,)
-            if value.shape != shape or value.ndim != (2 if field.name == "pressure" else 1):
-                want = "(n, chambers)" if field.name == "pressure" else "(n,)"
+            want = {"pressure": "(n, chambers)", "force": "(n, 3)"}.get(field.name, "(n,)")
+            shape = {"(n, 3)": (n, 3), "(n,)": (n,)}.get(want, (n, *value.shape[1:]))
+            if value.shape != shape or value.ndim != (1 if want == "(n,)" else 2):
                 raise BadCondition(f"{field.name}: shape {value.shape}, must be {want} with n = {n} as in spine_length")
             _refuse(field.name, "", value, ~np.isfinite(value), "must be finite: drop the rows that were not measured")
         _refuse("spine_length", "m", self.spine_length, self.spine_length < 0, "must not be negative")
@@ -52,7 +54,9 @@ class Condition:
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Condition:
         """The states picked by a slice, mask or index array."""
-        return Condition(self.spine_length[rows], self.pressure[rows], self.tip_mass[rows], self.roll[rows])
+        return Condition(
+            self.spine_length[rows], self.pressure[rows], self.tip_mass[rows], self.roll[rows], self.force[rows]
+        )
 
     def by_spine_length(self) -> Iterator[tuple[float, NDArray[np.bool_]]]:
         """Each spine length (m, to 0.1 mm) with the mask of its states, shortest first."""
@@ -80,10 +84,12 @@ def conditions(
     pressure: ArrayLike,
     tip_mass: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
+    force: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Condition:
     """States of `robot` from numbers or arrays that broadcast over n; raises `BadCondition`.
 
-    spine_length in m, pressure (..., chambers) in Pa gauge, tip_mass in kg (the robot's own when None), roll in rad.
+    spine_length in m, pressure (..., chambers) in Pa gauge, tip_mass in kg (the robot's own when None), roll in rad,
+    force (..., 3) in N on the tip, base frame.
 
     >>> from pathlib import Path
     >>> from model.robot import load_robot
@@ -97,7 +103,7 @@ def conditions(
         "tip_mass": _floats("tip_mass", robot.tip_mass if tip_mass is None else tip_mass),
         "roll": _floats("roll", roll),
     }
-    n = max(len(p), *(value.size for value in rows.values()))
+    n = max(len(p), len(np.atleast_2d(_floats("force", force))), *(value.size for value in rows.values()))
     full = {}
     for name, value in rows.items():
         if value.ndim > 1 or value.size not in (1, n):
@@ -105,7 +111,12 @@ def conditions(
         full[name] = np.broadcast_to(value.reshape(-1), (n,)).copy()
     if p.ndim != 2 or len(p) not in (1, n):
         raise BadCondition(f"pressure: shape {p.shape}, must be (chambers,) or ({n}, chambers)")
-    made = Condition(pressure=np.broadcast_to(p, (n, p.shape[1])).copy(), **full)
+    pull = np.atleast_2d(_floats("force", force))
+    if pull.ndim != 2 or pull.shape[1] != 3 or len(pull) not in (1, n):
+        raise BadCondition(f"force: shape {pull.shape}, must be (3,) or ({n}, 3)")
+    made = Condition(
+        pressure=np.broadcast_to(p, (n, p.shape[1])).copy(), force=np.broadcast_to(pull, (n, 3)).copy(), **full
+    )
     made.check(robot)
     return made
 

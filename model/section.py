@@ -95,6 +95,6 @@ def rods_of(robot: Robot, condition: Condition) -> Rods:
     made.field("length")[:] = np.stack([inner, robot.length - inner], axis=1)
     made.field("stretch_stiffness")[:], made.field("bend_stiffness")[:] = stiffness(robot, modulus)
     made.field("tip_force")[:], made.field("tip_moment")[:] = actuation_wrench(robot, condition)
-    made.field("dead_force")[:] = condition.tip_mass[:, None] * gravity
+    made.field("dead_force")[:] = condition.tip_mass[:, None] * gravity + condition.force
     made.field("load")[:] = robot.density * body_area(robot) * gravity
     return made.check()

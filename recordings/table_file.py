@@ -28,6 +28,8 @@ LOWEST_PRESSURE, HIGHEST_PRESSURE = -100e3, 2e6
 """Pa gauge: no chamber can be below vacuum, none of silicone lives above."""
 LONGEST = 5.0
 """m: no tip, marker or spine of such a robot is further away."""
+LARGEST_FORCE = 500.0
+"""N on a tip: no such robot bears more."""
 SMALLEST_PRESSURE_SPAN = 1000.0
 """Pa: a whole campaign that stays below was probably written in kPa."""
 
@@ -180,6 +182,8 @@ def _check_limits(where: str, name: str, value: float) -> None:
         raise BadTable(f"{where}: {value:g} s is before the ramp's end")
     if name == "clipped" and value not in (0, 1):
         raise BadTable(f"{where}: {value:g} is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty")
+    if name in ("force_x", "force_y", "force_z") and not abs(value) <= LARGEST_FORCE:
+        raise BadTable(f"{where}: {value:g} N exceeds {LARGEST_FORCE:g} N: looks like mN or grams; forces are in N")
     if name == "tip_mass" and not 0 <= value <= 10:
         raise BadTable(f"{where}: {value:g} kg is outside 0 .. 10 kg: looks like g; masses are in kg: divide by 1000")
 

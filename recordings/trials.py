@@ -2,11 +2,12 @@
 
 Columns, in this order (SI; a column that was never measured is absent, a cell that was not measured is empty):
 
-    trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg p1..pN x y z
+    trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg force_x force_y force_z p1..pN x y z
     qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped  sensor_<name>_<quantity> ..  sd_<column> ..
 
 `t` s, middle of the time that was averaged; `rate` Pa/s of the ramp that led here; `hold` s from the ramp's end to the
 reading, 0 when read while ramping; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame;
+`force_x` .. a known force on the tip, N, base frame;
 `clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty; `sensor_` what sensors of the
 lab's own measured, in their units; `sd_` the standard deviation of
 the samples that were averaged (not of their mean).
@@ -32,7 +33,7 @@ Cell = float | int | str
 Vector3 = tuple[float, float, float]
 
 HEAD: tuple[str, ...] = ("trial", "step", "protocol", "repeat", "branch", "t", "rate", "hold", "spine_length", "vacuum")
-HEAD += ("tip_mass", "roll_deg")
+HEAD += ("tip_mass", "roll_deg", "force_x", "force_y", "force_z")
 INTEGERS = frozenset({"trial", "step", "repeat"})
 TEXTS = frozenset({"protocol", "branch", "specimen"})
 TIP = ("x", "y", "z")
@@ -65,7 +66,18 @@ def column_order(name: str) -> tuple[int, int, int] | None:
     return None
 
 
-UNITS = {"t": "s", "hold": "s", "rate": "Pa/s", "vacuum": "Pa", "tip_mass": "kg", "roll_deg": "deg", "force": "N"}
+UNITS = {
+    "force_x": "N",
+    "force_y": "N",
+    "force_z": "N",
+    "t": "s",
+    "hold": "s",
+    "rate": "Pa/s",
+    "vacuum": "Pa",
+    "tip_mass": "kg",
+    "roll_deg": "deg",
+    "force": "N",
+}
 """Of columns; pressures are in Pa, lengths and positions in m, quaternions and numbers of trials in 1."""
 
 
@@ -101,6 +113,10 @@ class TrialRow:
     vacuum: float | None = None
     tip_mass: float | None = None
     roll_deg: float | None = None
+    force_x: float | None = None
+    """N, a known force on the tip, base frame, besides the weight of `tip_mass`."""
+    force_y: float | None = None
+    force_z: float | None = None
     tip: Vector3 | None = None
     orientation: tuple[float, float, float, float] | None = None
     """w, x, y, z"""
@@ -127,6 +143,11 @@ class TrialRow:
         values |= {f"sd_{name}": value for name, value in self.sd.items()}
         measured = {name: v for name, v in values.items() if v is not None and v == v}
         return {name: measured[name] for name in sorted(measured, key=_place)}
+
+    @property
+    def tip_force(self) -> Vector3:
+        """N, what is known to pull at the tip besides the weight of `tip_mass`."""
+        return (self.force_x or 0.0, self.force_y or 0.0, self.force_z or 0.0)
 
     @classmethod
     def from_cells(cls, cells: Mapping[str, Cell]) -> TrialRow:

@@ -149,7 +149,9 @@ def numerical_error(robot: Robot, states: States) -> float:
     mass = np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows])
     roll = np.radians([r.roll_deg or 0.0 for r in rows])
     try:
-        few = conditions(robot, states.spine_length[first], states.pressure[first], mass, roll)
+        few = conditions(
+            robot, states.spine_length[first], states.pressure[first], mass, roll, [r.tip_force for r in rows]
+        )
         rods = rods_of(robot, few)
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:

@@ -26,6 +26,8 @@ RATE_GAP = 1e3
 """Pa/s: ramps that differ by less were meant to be the same."""
 HOLD_GAP = 0.4
 """Of log(1 + hold / s): settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ."""
+FORCE_GAP = 0.02
+"""N: known forces that differ by less were meant to be the same."""
 FEWEST_REPEATS = 3
 
 
@@ -122,6 +124,7 @@ def _kinds(rows: list[TrialRow], spine: Array, pressure: Array, gap: float) -> I
         np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
         levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
         levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
+        *(levels(pull, FORCE_GAP) for pull in np.array([r.tip_force for r in rows]).T),
         _vacuums(np.array([r.vacuum or 0.0 for r in rows]), spine),
         levels(speed, RATE_GAP),
     ]

@@ -211,7 +211,7 @@ def _rms(robot: Robot, own: States, theta: Array) -> float:
 def _conditions(robot: Robot, own: States) -> Condition:
     mass = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
     roll = np.radians([r.roll_deg or 0.0 for r in own.rows])
-    return conditions(robot, own.spine_length, own.pressure, mass, roll)
+    return conditions(robot, own.spine_length, own.pressure, mass, roll, [r.tip_force for r in own.rows])
 
 
 def _with(robot: Robot, theta: Array) -> Robot:

@@ -32,8 +32,8 @@ PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
 """Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
 UNITS_APART = 0.01
 """Share of the measured pressures below which those of a file have another unit."""
-TOGETHER = (2e-3, 3e3, 1e-4, 1e-3)
-"""m of spine, Pa, kg at the tip and rad of roll within which one setting is simulated for several readings."""
+TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3)
+"""m of spine, Pa, kg at the tip, rad of roll and N on the tip within which one setting is simulated for several readings."""
 BATCH = 8
 """Settings that a simulator is asked for at once."""
 STEP = 0.1
@@ -228,7 +228,7 @@ def from_simulator(
 
 def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:
     """Some of settings (n, ..), (m, ..), and which of them stands for each (n,): the first that is near enough."""
-    within = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - 3), *TOGETHER[2:]])
+    within = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - len(TOGETHER) + 1), *TOGETHER[2:]])
     kept: list[int] = []
     place = np.empty(len(settings), np.int64)
     for i, own in enumerate(settings):
@@ -241,11 +241,11 @@ def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:
 
 def _setting(row: TrialRow, case: Case) -> tuple[float, ...]:
     mass = case.robot.tip_mass if row.tip_mass is None else row.tip_mass
-    return (max(row.spine_length, 0.0), *row.pressures, mass, float(np.radians(row.roll_deg or 0.0)))
+    return (max(row.spine_length, 0.0), *row.pressures, mass, float(np.radians(row.roll_deg or 0.0)), *row.tip_force)
 
 
 def _states(part: Array) -> States:
-    return States(part[:, 0], part[:, 1:-2], part[:, -2], part[:, -1])
+    return States(part[:, 0], part[:, 1:-5], part[:, -5], part[:, -4], part[:, -3:])
 
 
 def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:
@@ -256,7 +256,7 @@ def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:
     shapes: Sequence[tuple[str, Array | None, tuple[int, ...]]] = (
         ("tip", read.tip, (n, 3)), ("orientation", read.orientation, (n, 4)), ("markers", read.markers, (n, markers, 3)),
     )  # fmt: skip
-    out: Columns = {"spine_length": part[:, 0]} | {f"p{i}": c for i, c in enumerate(part[:, 1:-2].T, 1)}
+    out: Columns = {"spine_length": part[:, 0]} | {f"p{i}": c for i, c in enumerate(part[:, 1:-5].T, 1)}
     for what, values, shape in shapes:
         if values is None:
             continue

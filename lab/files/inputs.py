@@ -48,6 +48,7 @@ def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> Condition:
         np.array([r.pressures for r in rows]),
         np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows]),
         np.radians([r.roll_deg or 0.0 for r in rows]),
+        np.array([r.tip_force for r in rows]),
     )
 
 

@@ -185,7 +185,7 @@ def _loads(q: Quantities, out: RodColumns) -> None:
     gravity = np.array(q.robot.gravity)
     area = body_area(q.robot)
     for k in range(3):
-        out[at.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.tip_force[..., k]
+        out[at.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.tip_load[:, k] + q.tip_force[..., k]
         for element in (INNER, OUTER):
             out[element + at.LOAD + k] = q.density * area * gravity[k]
     for j in range(2):

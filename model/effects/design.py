@@ -65,6 +65,8 @@ class Design:
     """Pa, the vacuum of most states with spine, at which the robot's spine moduli are taken to hold."""
     tip_mass: Array
     """(n,) kg."""
+    tip_load: Array
+    """(n, 3) N, known forces on the tip, base frame, besides the weight of `tip_mass`."""
     roll: Array
     """(n,) rad."""
     pressure: Array
@@ -139,6 +141,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         vacuum=vacuum,
         nominal_vacuum=_usual(vacuum[spined]) if spined.any() else NOMINAL_VACUUM,
         tip_mass=_numbers(columns, "tip_mass", robot.tip_mass, n),
+        tip_load=np.where(stiffness, 0.0, [_numbers(columns, f"force_{a}", 0.0, n) for a in "xyz"]).T,
         roll=np.deg2rad(_numbers(columns, "roll_deg", 0.0, n)),
         pressure=pressure,
         used=used,

@@ -27,7 +27,10 @@ Array = NDArray[np.float64]
 
 NUDGE = 1e-6
 """rad."""
-ASKED = ("trial", "protocol", "repeat", "branch", "t", "rate", "hold", "spine_length", "vacuum", "tip_mass", "roll_deg")
+ASKED = (
+    "trial", "protocol", "repeat", "branch", "t", "rate", "hold", "spine_length", "vacuum", "tip_mass", "roll_deg",
+    "force_x", "force_y", "force_z",
+)  # fmt: skip
 """Columns, besides the pressures, that say what was done to the robot."""
 
 

@@ -51,6 +51,7 @@ def design_of(condition: Condition, vacuum: float = NOMINAL_VACUUM, rate: float 
         vacuum=np.full(n, vacuum),
         nominal_vacuum=vacuum,
         tip_mass=condition.tip_mass,
+        tip_load=condition.force,
         roll=condition.roll,
         pressure=condition.pressure,
         used=condition.pressure > USED,

@@ -54,6 +54,8 @@ class States:
     """(n,) kg."""
     roll: Array
     """(n,) rad, of the whole robot about its axis."""
+    force: Array
+    """(n, 3) N, known forces on the tip, base frame, besides the weight of `tip_mass`."""
 
     def __len__(self) -> int:
         return len(self.spine_length)

@@ -51,7 +51,7 @@ class PyElastica:
 
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """One relaxation a state; NaN for a state that does not come to rest."""
-        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
         rods = rods_of(self._robot, at)
         push = 1.0 + parameters.get("area.excess", 0.0)
         density = self._robot.density * body_area(self._robot) / (np.pi * RADIUS**2)

@@ -64,7 +64,7 @@ class SoRoMoX:
 
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """Newton's method for each state; NaN where it finds no equilibrium."""
-        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
         rods = rods_of(self._robot, at)
         push = 1.0 + parameters.get("area.excess", 0.0)
         return Readings(np.array([self._at_rest(rods, i, push) for i in range(len(states))]))

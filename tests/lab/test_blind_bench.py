@@ -46,7 +46,7 @@ class Euler:
         self.robot = robot
 
     def predict(self, states, parameters):
-        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
+        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
         return Readings(tip=solve(rods_of(self.robot, at), PAPER).tip)
 
 

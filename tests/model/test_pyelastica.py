@@ -19,7 +19,7 @@ def read(robot: Robot, at: Condition, elements: int = 20, **parameters: float) -
     own = PyElastica(robot, elements)
     assert isinstance(own, Forward)
     changes = {name.replace("__", "."): value for name, value in parameters.items()}
-    return own.predict(States(at.spine_length, at.pressure, at.tip_mass, at.roll), changes)
+    return own.predict(States(at.spine_length, at.pressure, at.tip_mass, at.roll, at.force), changes)
 
 
 def test_it_hangs_and_bends_as_the_rod_does(reference_robot: Robot, bending: Callable[..., Condition]) -> None:

@@ -21,7 +21,7 @@ def read(robot: Robot, at: Condition, segments: int = 10, **parameters: float) -
     own = SoRoMoX(robot, segments)
     assert isinstance(own, Forward)
     changes = {name.replace("__", "."): value for name, value in parameters.items()}
-    return own.predict(States(at.spine_length, at.pressure, at.tip_mass, at.roll), changes)
+    return own.predict(States(at.spine_length, at.pressure, at.tip_mass, at.roll, at.force), changes)
 
 
 def test_it_stands_where_the_rod_does(reference_robot: Robot, bending: Callable[..., Condition]) -> None:

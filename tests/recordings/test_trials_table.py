@@ -29,6 +29,9 @@ ROW = TrialRow(
     vacuum=80e3,
     tip_mass=0.053,
     roll_deg=0.0,
+    force_x=0.02,
+    force_y=0.0,
+    force_z=-0.1,
     tip=(0.1, -0.02, 0.38),
     orientation=(1.0, 0.0, 0.0, 0.0),
     markers=((0.0, 0.0, 0.1), (math.nan,) * 3, (0.05, 0.0, 0.3)),
@@ -47,7 +50,7 @@ def written(tmp_path: Path, *rows: TrialRow) -> tuple[Path, list[str]]:
 def test_columns_stand_in_the_order_of_the_format(tmp_path: Path) -> None:
     _, lines = written(tmp_path, ROW, PUSH)
     assert lines[0] == (
-        "trial,step,protocol,repeat,branch,t,rate,hold,spine_length,vacuum,tip_mass,roll_deg,"
+        "trial,step,protocol,repeat,branch,t,rate,hold,spine_length,vacuum,tip_mass,roll_deg,force_x,force_y,force_z,"
         "p1,p2,p3,p4,p5,p6,p7,p8,p9,x,y,z,qw,qx,qy,qz,m1x,m1y,m1z,m3x,m3y,m3z,specimen,force,deflection,sd_p1,sd_x"
     )
 
@@ -94,6 +97,7 @@ def test_a_row_as_text_is_exact(force: float) -> None:
         ("trial", "1.5", "not a whole number"),
         ("branch", "up", "not one of load, unload"),
         ("tip_mass", "53", "looks like g; .* divide by 1000"),
+        ("force_z", "-981", "exceeds 500 N: looks like mN or grams"),
         ("hold", "-1", "before the ramp's end"),
     ],
 )
