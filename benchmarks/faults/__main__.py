@@ -27,7 +27,7 @@ def run(todo: list[Cell], report: Path | None) -> list[Verdict]:
                     bench.close()
                 bench = Bench(cell.second_rig)
             began = time.monotonic()
-            verdict = bench.run(cell)
+            verdict = bench.verdict(cell)
             verdicts.append(verdict)
             if report is not None:
                 with report.open("a") as file:
@@ -78,6 +78,9 @@ def table(verdicts: list[Verdict]) -> str:
     lines.append(
         ". completed, safe   e ended with its typed error, safe   l the faulty instrument not confirmed, rig locked   X failed"
     )
+    again = sum(v.tries > 1 for v in verdicts)
+    if again:
+        lines.append(f"{again} tried again, as the rig had stopped, safe, before their fault was given")
     lines.append(
         f"{passed} of {len(verdicts)} passed; longest from fault to end {max((v.seconds for v in verdicts), default=0):.1f} s"
     )

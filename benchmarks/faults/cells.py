@@ -92,6 +92,9 @@ class Verdict:
     """From the fault to the end of the experiment, host time."""
     error: str = ""
     unsafe: tuple[str, ...] = field(default_factory=tuple)
+    given: bool = True
+    """Whether the fault was given at all: a rig that stopped safely before its phase came says nothing about it."""
+    tries: int = 1
 
 
 def cells(
