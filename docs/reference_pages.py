@@ -20,6 +20,7 @@ from lab.cli import parser
 from lab.files.all_drivers import drivers
 from lab.files.all_protocols import found_protocols
 from lab.files.rig_file import RigFile
+from lab.imports.map_file import Map
 from model.effects import CATALOGUE
 from model.effects.spec import STAGES, Parameter
 from model.robot import Robot
@@ -46,6 +47,7 @@ def write_all(folder: Path) -> None:
         "command": command(),
         "rig": rig_file(),
         "robot": robot_file(),
+        "map": map_file(),
         "trials": trials_file(),
         "protocols": protocol_files(),
         "instruments": instruments(),
@@ -71,7 +73,14 @@ def command() -> Iterator[str]:
         "Exit code 0: done; 1: failed; 2: wrong usage or configuration; 3: done, but data was lost.",
     )
     for name, verb in _verbs(parser()):
-        yield from ("", f"## lab {name}", "", f"{_sentence(verb.description)}", "", "```text")
+        yield from (
+            "",
+            f"## lab {name}",
+            "",
+            f"{_sentence((verb.description or '').replace('%%', '%'))}",
+            "",
+            "```text",
+        )
         yield from (textwrap.dedent(verb.format_usage()).removeprefix("usage: ").rstrip(), "```")
         rows = [
             (_code(", ".join(a.option_strings) or a.metavar or a.dest), _cell(a.help or ""))
@@ -106,6 +115,13 @@ def robot_file() -> Iterator[str]:
         "",
     )
     yield from _tables(Robot, "")
+
+
+def map_file() -> Iterator[str]:
+    """Every table of map.yaml."""
+    yield from ("# map.yaml", "", MADE, "What it is for: [data from elsewhere](../howto/other-data.md).")
+    yield from ("A number may carry its unit: `1 kPa`. For an editor: `lab schema map`.", "")
+    yield from _tables(Map, "")
 
 
 def trials_file() -> Iterator[str]:

@@ -38,29 +38,34 @@ class Part(BaseModel):
 class Source(Part):
     """How the file is read, where its ending and its first lines do not tell."""
 
-    separator: str | None = Field(
-        default=None, description="between columns of a text table", min_length=1, max_length=1
-    )
+    separator: str | None = Field(default=None, min_length=1, max_length=1)
+    """Between columns of a text table."""
     decimal: Literal[".", ","] | None = None
-    heading: int | None = Field(default=None, ge=0, le=1000, description="line of the headings; 0: there are none")
-    variable: str | None = Field(default=None, description="the table, in a file of several (.mat, .npz)")
-    axes: dict[str, tuple[str, ...]] = Field(
-        default={}, description="of arrays: what each dimension counts; `point` and `axis` become columns, others rows"
-    )
-    rate: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "Hz"}, description="rows a second")
-    topic: str | None = Field(default=None, description="of a recording: whose times count (default: the tip's)")
+    heading: int | None = Field(default=None, ge=0, le=1000)
+    """Line of the headings; 0: there are none."""
+    variable: str | None = None
+    """The table, in a file of several (.mat, .npz)."""
+    axes: dict[str, tuple[str, ...]] = {}
+    """Of arrays: what each dimension counts; `point` and `axis` become columns, others rows."""
+    rate: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "Hz"})
+    """Rows a second."""
+    topic: str | None = None
+    """Of a recording: whose times count (default: the tip's)."""
 
 
 class Column(Part):
     """Where a column of trials.csv comes from: (value - zero) * scale, from its unit to SI."""
 
     column: Name
+    """Its heading, or its number from 1."""
     unit: str = ""
+    """Of the file's numbers; the SI unit of the column unless given."""
     scale: FiniteFloat = 1.0
-    zero: Literal["none", "first", "absolute"] = Field(
-        default="none", description="what is taken off: nothing, the first row, or the pressure of the atmosphere"
-    )
-    values: dict[str, str] = Field(default={}, description="of texts: the file's word -> that of trials.csv")
+    """A factor of the sensor's own."""
+    zero: Literal["none", "first", "absolute"] = "none"
+    """What is taken off: nothing, the first row, or the pressure of the atmosphere."""
+    values: dict[str, str] = {}
+    """Of texts: the file's word -> that of trials.csv."""
 
 
 class Points(Part):
@@ -68,8 +73,11 @@ class Points(Part):
 
     of: tuple[Point, ...] = Field(min_length=1)
     against: tuple[Point, ...] = ()
+    """Markers at the base."""
     unit: str = "m"
-    turn: bool = Field(default=False, description="the tip's orientation from how three markers or more turned")
+    """Of the file's coordinates."""
+    turn: bool = False
+    """The tip's orientation from how three markers or more turned."""
 
 
 class Orientation(Part):
@@ -121,9 +129,8 @@ class Plateaus(Part):
 
     steady: FiniteFloat = Field(gt=0, json_schema_extra={"unit": "Pa"})
     shortest: FiniteFloat = Field(default=0.5, gt=0, json_schema_extra={"unit": "s"})
-    settling: FiniteFloat = Field(
-        default=0.3, ge=0, json_schema_extra={"unit": "s"}, description="left out at the start, where enough is left"
-    )
+    settling: FiniteFloat = Field(default=0.3, ge=0, json_schema_extra={"unit": "s"})
+    """Left out at the start, where enough is left."""
 
 
 class Window(Part):
@@ -131,7 +138,8 @@ class Window(Part):
 
     first: int | None = Field(default=None, ge=1)
     last: int | None = Field(default=None, ge=1)
-    at_rest: bool = Field(default=False, description="all pressures are zero there")
+    at_rest: bool = False
+    """All pressures are zero there."""
 
     @model_validator(mode="after")
     def _one(self) -> Window:
@@ -157,16 +165,16 @@ class Trials(Part):
     """Where a trial begins, unless a column says: with each file, or also each time all pressures come back to rest."""
 
     begin: Literal["file", "rest"] = "file"
-    below: FiniteFloat = Field(
-        default=2e3, gt=0, json_schema_extra={"unit": "Pa"}, description="what counts as at rest"
-    )
+    below: FiniteFloat = Field(default=2000.0, gt=0, json_schema_extra={"unit": "Pa"})
+    """What counts as at rest."""
 
 
 class Stiffness(Part):
     """Rows of a stiffness trial from files with a `force`: deflection against the file of the same repeat without one."""
 
     specimen: Literal["spine", "body"] = "body"
-    along: str = Field(default="-x", description="axis of the robot along which the force deflects")
+    along: str = "-x"
+    """Axis of the robot along which the force deflects."""
 
     @model_validator(mode="after")
     def _axis(self) -> Stiffness:
@@ -178,27 +186,35 @@ class Stiffness(Part):
 class Map(Part):
     """What a file of measurements holds."""
 
-    robot: str = Field(default="robot.yaml", description="its robot.yaml, beside this file")
+    robot: str = "robot.yaml"
+    """Its robot.yaml, beside this file."""
     source: Source = Source()
+    """How a file is read, where it does not show itself."""
     columns: dict[str, Column] = {}
+    """Column of trials.csv -> where it comes from."""
     constants: dict[str, FiniteFloat | str] = {}
-    points: dict[str, Points] = Field(default={}, description="`tip`, `m1`, `m2` .. as markers")
+    """Column of trials.csv -> the same for all rows, with its unit."""
+    points: dict[str, Points] = {}
+    """`tip`, `m1`, `m2` .. as markers."""
     orientation: Orientation | None = None
+    """How the tip is turned."""
     frame: Frame = Frame()
+    """Which recorded axis each axis of the robot is."""
     sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
-        default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}, description="where the tracked point sits on the straight "
-        "robot, from the end of the body; needs an orientation"
-    )  # fmt: skip
-    straight: Literal["as recorded", "first state", "first row"] = Field(
-        default="as recorded", description="which reading is the straight robot: what it differs by is where cameras and "
-        "markers were placed; first row: of each file"
-    )  # fmt: skip
-    states: States = States()
-    trials: Trials = Trials()
-    files: dict[str, dict[str, FiniteFloat | str]] = Field(
-        default={}, description="pattern of file names -> constants of these files; others are not read"
+        default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}
     )
+    """Where the tracked point sits on the straight robot, from the end of the body; needs an orientation."""
+    straight: Literal["as recorded", "first state", "first row"] = "as recorded"
+    """Which reading is the straight robot: what it differs by is where cameras and markers were placed. first row: of each
+    file."""
+    states: States = States()
+    """Which rows make a state."""
+    trials: Trials = Trials()
+    """Where a trial begins."""
+    files: dict[str, dict[str, FiniteFloat | str]] = {}
+    """Pattern of file names -> constants of these files; others are not read."""
     stiffness: Stiffness | None = None
+    """Rows of a stiffness trial."""
 
     @model_validator(mode="after")
     def _known(self) -> Map:
