@@ -31,7 +31,7 @@ def drawn(
 
     Raises ConfigError for a robot of which nothing is uncertain.
     """
-    names, covariance = robot.uncertainty()
+    names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(
             f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`"

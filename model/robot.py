@@ -92,17 +92,45 @@ class Pose(BaseModel):
         return self
 
 
+class Uncertainty(BaseModel):
+    """How well numbers of robot.yaml and of the set-up are known: standard deviations. What is not stated has that of a careful
+    laboratory (docs: explanations/diagnosis.md)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    youngs_modulus: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
+    """Share of the value; usual 2 %."""
+    density: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
+    """Share of the value; usual 1 %."""
+    length: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Usual 0.5 mm."""
+    tilt: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
+    """Of the base about x and y; usual 0.1 deg."""
+    frame_turn: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
+    """Of the cameras' frame about each axis; usual 0.1 deg."""
+    frame_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Of its origin along each axis; usual 0.5 mm."""
+
+    @property
+    def stated(self) -> dict[str, float]:
+        """Tolerance -> standard deviation, of those that are stated."""
+        return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
+
+
 class Robot(BaseModel):
     """The soft robot of one case; see docs/explanations/model.md for how each value enters the equations."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str = Field(min_length=1, max_length=200)
-    length: FiniteFloat = Field(gt=0, le=5, json_schema_extra={"unit": "m"})
+    length: FiniteFloat = Field(gt=0, le=5, json_schema_extra={"unit": "m", "uncertainty": "length"})
     outer_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     inner_radius: FiniteFloat = Field(ge=0, le=1, json_schema_extra={"unit": "m"})
-    density: FiniteFloat = Field(ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3"})
-    youngs_modulus: FiniteFloat = Field(ge=1e3, le=1e11, json_schema_extra={"unit": "Pa"})
+    density: FiniteFloat = Field(ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3", "uncertainty": "density"})
+    youngs_modulus: FiniteFloat = Field(
+        ge=1e3, le=1e11, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"}
+    )
+    """Pa; `505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e11, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
     gravity: tuple[
@@ -117,6 +145,8 @@ class Robot(BaseModel):
     base_to_world: Pose | None = None
     max_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) that its chambers may hold: no part of the model, but nothing is inflated without it."""
+    uncertainty: Uncertainty = Uncertainty()
+    """How well its numbers are known, where that is not as usual."""
     effects: Table = Field(default={})
     """Causes that are part of this robot: effect -> parameter -> value, sd, unit; `lab fit --with` writes them."""
     tolerances: Table = Field(default={})
@@ -197,7 +227,7 @@ class Robot(BaseModel):
         """The same robot without what was learnt beyond its model."""
         return self.model_copy(update={"residual": None})
 
-    def uncertainty(self) -> tuple[tuple[str, ...], Array]:
+    def joint_uncertainty(self) -> tuple[tuple[str, ...], Array]:
         """Names (k) of all parameters that are not exact, and their covariance (k, k) in the units in which they are stated.
 
         Those that are not in `posterior` are independent.
@@ -284,6 +314,7 @@ def _unit_of(loc: tuple[int | str, ...]) -> str:
         "posterior": Posterior,
         "noise": Noise,
         "residual": Residual,
+        "uncertainty": Uncertainty,
     }
     owner: type[BaseModel] = Robot
     if "[key]" in loc:

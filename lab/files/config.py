@@ -7,6 +7,7 @@ Each problem names the file and line, the key, the value with its unit, the limi
 from __future__ import annotations
 
 import difflib
+import re
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -157,11 +158,46 @@ def _leaves(annotation: object) -> list[object]:
 
 def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]) -> dict[Any, Any]:
     out = dict(raw)
+    beside_numbers: dict[str, float | None] = {}
     for key, value in raw.items():
         field = model.model_fields.get(key) if isinstance(key, str) else None
-        if field is not None:
-            out[key] = _convert(value, field, (*loc, key), problems)
+        if field is None:
+            continue
+        if (
+            isinstance(value, str)
+            and (name := _uncertain(field))
+            and (parts := re.split(r"\+-|±", value, maxsplit=1))[1:]
+        ):
+            value, beside = (part.strip() for part in parts)
+            beside_numbers[name] = _spread(value, beside, field, model, name, (*loc, key), problems)
+        out[key] = _convert(value, field, (*loc, key), problems)
+    if beside_numbers and isinstance(out.get("uncertainty", {}), dict):
+        out["uncertainty"] = beside_numbers | out.get("uncertainty", {})
     return out
+
+
+def _uncertain(field: FieldInfo) -> str | None:
+    """The entry of the table `uncertainty` in which a field's standard deviation stands."""
+    extra = field.json_schema_extra
+    return str(extra["uncertainty"]) if isinstance(extra, dict) and "uncertainty" in extra else None
+
+
+def _spread(
+    value: str, beside: str, field: FieldInfo, model: type[BaseModel], name: str, loc: Loc, problems: dict[Loc, Any]
+) -> float | None:
+    """What stands behind +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
+    table = model.model_fields["uncertainty"].annotation
+    share = isinstance(table, type) and issubclass(table, BaseModel) and _unit(table.model_fields[name]) == "1"
+    try:
+        whole = to_si(value, _unit(field) or "1")
+        if beside.strip().endswith("%"):
+            spread = to_si(beside, "1") * (1.0 if share else whole)
+        else:
+            spread = to_si(beside, _unit(field) or "1") / (whole if share else 1.0)
+    except (UnitError, ZeroDivisionError) as e:
+        problems[loc] = f"{_dotted(loc)}: {e}; write for example '505 kPa +- 30 %'"
+        return None
+    return spread
 
 
 def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:

@@ -38,6 +38,10 @@ def robot_yaml(robot: Robot) -> str:
     """The text of its robot.yaml; it reads back as the same robot."""
     data = robot.model_dump()
     plain = {key: _plain(value) for key, value in data.items() if key not in LATER or value}
+    if stated := robot.uncertainty.stated:
+        plain["uncertainty"] = stated
+    else:
+        plain.pop("uncertainty", None)
     for key in ("effects", "tolerances"):
         if key in plain:
             plain[key] = {id: {n: _Entry(p) for n, p in own.items()} for id, own in plain[key].items()}

@@ -110,7 +110,9 @@ class ForwardModel:
         self._moved_rows = np.flatnonzero(~design.stiffness)
         self._in_bare = np.flatnonzero(~self._full.stiffness)
         self._path = loading_path(design, self._rest_of)
-        self._table = parameter_table(self._full, sources(design, tuple(catalogue.values()), area))
+        self._table = parameter_table(
+            self._full, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated)
+        )
         self._fixed = fixed_laws(robot, catalogue)
         self._nominal = nominal_values(robot, self._table.infos)
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)

@@ -6,7 +6,9 @@ They enter the forward model like effects, but are no causes to be named.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -110,6 +112,7 @@ def _xyz(unit: str, sd: float, axes: str = "xyz") -> tuple[Parameter, ...]:
 
 AREA = _tolerance("area", "actuation", Law(before=_area), Parameter("excess", "1", 0.5, -0.9, 8.0))
 ANGLE = math.radians(0.1)
+LEAST_SHARE = -0.8
 ALWAYS = (
     Source(
         _tolerance("youngs_modulus", "material", Law(before=_modulus), Parameter("excess", "1", 0.02, -0.2, 0.2)),
@@ -171,6 +174,18 @@ JAMMING = Source(
 )
 
 
+def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
+    """A tolerance with the standard deviation that is stated of it; a relative one never reaches minus the whole."""
+    sd = uncertainty.get(source.spec.id)
+    if sd is None:
+        return source
+    made = tuple(
+        replace(p, scale=sd, low=max(-10 * sd, LEAST_SHARE) if p.unit == "1" else -10 * sd, high=10 * sd)
+        for p in source.spec.parameters
+    )
+    return replace(source, spec=replace(source.spec, parameters=made))
+
+
 def mounts(design: Design) -> np.ndarray:
     """Roll (deg) of each mounting, that of most states first."""
     roll, count = np.unique(np.round(np.degrees(design.roll[~design.stiffness])), return_counts=True)
@@ -178,13 +193,16 @@ def mounts(design: Design) -> np.ndarray:
 
 
 def sources(
-    design: Design, catalogue: tuple[EffectSpec, ...], area: Literal["one", "per_length"]
+    design: Design,
+    catalogue: tuple[EffectSpec, ...],
+    area: Literal["one", "per_length"],
+    uncertainty: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Source, ...]:
     """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, those of each
-    mounting and trial."""
+    mounting and trial. `uncertainty`: tolerance -> standard deviation, where it is not the usual one."""
     found = [Source(spec, "effect") for spec in catalogue]
     moved = bool((~design.stiffness).any())
-    found += ALWAYS if moved else ALWAYS[:2]
+    found += [_as_stated(source, uncertainty) for source in (ALWAYS if moved else ALWAYS[:2])]
     if moved:
         found.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:

@@ -77,7 +77,7 @@ def standard_deviations(
 def uncertain(robot: Robot) -> tuple[tuple[str, ...], Array]:
     """Names (k) of all that a prediction's interval comes from to first order, and its covariance (k, k): the parameters that
     are not exact, and what differs from trial to trial (`TRIAL`, `PRESSURE`)."""
-    names, covariance = robot.uncertainty()
+    names, covariance = robot.joint_uncertainty()
     noise = robot.posterior.noise if robot.posterior is not None else Noise()
     spread = {PRESSURE: noise.pressure}
     if robot.spine is not None:

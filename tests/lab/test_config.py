@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,7 +11,10 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from lab.files.config import MOST_PROBLEMS, ConfigError, check, load, parse_yaml
+from lab.files.example import paper_robot
+from lab.files.robot_file import robot_yaml
 from lab.files.units import UnitError, to_si
+from model.robot import Robot
 
 
 class Table(BaseModel):
@@ -107,3 +112,19 @@ def test_of_very_many_problems_the_first_are_spelled_out_and_the_rest_is_counted
     with pytest.raises(ConfigError, match=r"and \d+ more problems") as caught:
         check(parse_yaml(text, "rig.yaml"), File)
     assert len(str(caught.value).splitlines()) == MOST_PROBLEMS + 1
+
+
+def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:
+    text = paper_robot().read_text()
+    (tmp_path / "robot.yaml").write_text(
+        re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 mm", re.sub(r"(?m)^density: .*$", "density: 1300 ± 3 %", text))
+        + "uncertainty: {tilt: 1 deg}\n"
+    )
+    robot = load(tmp_path / "robot.yaml", Robot)
+    assert robot.length == pytest.approx(0.4) and robot.density == 1300.0
+    assert robot.uncertainty.stated == pytest.approx({"length": 2e-3, "density": 0.03, "tilt": math.pi / 180})
+    again = check(parse_yaml(robot_yaml(robot), "again"), Robot)
+    assert again == robot
+    (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 kPa", text))
+    with pytest.raises(ConfigError, match="length: '2 kPa' has the unit 'kPa'.*505 kPa \\+- 30 %"):
+        load(tmp_path / "robot.yaml", Robot)

@@ -66,6 +66,7 @@ UNITLESS = (
     "tolerances",
     "posterior",
     "residual",
+    "uncertainty",
     "states",
     "noise",
     "parameters",

@@ -116,7 +116,7 @@ def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> Non
     robot = robot_from_dict(
         stating(paper_robot, effects={"spine_slip": SLIP, "chamber_azimuth": AZIMUTH}, posterior=POSTERIOR)
     )
-    names, covariance = robot.uncertainty()
+    names, covariance = robot.joint_uncertainty()
     assert names == ("area_factor", "chamber_azimuth.angle", "spine_slip.moment", "spine_slip.stroke")
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.01, 0.01, 0.01, 0.2])
     assert covariance[0, 1] == pytest.approx(0.5e-4) and covariance[2, 3] == 0
