@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -78,11 +78,15 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Mapping[str
     return out
 
 
-def imported(given: Sequence[Path], wanted: Map, length: float) -> Imported:
+def imported(
+    given: Sequence[Path], wanted: Map, length: float, progress: Callable[[float, float], None] = lambda done, of: None
+) -> Imported:
     """Read, cut and put into the robot's frame; `length` of the robot in m. Raises ConfigError."""
     read_files, states, notes = [], [], []
     group, start = 0, 0.0
-    for number, (path, constants) in enumerate(files_of(given, wanted)):
+    files = files_of(given, wanted)
+    for number, (path, constants) in enumerate(files):
+        progress(number, len(files))
         series = read(path, wanted.source)
         q = quantities_of(series, wanted, constants)
         if wanted.straight == "first row":

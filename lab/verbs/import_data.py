@@ -11,7 +11,7 @@ from diagnosis.data.plausible import implausible_values
 from model.robot import Robot
 from recordings.table_file import write_csv
 
-from ..console import note, out
+from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..imports.formats import READERS, read
 from ..imports.guess import guess_map, guess_text
@@ -26,7 +26,8 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     wanted = load_map(map_path)
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
-    made = imported(inputs, wanted, robot.length)
+    with Screen("import", quiet=as_json) as screen:
+        made = imported(inputs, wanted, robot.length, screen.progress)
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
