@@ -11,14 +11,14 @@ from diagnosis.diagnose import diagnose
 from diagnosis.inference.prepare import prepare
 from model.effects import CATALOGUE
 from model.robot import Uncertainty
-from tests.diagnosis.small_campaigns import LENGTHS, measured, quick
+from tests.diagnosis.small_campaigns import FEW, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
 TWO = {effect: CATALOGUE[effect] for effect in ("body_modulus", "chamber_azimuth")}
 
 
 def test_a_modulus_that_is_not_well_known_is_no_cause() -> None:
-    case = measured(2, 6, LENGTHS, youngs_modulus__excess=0.15)
+    case = measured(2, 6, FEW, youngs_modulus__excess=0.15)
     options = replace(quick(), catalogue=TWO)
     assert diagnose(case, options).attribute.effects == ("body_modulus",)
     known = ROBOT.model_copy(update={"uncertainty": Uncertainty(youngs_modulus=0.3)})
