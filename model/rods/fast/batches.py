@@ -1,4 +1,4 @@
-"""How a batch of rods is handed to the kernels: fixed steps, room for terms, threads."""
+"""How a batch of rods is handed to the kernels: fixed steps, form, threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Form, Rods
-from model.rods.fast.lanes import LANES, Room
+from model.rods.fast.lanes import LANES, Full
 
 Steps = NDArray[np.int64]
 _NO_STEPS = np.zeros((0, 1), np.int64)
@@ -25,12 +25,9 @@ def steps_of(rods: Rods, steps: Steps | None) -> Steps:
     return np.ascontiguousarray(steps)
 
 
-def room_for_terms(form: Form) -> Room:
-    """Arrays for the graded and the hyperelastic terms of one group, None for what rods of this form do not have; no two
-    threads may share them."""
-    if not form.full:
-        return None, None
-    return np.zeros(9 * form.elements * LANES), np.zeros(3 * form.elements * LANES)
+def full_of(form: Form) -> Full:
+    """What tells kernels whether rods are in full form."""
+    return 1 if form.full else None
 
 
 def share_out(part: Callable[[slice], None], n: int, cores: int) -> None:

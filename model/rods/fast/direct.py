@@ -22,11 +22,11 @@ from model.rods.fast.lanes import (
     TIP,
     TURN,
     Counts,
+    Full,
     Group,
     M,
     N,
     Q,
-    Room,
     RowLayout,
     cut,
     elements_of,
@@ -113,7 +113,7 @@ def write_result(work: Array, springs: int, out: Array, row: int, l: int) -> Non
 def solve_direct(
     rods: Array,
     layout: tuple[int, int, int],
-    room: Room,
+    full: Full,
     settings: tuple[float, float, bool],
     steps: Counts,
     memory: Array,
@@ -126,12 +126,11 @@ def solve_direct(
     not converge have an AT_RESIDUAL that is not below `close`.
     """
     n, at = rods.shape[0], RowLayout(layout[0], layout[1], layout[2])
-    graded, series = room
     divisions, close, warm = settings
     work, count = new_work(), elements_of(rods, at)
     parts, elements = np.empty(count, np.int64), new_elements(count)
     for first in range(0, n, LANES):
-        group = Group(work, elements, graded, series, parts, at.springs, min(LANES, n - first))
+        group = Group(work, elements, full, parts, at.springs, min(LANES, n - first))
         for l in range(group.active):
             gather_rod(rods, first + l, at, group, l)
         if warm:

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from model.rods.fast.algebra import Quaternion, State, Vector, add, along, cross, product, times, turned_back
 from model.rods.fast.jit import inline
-from model.rods.fast.lanes import INV_BEND, INV_STRETCH, U_REST, V_REST, ElementAt, vector_of
+from model.rods.fast.lanes import INV_BEND, INV_STRETCH, RISES, TERMS, U_REST, V_REST, Full, terms_in, vector_of
 from model.rods.fast.stage_buffer import save_softness, save_stage
 
 Array = NDArray[np.float64]
@@ -51,27 +51,21 @@ class Section(NamedTuple):
     """u*, 1/m."""
     v_rest: Vector
     """v*, 1."""
-    series: Array | None
-    """Holds a, b, c of a hyperelastic section from `at.series` on; None costs nothing."""
-    graded: Array | None
-    """Holds the coefficients of z, z^2, z^3 of u* from `at.graded` on; None costs nothing."""
-    at: ElementAt
-
-
-SERIES_ROUNDS = 5
-"""Newton rounds on D and e; from the linear values they reach rounding where the section law has a solution nearby."""
+    terms: Array | None
+    """Holds the hyperelastic and graded terms of the element; None costs nothing."""
+    at: int
+    """The element's first quantity there."""
 
 
 @inline
-def section_of(elements: Array, series: Array | None, graded: Array | None, at: ElementAt, l: int) -> Section:
-    """The section of lane l."""
+def section_of(elements: Array, full: Full, at: int, l: int) -> Section:
+    """The section of lane l in the element that begins at quantity `at`."""
     return Section(
-        vector_of(elements, at.element + INV_BEND, l),
-        vector_of(elements, at.element + INV_STRETCH, l),
-        vector_of(elements, at.element + U_REST, l),
-        vector_of(elements, at.element + V_REST, l),
-        series,
-        graded,
+        vector_of(elements, at + INV_BEND, l),
+        vector_of(elements, at + INV_STRETCH, l),
+        vector_of(elements, at + U_REST, l),
+        vector_of(elements, at + V_REST, l),
+        terms_in(full, elements),
         at,
     )
 
@@ -106,59 +100,81 @@ def strains(
     m: Vector, n: Vector, section: Section, z: float, l: int, stages: Array | None, i: int
 ) -> tuple[Vector, Vector]:
     """u and v of a section that carries m and n (section frame)."""
-    u, v = elastic_strains(section.series, section, m, n, l, stages, i)
-    return add(u, rest_curvature(section.graded, section, z, l)), add(v, section.v_rest)
+    u, v = elastic_strains(section.terms, section, m, n, l, stages, i)
+    return add(u, rest_curvature(section.terms, section, z, l)), add(v, section.v_rest)
 
 
 @inline
 def elastic_strains(
-    series: Array | None, section: Section, m: Vector, n: Vector, l: int, stages: Array | None, i: int
+    terms: Array | None, section: Section, m: Vector, n: Vector, l: int, stages: Array | None, i: int
 ) -> tuple[Vector, Vector]:
-    """u - u* and v - v*. (`series` is an argument of its own so that the compiler sees a None.)"""
+    """u - u* and v - v*. (`terms` is an argument of its own so that the compiler sees a None.)"""
     u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
-    if series is not None:
-        d, strain = softened(u, m, v[2], section, vector_of(series, section.at.series, l))
+    if terms is not None:
+        d, strain = softened(u, m, v[2], section, vector_of(terms, section.at + TERMS, l))
         if stages is not None:
             save_softness(stages, i, l, m, n, (d, strain), (section.inv_bend, section.inv_stretch),
-                          vector_of(series, section.at.series, l))  # fmt: skip
+                          vector_of(terms, section.at + TERMS, l))  # fmt: skip
         u = (u[0] / d, u[1] / d, u[2])
         v = (v[0], v[1], strain)
     return u, v
 
 
 @inline
-def rest_curvature(graded: Array | None, section: Section, z: float, l: int) -> Vector:
+def rest_curvature(terms: Array | None, section: Section, z: float, l: int) -> Vector:
     """u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0 at the element's base end .. 1 at its tip end."""
     rest = section.u_rest
-    if graded is not None:
-        rest = along(rest, z, vector_of(graded, section.at.graded, l))
-        rest = along(rest, z * z, vector_of(graded, section.at.graded + 3, l))
-        rest = along(rest, z * z * z, vector_of(graded, section.at.graded + 6, l))
+    if terms is not None:
+        rest = along(rest, z, vector_of(terms, section.at + RISES, l))
+        rest = along(rest, z * z, vector_of(terms, section.at + RISES + 3, l))
+        rest = along(rest, z * z * z, vector_of(terms, section.at + RISES + 6, l))
     return rest
 
 
 @inline
-def softened(u: Vector, m: Vector, strain: float, section: Section, series: Vector) -> tuple[float, float]:
+def softened(u: Vector, m: Vector, strain: float, section: Section, law: Vector) -> tuple[float, float]:
     """D and e of a hyperelastic section from its linear curvatures u and axial strain."""
     inv_bend, inv_stretch = section.inv_bend, section.inv_stretch
-    a, b, c = series
+    a, b, c = law
     energy = m[0] * u[0] + m[1] * u[1]
     bending = a * energy * math.sqrt(inv_bend[0] * inv_bend[1])
     coupled = 0.5 * energy * inv_stretch[2]
-    d, e = 1.0, strain
-    for _ in range(SERIES_ROUNDS):
-        # Newton on D - 1 - g(a Q / B) - h(b e) = 0 and k(e) + b h'(b e) Q / (2 EA) - n3 / EA = 0, Q = (m . u) / D^2.
-        w = 1.0 / (d * d)
-        x = bending * w
-        level = 1.0 / (1.0 - 2.0 * min(x, 0.0))
-        loss, relief = 1.0 / (1.0 - min(b * e, 0.0)), 1.0 / (1.0 - min(c * e, 0.0))
-        rise, curl = loss * loss, 2.0 * loss * loss * loss if b * e < 0.0 else 0.0
-        first = d - 1.0 - x * level - b * e * loss
-        second = e * (relief + max(c * e, 0.0)) + b * rise * coupled * w - strain
-        first_d, first_e = 1.0 + 2.0 * x * level * level / d, -b * rise
-        second_d = -2.0 * b * rise * coupled * w / d
-        second_e = relief * relief + 2.0 * max(c * e, 0.0) + b * b * curl * coupled * w
-        scale = 1.0 / (first_d * second_e - first_e * second_d)
-        d -= scale * (second_e * first - first_e * second)
-        e -= scale * (first_d * second - second_d * first)
-    return d, e
+    bent = Bent(bending, coupled, strain, b, c)
+    # Five rounds, written out: loops within keep the compiler from making vectors of the lanes.
+    y = series_round(bent, (1.0, strain))
+    y = series_round(bent, y)
+    y = series_round(bent, y)
+    y = series_round(bent, y)
+    return series_round(bent, y)
+
+
+class Bent(NamedTuple):
+    """What `softened` solves for: a Q / B and Q / (2 EA) for D = 1, n3 / EA, and b, c."""
+
+    bending: float
+    coupled: float
+    strain: float
+    b: float
+    c: float
+
+
+@inline
+def series_round(s: Bent, y: tuple[float, float]) -> tuple[float, float]:
+    """A Newton round on D - 1 - g(a Q / B) - h(b e) = 0 and k(e) + b h'(b e) Q / (2 EA) - n3 / EA = 0, Q = (m . u) / D^2."""
+    d, e = y
+    be, ce = s.b * e, s.c * e
+    inverse = 1.0 / d
+    w = inverse * inverse
+    x, coupled = s.bending * w, s.b * s.coupled * w
+    level = 1.0 / (1.0 - 2.0 * min(x, 0.0))
+    loss, relief = 1.0 / (1.0 - min(be, 0.0)), 1.0 / (1.0 - min(ce, 0.0))
+    rise = loss * loss
+    curl = 2.0 * rise * (loss if be < 0.0 else 0.0)
+    further = max(ce, 0.0)
+    first = d - 1.0 - x * level - be * loss
+    second = e * (relief + further) + rise * coupled - s.strain
+    first_d, first_e = 1.0 + 2.0 * x * level * level * inverse, -s.b * rise
+    second_d = -2.0 * rise * coupled * inverse
+    second_e = relief * relief + 2.0 * further + s.b * curl * coupled
+    scale = 1.0 / (first_d * second_e - first_e * second_d)
+    return d - scale * (second_e * first - first_e * second), e - scale * (first_d * second - second_d * first)

@@ -21,8 +21,8 @@ from model.rods.fast.lanes import (
     LARGEST_MOMENT,
     LOAD_SHARE,
     TIP,
+    Full,
     Group,
-    Room,
     RowLayout,
     cut,
     elements_of,
@@ -62,7 +62,7 @@ BOTH_JACOBIANS = 54
 def follow_load(
     rods: Array,
     layout: tuple[int, int, int],
-    room: Room,
+    full: Full,
     settings: tuple[float, float, float],
     rows: Rows,
     out: Array,
@@ -74,11 +74,10 @@ def follow_load(
     share of load it belongs to.
     """
     at = RowLayout(layout[0], layout[1], layout[2])
-    graded, series = room
     divisions, close, least_margin = settings
     work, count = new_work(), elements_of(rods, at)
     saved = np.empty(7 + BOTH_JACOBIANS)
-    group = Group(work, new_elements(count), graded, series, np.empty(count, np.int64), at.springs, 1)
+    group = Group(work, new_elements(count), full, np.empty(count, np.int64), at.springs, 1)
     for i in range(rows.shape[0]):
         row = rows[i]
         gather_rod(rods, row, at, group, 0)

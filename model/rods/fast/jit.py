@@ -13,11 +13,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from llvmlite import binding
 from numba.core import types
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _STAMP = "kernels.sha"
+
+# Loops over lanes become vectors; whether LLVM unrolls them before, to scalars, would hang on what it guesses of their size.
+binding.set_option("", "-unroll-full-max-count=8")
 
 
 def _compiled(**options: Any) -> Callable[[Any], Any]:

@@ -22,7 +22,6 @@ from model.rods.columns import (
     LENGTH,
     LOAD,
     REST_CURVATURE,
-    RISE,
     SERIES,
     SPRING,
     TIP_FORCE,
@@ -32,8 +31,8 @@ from model.rods.fast.jit import allocating, inline, routine
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
-Room = tuple[Array | None, Array | None]
-"""Arrays for the graded (9 elements LANES) and hyperelastic (3 elements LANES) terms of one group, None for no such terms."""
+Full = int | None
+"""1 for rods in full form; None, pruned at compile time where it is an argument, for all others."""
 
 LANES = 16
 """Two AVX-512 or four AVX2 vectors; with fewer the compiler unrolls the loops instead of vectorising them."""
@@ -45,7 +44,9 @@ U_REST, V_REST, F_LOAD = 7, 10, 13
 """u* (1/m), v* (1) and the load f (N/m), three each."""
 U_REST_NORM, PARTS = 16, 17
 """|u*|, and the parts that this rod wants the element to be cut into."""
-ELEMENT = 18
+TERMS, RISES = 18, 21
+"""Hyperelastic a, b, c (3), and the coefficients of z, z^2, z^3 of u* (9): of rods in full form, else unused."""
+ELEMENT = 30
 MOST_SPRINGS = 3
 
 # The quantities in `work`, one array for all so that nothing has to be counted or checked for overlap on the way.
@@ -92,10 +93,7 @@ class Group(NamedTuple):
     """(WORK LANES) state, unknowns, residual, Jacobian, loads and supports."""
     elements: Array
     """(count ELEMENT LANES) sections and loads, tip first."""
-    graded: Array | None
-    """Coefficients of u*(z), nine an element; None (pruned at compile time where it is an argument) without such terms."""
-    series: Array | None
-    """a, b, c of hyperelastic sections, three an element, or None."""
+    full: Full
     parts: Counts
     """(count,) steps of each element."""
     springs: int
@@ -103,18 +101,10 @@ class Group(NamedTuple):
     """Lanes in use."""
 
 
-class ElementAt(NamedTuple):
-    """Where an element and its terms begin, in quantities."""
-
-    element: int
-    series: int
-    graded: int
-
-
 @inline
-def element_at(e: int) -> ElementAt:
-    """Element e, counted from the tip."""
-    return ElementAt(e * ELEMENT, 3 * e, 9 * e)
+def element_at(e: int) -> int:
+    """The first quantity of element e, counted from the tip."""
+    return e * ELEMENT
 
 
 @allocating
@@ -225,8 +215,7 @@ def gather_elements(rods: Array, row: int, at: RowLayout, group: Group, l: int) 
         for k in range(9):
             elements[(p + U_REST + k) * LANES + l] = rods[row, o + REST_CURVATURE + k]
         set_rest_norm(elements, p, l)
-        copy_terms(rods, row, o + SERIES, group.series, 3 * e, 3, l)
-        copy_terms(rods, row, o + RISE, group.graded, 9 * e, 9, l)
+        copy_terms(group.full, rods, row, o + SERIES, elements, p + TERMS, l)
 
 
 @inline
@@ -237,11 +226,19 @@ def set_rest_norm(elements: Array, p: int, l: int) -> None:
 
 
 @inline
-def copy_terms(rods: Array, row: int, o: int, terms: Array | None, k: int, count: int, l: int) -> None:
-    """Numbers from column o on, where there are such terms."""
-    if terms is not None:
-        for j in range(count):
-            terms[(k + j) * LANES + l] = rods[row, o + j]
+def copy_terms(full: Full, rods: Array, row: int, o: int, elements: Array, p: int, l: int) -> None:
+    """The hyperelastic and graded terms from column o on, where rods have them."""
+    if full is not None:
+        for k in range(12):
+            elements[(p + k) * LANES + l] = rods[row, o + k]
+
+
+@inline
+def terms_in(full: Full, elements: Array) -> Array | None:
+    """`elements` as the place of the terms where rods have them: an array of their own would have to be checked for overlap."""
+    if full is None:
+        return None
+    return elements
 
 
 @routine

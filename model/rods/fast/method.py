@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.fast import direct
-from model.rods.fast.batches import Steps, room_for_terms, share_out, steps_of
+from model.rods.fast.batches import Steps, full_of, share_out, steps_of
 from model.rods.fast.follow import FOLLOWED, follow_load
 from model.rods.fast.walk import AT_PLACE, states_at
 from model.rods.solution import AT_MARGIN, AT_RESIDUAL, RESULT, Solution, Status, no_shape
@@ -78,7 +78,7 @@ class Fast:
             direct.solve_direct(
                 rods.values[rows],
                 form.columns,
-                room_for_terms(form),
+                full_of(form),
                 settings,
                 fixed[rows] if len(fixed) else fixed,
                 memory[rows] if len(memory) else memory,
@@ -104,9 +104,7 @@ class Fast:
         settings = (FOLLOW_FINER * self.divisions, max(0.01 * self.close, CLOSEST), STOP_MARGIN)
 
         def part(rows: slice) -> None:
-            follow_load(
-                rods.values, form.columns, room_for_terms(form), settings, doubtful[rows], values, reached[rows]
-            )
+            follow_load(rods.values, form.columns, full_of(form), settings, doubtful[rows], values, reached[rows])
 
         share_out(part, len(doubtful), self.cores)
         followed = reached == FOLLOWED

@@ -35,7 +35,6 @@ from model.rods.fast.lanes import (
     TIP,
     TURN,
     WRENCH,
-    ElementAt,
     Group,
     M,
     N,
@@ -132,15 +131,15 @@ def add_springs(work: Array, springs: int, active: int) -> None:
 
 
 @inline
-def advance(group: Group, at: ElementAt, z: float, dz: float, l: int, dead: float, stages: Array | None) -> None:
+def advance(group: Group, at: int, z: float, dz: float, l: int, dead: float, stages: Array | None) -> None:
     """One step of lane l within an element, from the place z by dz (a negative share of the element)."""
     work, elements = group.work, group.elements
     q, m, r = quaternion_of(work, Q, l), vector_of(work, M, l), vector_of(work, R, l)
     y = (q[0], q[1], q[2], q[3], m[0], m[1], m[2], r[0], r[1], r[2])
     force = vector_of(work, N, l)
-    h = -dz * elements[at.element * LANES + l]
-    section = section_of(elements, group.series, group.graded, at, l)
-    load = scaled(dead * work[LOAD_SHARE * LANES + l], vector_of(elements, at.element + F_LOAD, l))
+    h = -dz * elements[at * LANES + l]
+    section = section_of(elements, group.full, at, l)
+    load = scaled(dead * work[LOAD_SHARE * LANES + l], vector_of(elements, at + F_LOAD, l))
     y = step(y, Step(h, z, dz, force, load), section, l, stages)
     put_quaternion(work, Q, l, (y[0], y[1], y[2], y[3]))
     put(work, M, l, (y[4], y[5], y[6]))

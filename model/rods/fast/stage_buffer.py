@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from model.rods.fast.algebra import Quaternion, Vector
 from model.rods.fast.jit import inline
-from model.rods.fast.lanes import ELEMENT, LANES, WORK, ElementAt, Group, put
+from model.rods.fast.lanes import ELEMENT, LANES, WORK, Group, put
 
 Array = NDArray[np.float64]
 
 STEP_SHARE, ELEMENT_AT = WORK, WORK + 1
-SERIES_AT, GRADED_AT, STAGES_AT = ELEMENT_AT + ELEMENT, ELEMENT_AT + ELEMENT + 3, ELEMENT_AT + ELEMENT + 12
-"""Where the share of the step that a lane takes, the element, its hyperelastic and its graded terms, and the stages
-are."""
+STAGES_AT = ELEMENT_AT + ELEMENT
+"""Where the share of the step that a lane takes, the element and the stages are."""
 STAGES = 7
 ROWS, DN_FIXED, MOMENT, FORCE, CURVATURE, STRAIN = 0, 9, 12, 15, 18, 21
 """R row by row (9), R^T dN of a column (3), m, n, u, v (3 each, section frame)."""
@@ -32,20 +31,10 @@ COLUMN_AT = STAGES_AT + STAGES * STAGE
 
 
 @inline
-def buffer_of(terms: Array | None, buffer: Array) -> Array | None:
-    """The buffer as the place of terms where there are such terms."""
-    if terms is None:
-        return None
-    return buffer
-
-
-@inline
-def buffered_group(group: Group) -> tuple[Group, ElementAt]:
-    """A group whose work is a stage buffer, with the buffered element as its only one, and where that is."""
+def buffered_group(group: Group) -> Group:
+    """A group whose work is a stage buffer, with the buffered element as its only one, which begins at ELEMENT_AT."""
     buffer = group.work
-    series, graded = buffer_of(group.series, buffer), buffer_of(group.graded, buffer)
-    at = ElementAt(ELEMENT_AT, SERIES_AT, GRADED_AT)
-    return Group(buffer, buffer, graded, series, group.parts, group.springs, group.active), at
+    return Group(buffer, buffer, group.full, group.parts, group.springs, group.active)
 
 
 @inline
@@ -53,16 +42,6 @@ def load_element(group: Group, e: int) -> None:
     """Copy element e into the buffer."""
     for k in range(ELEMENT * LANES):
         group.work[ELEMENT_AT * LANES + k] = group.elements[e * ELEMENT * LANES + k]
-    load_terms(group.series, group.work, SERIES_AT, 3, e)
-    load_terms(group.graded, group.work, GRADED_AT, 9, e)
-
-
-@inline
-def load_terms(terms: Array | None, buffer: Array, at: int, count: int, e: int) -> None:
-    """The terms of element e, where there are such terms."""
-    if terms is not None:
-        for k in range(count * LANES):
-            buffer[at * LANES + k] = terms[count * e * LANES + k]
 
 
 @inline

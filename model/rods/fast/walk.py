@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from model.rods.description import Rods
 from model.rods.fast.algebra import Vector, dot, times, turned, turned_back
-from model.rods.fast.batches import room_for_terms
+from model.rods.fast.batches import full_of
 from model.rods.fast.equations import Section, section_of, softened
 from model.rods.fast.jit import inline, kernel, routine
 from model.rods.fast.lanes import (
@@ -17,13 +17,14 @@ from model.rods.fast.lanes import (
     ELEMENT,
     LANES,
     LARGEST_MOMENT,
+    TERMS,
     TIP,
     Counts,
+    Full,
     Group,
     M,
     N,
     R,
-    Room,
     RowLayout,
     cut,
     element_at,
@@ -49,8 +50,7 @@ STATE = 14
 def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, steps: Counts) -> Array:
     """(n, k, WIDTH) at arcs (n, k) m; NaN for rods that did not converge. `steps` as of `batches.steps_of`."""
     out = np.full((*arcs.shape, WIDTH), np.nan)
-    room = room_for_terms(rods.form)
-    walk(rods.values, rods.form.columns, room, (float(divisions), steps), solution.values, arcs, out)
+    walk(rods.values, rods.form.columns, full_of(rods.form), (float(divisions), steps), solution.values, arcs, out)
     out[~solution.converged] = np.nan
     return out
 
@@ -70,33 +70,33 @@ def write_station(group: Group, e: int, solved: Array, row: int, out: Array, s: 
     out[row, s, AT_PLACE + 2] = solved[row, AT_TIP + 2] - back[2]
     out[row, s, AT_TURN], out[row, s, AT_TURN + 1], out[row, s, AT_TURN + 2], out[row, s, AT_TURN + 3] = q
     out[row, s, AT_MOMENT], out[row, s, AT_MOMENT + 1], out[row, s, AT_MOMENT + 2] = moment
-    section, n = section_of(group.elements, group.series, group.graded, element_at(e), 0), turned_back(q, force)
+    section, n = section_of(group.elements, group.full, element_at(e), 0), turned_back(q, force)
     u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
-    out[row, s, AT_ENERGY] = stored(group.series, section, m, n, u, v)
-    out[row, s, AT_STRAIN] = axial_strain(group.series, section, m, u, v) + section.v_rest[2] - 1.0
+    out[row, s, AT_ENERGY] = stored(section.terms, section, m, n, u, v)
+    out[row, s, AT_STRAIN] = axial_strain(section.terms, section, m, u, v) + section.v_rest[2] - 1.0
 
 
 @inline
-def axial_strain(series: Array | None, section: Section, m: Vector, u: Vector, v: Vector) -> float:
+def axial_strain(terms: Array | None, section: Section, m: Vector, u: Vector, v: Vector) -> float:
     """Elastic axial strain e of a section of lane 0 with linear strains u, v."""
     strain = v[2]
-    if series is not None:
-        strain = softened(u, m, v[2], section, vector_of(series, section.at.series, 0))[1]
+    if terms is not None:
+        strain = softened(u, m, v[2], section, vector_of(terms, section.at + TERMS, 0))[1]
     return strain
 
 
 @inline
-def stored(series: Array | None, section: Section, m: Vector, n: Vector, u: Vector, v: Vector) -> float:
+def stored(terms: Array | None, section: Section, m: Vector, n: Vector, u: Vector, v: Vector) -> float:
     """Energy per length (J/m) of a section of lane 0 with linear strains u, v under m, n; see `equations` for the terms."""
-    if series is None:
+    if terms is None:
         return 0.5 * (dot(u, m) + dot(v, n))
-    terms = vector_of(series, section.at.series, 0)
-    d, strain = softened(u, m, v[2], section, terms)
+    a, b, c = vector_of(terms, section.at + TERMS, 0)
+    d, strain = softened(u, m, v[2], section, (a, b, c))
     bent = (m[0] * u[0] + m[1] * u[1]) / (d * d)
-    x = terms[0] * bent * math.sqrt(section.inv_bend[0] * section.inv_bend[1])
+    x = a * bent * math.sqrt(section.inv_bend[0] * section.inv_bend[1])
     # The integral of g over x is half of x^2, or for a section that softens -x / 2 - ln(1 - 2 x) / 4.
     level = 0.5 * x if x >= 0.0 else -0.5 - 0.25 * math.log(1.0 - 2.0 * x) / x
-    y, z = terms[1] * strain, terms[2] * strain
+    y, z = b * strain, c * strain
     bending = 0.5 * bent * (1.0 + level + y / (1.0 - min(y, 0.0)))
     # Next to nothing the integral of e / (1 - c e) would lose its digits.
     grown = 1.0 + z * (2.0 / 3.0 + 0.5 * min(z, 0.0)) if z > -1e-3 else -2.0 * (z + math.log(1.0 - z)) / (z * z)
@@ -108,7 +108,7 @@ def stored(series: Array | None, section: Section, m: Vector, n: Vector, u: Vect
 def walk(
     rods: Array,
     layout: tuple[int, int, int],
-    room: Room,
+    full: Full,
     grid: tuple[float, Counts],
     solved: Array,
     arcs: Array,
@@ -116,10 +116,9 @@ def walk(
 ) -> None:
     """Fill `out` (n, k, WIDTH) at arcs (n, k); `grid` are divisions and fixed steps (n or 0 rows)."""
     at = RowLayout(layout[0], layout[1], layout[2])
-    graded, series = room
     divisions, steps = grid
     count = elements_of(rods, at)
-    group = Group(new_work(), new_elements(count), graded, series, np.empty(count, np.int64), at.springs, 1)
+    group = Group(new_work(), new_elements(count), full, np.empty(count, np.int64), at.springs, 1)
     saved = np.empty(STATE)
     for row in range(rods.shape[0]):
         gather_rod(rods, row, at, group, 0)

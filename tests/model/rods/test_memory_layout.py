@@ -19,7 +19,7 @@ def first_pass(rods: Array, layout: tuple[int, int, int], work: Array, elements:
     """The first pass of one group whose arrays are these."""
     at = RowLayout(layout[0], layout[1], layout[2])
     parts = np.empty(elements.size // (ELEMENT * LANES), np.int64)
-    group = Group(work, elements, None, None, parts, at.springs, LANES)
+    group = Group(work, elements, None, parts, at.springs, LANES)
     for l in range(LANES):
         gather_rod(rods, l, at, group, l)
     cut(group, COARSE_DIVISIONS)

@@ -27,7 +27,7 @@ from model.rods.fast.derivatives.tangent import (
 from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import ELEMENT, F_LOAD, LANES, TIP, Group, M, put, quaternion_of, vector_of
 from model.rods.fast.passes import advance, unit_quaternion
-from model.rods.fast.stage_buffer import STEP_SHARE, buffered_group
+from model.rods.fast.stage_buffer import ELEMENT_AT, STEP_SHARE, buffered_group
 
 Array = NDArray[np.float64]
 
@@ -85,9 +85,9 @@ def start_columns(work: Array, columns: Columns) -> None:
 def step_all(group: Group, x: Array, e: int, z: float, dz: float) -> None:
     """A step of all lanes, of each the share that the buffer says, and of all columns `x` with them."""
     buffer = group.work
-    buffered, at = buffered_group(group)
+    buffered = buffered_group(group)
     for l in range(LANES):
-        advance(buffered, at, z, dz * buffer[STEP_SHARE * LANES + l], l, 1.0, buffer)
+        advance(buffered, ELEMENT_AT, z, dz * buffer[STEP_SHARE * LANES + l], l, 1.0, buffer)
     step_columns(group, x, e, z, dz)
 
 

@@ -12,7 +12,7 @@ from model.rods.fast.equations import section_of, strains
 from model.rods.fast.jit import allocating, inline, routine
 from model.rods.fast.lanes import ELEMENT, LANES, Group, M, N, put, vector_of
 from model.rods.fast.passes import unit_quaternion
-from model.rods.fast.stage_buffer import STEP_SHARE, buffered_group
+from model.rods.fast.stage_buffer import ELEMENT_AT, STEP_SHARE
 
 Array = NDArray[np.float64]
 
@@ -73,9 +73,8 @@ def visit_station(group: Group, columns: Columns, arcs: Array, first: int, step:
 def write_slopes(group: Group, z: float, slopes: Array, l: int) -> None:
     """R v and R u (mount frame) where lane l stands, at the place z of the buffered element."""
     work = group.work
-    buffered, at = buffered_group(group)
     q, n, m = unit_quaternion(work, l), vector_of(work, N, l), vector_of(work, M, l)
-    section = section_of(work, buffered.series, buffered.graded, at, l)
+    section = section_of(work, group.full, ELEMENT_AT, l)
     u, v = strains(m, turned_back(q, n), section, z, l, None, 0)
     put(slopes, 0, l, turned(q, v))
     put(slopes, 3, l, turned(q, u))

@@ -50,8 +50,8 @@ from model.rods.fast.lanes import (
     TIP,
     TURN,
     Counts,
+    Full,
     Group,
-    Room,
     RowLayout,
     cut,
     elements_of,
@@ -104,7 +104,7 @@ class Change(NamedTuple):
 def differentiate(
     rods: Array,
     layout: tuple[int, int, int],
-    room: Room,
+    full: Full,
     grid: tuple[float, Counts],
     asked: Asked,
     solved: Array,
@@ -113,7 +113,6 @@ def differentiate(
     """d outputs / d parameter (n, k, outputs) for the directions of `asked`, at the solutions `solved`; `grid` are divisions
     and fixed steps (n or 0 rows)."""
     at = RowLayout(layout[0], layout[1], layout[2])
-    graded, series = room
     directions, arcs, _, strained = asked
     n, width = rods.shape
     stations, size = arcs.shape[1], elements_of(rods, at)
@@ -145,7 +144,7 @@ def differentiate(
         np.zeros(SECTION * LANES),
     )
     for first in range(0, n, LANES):
-        group = Group(work, elements, graded, series, parts, at.springs, min(LANES, n - first))
+        group = Group(work, elements, full, parts, at.springs, min(LANES, n - first))
         for l in range(LANES):
             row = min(first + l, n - 1)
             gather_rod(rods, row, at, group, l)

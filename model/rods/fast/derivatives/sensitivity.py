@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Rods
-from model.rods.fast.batches import room_for_terms, share_out, steps_of
+from model.rods.fast.batches import full_of, share_out, steps_of
 from model.rods.fast.derivatives import implicit
 from model.rods.fast.method import FAST, Fast
 from model.rods.solution import Solution
@@ -119,7 +119,7 @@ def sensitivities(
         implicit.differentiate(
             rods.values[rows],
             form.columns,
-            room_for_terms(form),
+            full_of(form),
             (float(method.divisions), fixed[rows] if len(fixed) else fixed),
             (given[rows if len(given) > 1 else slice(0, 1)], arcs[rows], attached, strain),
             solution.values[rows],

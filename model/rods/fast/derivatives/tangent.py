@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from model.rods.columns import BEND, BLOCK, LENGTH, LOAD, REST_CURVATURE, REST_STRAIN, RISE, SERIES, STRETCH
 from model.rods.fast.algebra import Vector, add, along, cross, dot, scaled, times
 from model.rods.fast.jit import inline, routine
-from model.rods.fast.lanes import F_LOAD, INV_BEND, INV_STRETCH, LANES, Group, put, vector_of
+from model.rods.fast.lanes import F_LOAD, INV_BEND, INV_STRETCH, LANES, Full, Group, put, vector_of
 from model.rods.fast.runge_kutta import (
     A21,
     A32,
@@ -139,15 +139,15 @@ def plus6(y: Change, h: float, k: Change) -> Change:
 
 
 @inline
-def response(series: Array | None, y: Change, here: Here, i: int) -> Response:
-    """The answer to a change at stage i; see the top of the file. (`series` is an argument so that a None is pruned.)"""
+def response(full: Full, y: Change, here: Here, i: int) -> Response:
+    """The answer to a change at stage i; see the top of the file. (`full` is an argument so that a None is pruned.)"""
     buffer, l, o = here.buffer, here.l, STAGES_AT + i * STAGE
     theta, dm = (y[0], y[1], y[2]), (y[3], y[4], y[5])
     m, n = vector_of(buffer, o + MOMENT, l), vector_of(buffer, o + FORCE, l)
     u, v = vector_of(buffer, o + CURVATURE, l), vector_of(buffer, o + STRAIN, l)
     dn = add(cross(n, theta), vector_of(buffer, o + DN_FIXED, l))
     du, dv = times(here.inv_bend, dm), times(here.inv_stretch, (dn[0], dn[1], dn[2] + here.added))
-    if series is not None:
+    if full is not None:
         k = vector_of(buffer, o + SOFTNESS, l)
         total = 2.0 * (here.inv_bend[0] * m[0] * dm[0] + here.inv_bend[1] * m[1] * dm[1])
         first = buffer[(o + SOFTNESS + 8) * LANES + l] * total
@@ -177,7 +177,7 @@ def no_work() -> Work:
 
 
 @inline
-def add_work(t: Work, series: Array | None, graded: Array | None, a: Response, here: Here, i: int, at: Vector) -> Work:
+def add_work(t: Work, full: Full, a: Response, here: Here, i: int, at: Vector) -> Work:
     """T with what stage i adds; `at` are the weight B_i and the share C_i of the stage, and its place z in the element."""
     b, share, z = at
     buffer, l, o = here.buffer, here.l, STAGES_AT + i * STAGE
@@ -187,7 +187,7 @@ def add_work(t: Work, series: Array | None, graded: Array | None, a: Response, h
     dn = (dn[0], dn[1], dn[2] + b * here.added)
     m, n = vector_of(buffer, o + MOMENT, l), vector_of(buffer, o + FORCE, l)
     bend, axial, terms = times(dm, m), times(dn, n), (0.0, 0.0, 0.0)
-    if series is not None:
+    if full is not None:
         k = vector_of(buffer, o + SOFTNESS, l)
         _, d1, e1 = vector_of(buffer, o + SOFTNESS + 3, l)
         d2, e2, by_total = vector_of(buffer, o + SOFTNESS + 6, l)
@@ -203,10 +203,7 @@ def add_work(t: Work, series: Array | None, graded: Array | None, a: Response, h
         axial = (axial[0], axial[1], buffer[(o + SOFTNESS + 13) * LANES + l] * second)
         by_b, by_c = buffer[(o + SOFTNESS + 14) * LANES + l], buffer[(o + SOFTNESS + 15) * LANES + l]
         terms = (by_a * first, buffer[(o + SOFTNESS + 12) * LANES + l] * second - by_b * first, by_c * second)
-    dp = scaled(b, a.dp)
-    rise = (0.0, 0.0, 0.0)
-    if graded is not None:
-        rise = scaled(z, dm)
+    dp, rise = scaled(b, a.dp), scaled(z, dm)
     return Work(
         t.length + lengthens,
         add(t.bend, bend),
@@ -230,7 +227,7 @@ def add_to(x: Array, k: int, l: int, h: float, a: Vector) -> None:
 
 
 @inline
-def step_column(series: Array | None, graded: Array | None, buffer: Array, z: float, dz: float, l: int) -> None:
+def step_column(full: Full, buffer: Array, z: float, dz: float, l: int) -> None:
     """Take the buffered column along the step that was saved in the buffer, and collect its T of the element."""
     dz = dz * buffer[STEP_SHARE * LANES + l]
     h = -dz * buffer[ELEMENT_AT * LANES + l]
@@ -239,38 +236,38 @@ def step_column(series: Array | None, graded: Array | None, buffer: Array, z: fl
     theta, dm = vector_of(buffer, COLUMN_AT + THETA, l), vector_of(buffer, COLUMN_AT + DM, l)
     y = (theta[0], theta[1], theta[2], dm[0], dm[1], dm[2])
     # Whatever a stage adds is added at once, or all stages would have to be remembered to the end.
-    a = response(series, y, here, 0)
+    a = response(full, y, here, 0)
     k1 = a.slope
-    t = add_work(no_work(), series, graded, a, here, 0, (B1, 0.0, z))
-    a = response(series, plus6(y, A21 * h, k1), here, 1)
+    t = add_work(no_work(), full, a, here, 0, (B1, 0.0, z))
+    a = response(full, plus6(y, A21 * h, k1), here, 1)
     k2 = a.slope
-    a = response(series, plus6(y, A32 * h, k2), here, 2)
+    a = response(full, plus6(y, A32 * h, k2), here, 2)
     k3 = a.slope
-    t = add_work(t, series, graded, a, here, 2, (B3, C3, z + C3 * dz))
+    t = add_work(t, full, a, here, 2, (B3, C3, z + C3 * dz))
     y4 = plus6(plus6(plus6(y, A41 * h, k1), A42 * h, k2), A43 * h, k3)
-    a = response(series, y4, here, 3)
+    a = response(full, y4, here, 3)
     k4 = a.slope
-    t = add_work(t, series, graded, a, here, 3, (B4, C4, z + C4 * dz))
+    t = add_work(t, full, a, here, 3, (B4, C4, z + C4 * dz))
     y5 = plus6(plus6(plus6(plus6(y, A51 * h, k1), A52 * h, k2), A53 * h, k3), A54 * h, k4)
-    a = response(series, y5, here, 4)
+    a = response(full, y5, here, 4)
     k5 = a.slope
-    t = add_work(t, series, graded, a, here, 4, (B5, C5, z + C5 * dz))
+    t = add_work(t, full, a, here, 4, (B5, C5, z + C5 * dz))
     y6 = plus6(plus6(plus6(plus6(y, A62 * h, k2), A63 * h, k3), A64 * h, k4), A65 * h, k5)
-    a = response(series, y6, here, 5)
+    a = response(full, y6, here, 5)
     k6 = a.slope
-    t = add_work(t, series, graded, a, here, 5, (B6, C6, z + C6 * dz))
+    t = add_work(t, full, a, here, 5, (B6, C6, z + C6 * dz))
     y7 = plus6(plus6(plus6(plus6(plus6(y, A71 * h, k1), A72 * h, k2), A73 * h, k3), A74 * h, k4), A76 * h, k6)
     y = plus6(plus6(plus6(plus6(plus6(y, B1 * h, k1), B3 * h, k3), B4 * h, k4), B5 * h, k5), B6 * h, k6)
-    a = response(series, y7, here, 6)
+    a = response(full, y7, here, 6)
     y = plus6(y, B7 * h, a.slope)
-    t = add_work(t, series, graded, a, here, 6, (B7, 1.0, z + dz))
+    t = add_work(t, full, a, here, 6, (B7, 1.0, z + dz))
     put(buffer, COLUMN_AT + THETA, l, (y[0], y[1], y[2]))
     put(buffer, COLUMN_AT + DM, l, (y[3], y[4], y[5]))
-    write_work(series, graded, t, here, h, -dz)
+    write_work(full, t, here, h, -dz)
 
 
 @inline
-def write_work(series: Array | None, graded: Array | None, t: Work, here: Here, h: float, share: float) -> None:
+def write_work(full: Full, t: Work, here: Here, h: float, share: float) -> None:
     """Add T of a step of the length h (m), a share of the element, to the buffered column."""
     buffer, l, w = here.buffer, here.l, COLUMN_AT + WORK_BY
     # p feeds nothing back, so that its integral over the step needs its slopes alone.
@@ -284,9 +281,8 @@ def write_work(series: Array | None, graded: Array | None, t: Work, here: Here, 
     add_to(buffer, w + REST_CURVATURE, l, h, t.rest_curvature)
     add_to(buffer, w + REST_STRAIN, l, h, t.rest_strain)
     add_to(buffer, w + LOAD, l, h, work_of_load)
-    if series is not None:
+    if full is not None:
         add_to(buffer, w + SERIES, l, h, t.series)
-    if graded is not None:
         add_to(buffer, w + RISE, l, h, t.rise1)
         add_to(buffer, w + RISE + 3, l, h, t.rise2)
         add_to(buffer, w + RISE + 6, l, h, t.rise3)
@@ -314,19 +310,19 @@ def load_column(buffer: Array, x: Array, column: int, used: int, e: int) -> None
 
 
 @inline
-def used_quantities(graded: Array | None, series: Array | None) -> int:
+def used_quantities(full: Full) -> int:
     """How many quantities of a column are in use."""
-    return WORK_BY + (BLOCK if graded is not None else RISE if series is not None else SERIES)
+    return WORK_BY + (BLOCK if full is not None else SERIES)
 
 
 @routine
 def step_columns(group: Group, x: Array, e: int, z: float, dz: float) -> None:
     """`step_column` for all columns `x` (columns, COLUMN LANES) of all lanes within element e."""
-    buffer, used = group.work, used_quantities(group.graded, group.series)
+    buffer, used = group.work, used_quantities(group.full)
     for j in range(len(x)):
         load_column(buffer, x, j, used, e)
         for l in range(LANES):
-            step_column(group.series, group.graded, buffer, z, dz, l)
+            step_column(group.full, buffer, z, dz, l)
         for k in range(used * LANES):
             x[j, k] = buffer[COLUMN_AT * LANES + k]
 

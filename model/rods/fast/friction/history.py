@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Rods
-from model.rods.fast.batches import room_for_terms, share_out
+from model.rods.fast.batches import full_of, share_out
 from model.rods.fast.friction.hysteresis import (
     AGREED,
     COMPLIANCE,
@@ -142,7 +142,7 @@ def _settle(
 
     def part(rows: slice) -> None:
         settings = (float(method.divisions), float(method.close))
-        solve_state(rods.values[rows], form.columns, room_for_terms(form), settings, table[rows], values[rows])
+        solve_state(rods.values[rows], form.columns, full_of(form), settings, table[rows], values[rows])
 
     share_out(part, len(rods), method.cores)
     good = (values[:, AT_RESIDUAL] < method.close) & (values[:, AT_MARGIN] > method.least_margin)

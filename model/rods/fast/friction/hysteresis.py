@@ -28,9 +28,9 @@ from model.rods.fast.lanes import (
     SAVED_PLACE,
     TURN,
     U_REST,
+    Full,
     Group,
     M,
-    Room,
     RowLayout,
     cut,
     gather_rod,
@@ -205,7 +205,7 @@ def set_largest(group: Group) -> None:
 def solve_state(
     rods: Array,
     layout: tuple[int, int, int],
-    room: Room,
+    full: Full,
     settings: tuple[float, float],
     table: Array,
     out: Array,
@@ -216,13 +216,12 @@ def solve_state(
     have an AT_RESIDUAL that is not below `close`.
     """
     at = RowLayout(layout[0], layout[1], layout[2])
-    graded, series = room
     divisions, close = settings
     n, count, width = table.shape
     laws = Laws(np.zeros(count * width * LANES), width, (width - PLAYS) // LAW, np.zeros(LANES))
     work, elements, parts = new_work(), new_elements(count), np.empty(count, np.int64)
     for first in range(0, n, LANES):
-        group = Group(work, elements, graded, series, parts, at.springs, min(LANES, n - first))
+        group = Group(work, elements, full, parts, at.springs, min(LANES, n - first))
         for l in range(group.active):
             gather_rod(rods, first + l, at, group, l)
             gather_laws(table, first + l, laws, elements, l)
