@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from sim_fakes.virtual_robot import RobotTruth, VirtualRobot
 from sim_fakes.virtual_robot.seen import TipView
 
+from .geometry import GEOMETRIES
 from .truth import Truth
 
 Array = NDArray[np.float64]
@@ -19,16 +20,15 @@ WANDER = 500.0
 """Pa, standard deviation of what a regulator's sensor reads beside the truth, beyond its fast noise."""
 WANDER_TIME = 5.0
 """s over which it forgets."""
-CHANNELS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
-"""Chambers that share a regulator."""
 
 
 class BenchRobot(VirtualRobot):
     """One case's robot, driven directly or behind the instruments."""
 
     def __init__(self, truth: Truth) -> None:
+        self.geometry = GEOMETRIES[truth.geometry]
         self._wander_rng = np.random.default_rng([truth.seed, 3])
-        self._wander = self._wander_rng.normal(0, WANDER, len(CHANNELS))
+        self._wander = self._wander_rng.normal(0, WANDER, len(self.geometry.channels))
         self._wander_at = 0.0
         n = truth.nuisance
         self._frame = Rotation.from_rotvec(n.frame).as_matrix() @ Rotation.from_rotvec(n.tilt).as_matrix()
@@ -48,10 +48,10 @@ class BenchRobot(VirtualRobot):
         """What the sensors read, each channel's own error with it."""
         keep = math.exp(-max(0.0, self.time - self._wander_at) / WANDER_TIME)
         self._wander_at = self.time
-        fresh = self._wander_rng.normal(0, WANDER, len(CHANNELS))
+        fresh = self._wander_rng.normal(0, WANDER, len(self.geometry.channels))
         self._wander = keep * self._wander + math.sqrt(1 - keep * keep) * fresh
         seen = super().published_pressures().copy()
-        for error, chambers in zip(self._wander, CHANNELS, strict=True):
+        for error, chambers in zip(self._wander, self.geometry.channels, strict=True):
             seen[[c - 1 for c in chambers]] += error
         return seen
 
@@ -69,4 +69,5 @@ def robot_truth(truth: Truth) -> RobotTruth:
         area_factor=truth.area_factor,
         scatter_length=1e-3,
         scatter_stiffness=0.02,
+        **GEOMETRIES[truth.geometry].truth,
     )

@@ -26,8 +26,8 @@ def _crew(a: argparse.Namespace) -> Crew:
 
 
 def _menu(a: argparse.Namespace) -> bool:
-    """Whether experiments are offered: a simulator's predictions are of the base sweep alone."""
-    return not a.no_menu and a.simulator is None
+    """Whether experiments are offered: a simulator predicts the base sweep alone, and the menu is for nine chambers."""
+    return not a.no_menu and a.simulator is None and a.geometry == "paper"
 
 
 def _make(a: argparse.Namespace) -> int:
@@ -39,13 +39,15 @@ def _make(a: argparse.Namespace) -> int:
         )
     if a.n < 1 or wire < 0:
         raise ConfigError(f"--n {a.n} must be 1 or more, and --wire {wire} not below 0")
+    if a.geometry != "paper" and (wire or a.world != OWN_WORLD):
+        raise ConfigError(f"--geometry {a.geometry}: the virtual robot driven directly; give --wire 0 and no --world")
     if a.world != OWN_WORLD:
         return _make_world(a)
     if a.kind or a.held_out:
         raise ConfigError(
             f"--kind and --held-out are for other worlds: give --world, or use --only {' | '.join(KINDS)}"
         )
-    recipe = Recipe(a.n, a.seed, clutter, (low, high), a.settled, min(wire, a.n), tuple(a.only or KINDS))
+    recipe = Recipe(a.n, a.seed, clutter, (low, high), a.settled, min(wire, a.n), tuple(a.only or KINDS), a.geometry)
     digest = make(a.out, recipe, a.design, menu=_menu(a), per_length=a.per_length, simulator=a.simulator, crew=_crew(a))
     out.print(f"{a.n} cases in {a.out}; sha256 of the sealed truth {digest}")
     return 0

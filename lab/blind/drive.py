@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from recordings.trials import Table, TrialRow
 from sim_fakes.virtual_robot import Condition, Reading, walk
 
-from .bench_robot import CHANNELS, BenchRobot
+from .bench_robot import BenchRobot
+from .geometry import Geometry
 from .sweeps import State, Sweep
 
 
@@ -40,28 +41,33 @@ def measure(robot: BenchRobot, sweep: Sweep, rng: np.random.Generator, noise: No
     states = list(sweep.states())
     steps: list[tuple[Condition, State | None]] = []
     for i, state in enumerate(states):
-        condition = _condition(sweep, states, i)
+        condition = _condition(sweep, robot.geometry, states, i)
         steps.append((condition, state))
         turns = state.branch == "load" and state.pressure == sweep.pressures[-1] - sweep.band
         if sweep.reading == "fly" and turns:
             # the ramp goes on to its end before it turns
-            steps.append((replace(condition, pressures=_pressures(sweep, sweep.pressures[-1]), rejam=False), None))
+            steps.append(
+                (
+                    replace(condition, pressures=_pressures(sweep, robot.geometry, sweep.pressures[-1]), rejam=False),
+                    None,
+                )
+            )
     readings = walk(robot, [condition for condition, _ in steps])
     pairs = [(s, r) for (_, s), r in zip(steps, readings, strict=True) if s is not None]
-    return Table(tuple(_row(sweep, s, r, rng, noise) for s, r in pairs))
+    return Table(tuple(_row(sweep, robot.geometry, s, r, rng, noise) for s, r in pairs))
 
 
-def _pressures(sweep: Sweep, pressure: float) -> tuple[float, ...]:
-    return tuple(pressure if c in sweep.chambers else 0.0 for c in range(1, 10))
+def _pressures(sweep: Sweep, geometry: Geometry, pressure: float) -> tuple[float, ...]:
+    return tuple(pressure if c in sweep.chambers else 0.0 for c in range(1, geometry.chambers + 1))
 
 
-def _condition(sweep: Sweep, states: list[State], i: int) -> Condition:
+def _condition(sweep: Sweep, geometry: Geometry, states: list[State], i: int) -> Condition:
     s = states[i]
     first = s.step == 1
     waited = 0.0 if first or sweep.reading != "hold" or states[i - 1].pressure != s.pressure else states[i - 1].hold
     return Condition(
         spine_length=s.spine_length,
-        pressures=_pressures(sweep, s.pressure),
+        pressures=_pressures(sweep, geometry, s.pressure),
         vacuum=s.vacuum,
         tip_mass=sweep.tip_mass,
         roll=math.radians(sweep.roll_deg),
@@ -71,7 +77,7 @@ def _condition(sweep: Sweep, states: list[State], i: int) -> Condition:
     )
 
 
-def _row(sweep: Sweep, s: State, r: Reading, rng: np.random.Generator, noise: Noise) -> TrialRow:
+def _row(sweep: Sweep, geometry: Geometry, s: State, r: Reading, rng: np.random.Generator, noise: Noise) -> TrialRow:
     ramping = s.hold == 0
     frames, polls = noise.frames[ramping], noise.polls[ramping]
     lost = 2 if ramping else 1  # a line through the samples takes one more degree of freedom than their mean
@@ -82,7 +88,7 @@ def _row(sweep: Sweep, s: State, r: Reading, rng: np.random.Generator, noise: No
         return value + sigma / math.sqrt(n) * float(rng.normal())
 
     pressures = np.array(r.pressures)
-    for channel in CHANNELS:
+    for channel in geometry.channels:
         value = averaged(f"p{channel[0]}", float(pressures[channel[0] - 1]), noise.pressure, polls)
         pressures[[c - 1 for c in channel]] = value
         spread = sd[f"p{channel[0]}"] * noise.pressure_spread / noise.pressure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from .bench_robot import BenchRobot
 from .designs import Design, design, joined
 from .drive import measure
 from .folder import SetFolder, new_set, seal
+from .geometry import GEOMETRIES, Geometry
 from .sweeps import BASE, BASE_SETTLED, MENU, Sweep
 from .truth import Recipe, Truth, draw, draw_one
 from .wire import measure_by_wire
@@ -75,6 +76,7 @@ def make(
         "design": shown.name, "clutter": recipe.clutter, "sizes": list(recipe.sizes), "settled": recipe.settled,
         "wired": recipe.wire, "area_factor": "by spine length" if per_length else "one",
         **({"simulator": simulator} if simulator else {}),
+        **({"geometry": recipe.geometry} if recipe.geometry != "paper" else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
 
@@ -91,7 +93,8 @@ def make_case(order: Order) -> Truth:
         except NoEquilibrium:
             continue
         case = order.folder.case(order.truth.case)
-        write_case(case, tables, order.design, menu=order.menu, per_length=order.per_length)
+        described = robot_yaml(GEOMETRIES[truth.geometry], markers=order.design.markers, per_length=order.per_length)
+        write_case(case, tables, order.design, described, menu=order.menu)
         if order.simulator is not None:
             write_predictions(case, order.simulator)
         return truth
@@ -100,7 +103,7 @@ def make_case(order: Order) -> Truth:
 
 def _measure(order: Order, truth: Truth) -> dict[str, Table]:
     robot, rng = BenchRobot(truth), np.random.default_rng([truth.seed, 4])
-    base = BASE_SETTLED if order.recipe.settled else BASE
+    base = replace(BASE_SETTLED if order.recipe.settled else BASE, chambers=robot.geometry.bend)
     sweeps: tuple[Sweep, ...] = MENU if order.menu else ()
     # walked first also when it is wired: a robot that snaps must not be found out by instruments that time out
     tables = {s.name: measure(robot, s, rng) for s in (base, *sweeps)}
@@ -119,10 +122,10 @@ def _wired(order: Order, truth: Truth, base: Sweep) -> Table:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def write_case(folder: Path, tables: dict[str, Table], shown: Design, *, menu: bool, per_length: bool) -> None:
-    """A case folder with what the design shows; `menu`: the experiments that may be asked for lie beside it."""
+def write_case(folder: Path, tables: dict[str, Table], shown: Design, robot: str, *, menu: bool) -> None:
+    """A case folder with what the design shows and robot.yaml; `menu`: the experiments that may be asked for lie beside it."""
     folder.mkdir(parents=True)
-    (folder / "robot.yaml").write_text(robot_yaml(markers=shown.markers, per_length=per_length))
+    (folder / "robot.yaml").write_text(robot)
     extras = [tables[s.name] for s in MENU] if shown.extras else []
     write_csv(shown.show(joined([tables["base"], *extras])), folder / "trials.csv")
     if menu and not shown.extras:
@@ -147,9 +150,11 @@ def write_predictions(folder: Path, name: str) -> Path:
     return path
 
 
-def robot_yaml(*, markers: bool, per_length: bool) -> str:
-    """The paper's robot as a diagnosis is told it; its area factor is a starting value, to be calibrated."""
+def robot_yaml(geometry: Geometry = GEOMETRIES["paper"], *, markers: bool, per_length: bool) -> str:
+    """The robot as a diagnosis is told it; its area factor is a starting value, to be calibrated."""
     robot = yaml.safe_load(paper_robot().read_text(encoding="utf-8"))
+    for key, value in geometry.described.items():
+        robot[key] = {**robot[key], **value} if isinstance(value, dict) else value
     if not per_length:
         robot["area_factor"] = NOMINAL_AREA_FACTOR
     if markers:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
+from .geometry import GEOMETRIES
+
 if TYPE_CHECKING:
     from .truth import Kind
 
@@ -57,6 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly")
     p.add_argument("--per-length", action="store_true", help="an area factor of its own for each spine length")
     p.add_argument("--wire", type=int, help="cases measured through every wire (default 10, with --world 0)")
+    p.add_argument(
+        "--geometry",
+        default="paper",
+        choices=GEOMETRIES,
+        help="the virtual robot: the paper's (default), or another, which is neither wired nor offers further experiments",
+    )
     p.add_argument("--no-menu", action="store_true", help="offer no further experiments")
     p.add_argument(
         "--simulator",

@@ -49,6 +49,8 @@ class Truth:
     area_factor: float
     seed: int
     route: Literal["direct", "wire"]
+    geometry: str = "paper"
+    """Of `geometry.GEOMETRIES`."""
 
     @property
     def all_effects(self) -> dict[str, float]:
@@ -73,6 +75,7 @@ class Recipe:
     wire: int = 0
     """How many cases are measured through every wire."""
     only: tuple[Kind, ...] = ("single", "pair", "none", "outside")
+    geometry: str = "paper"
 
 
 def draw(recipe: Recipe) -> list[Truth]:
@@ -122,7 +125,7 @@ def draw_one(
         offset=_three(rng, 0.5e-3),
     )
     area, seed = float(rng.uniform(1.4, 1.8)), int(rng.integers(2**31))
-    return Truth(f"{place + 1:04d}", kind, effects, clutter, nuisance, area, seed, route)
+    return Truth(f"{place + 1:04d}", kind, effects, clutter, nuisance, area, seed, route, recipe.geometry)
 
 
 def _three(rng: np.random.Generator, sd: float) -> tuple[float, float, float]:

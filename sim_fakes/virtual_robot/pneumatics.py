@@ -32,7 +32,7 @@ class Pneumatics:
     def __init__(self, truth: RobotTruth, laws: Laws, directions: Directions) -> None:
         self._truth = truth
         self._laws = laws
-        self._chamber = directions.chamber
+        self._chamber = directions.chamber % len(truth.chamber_azimuths_deg)
         self._azimuths = np.radians(np.array(truth.chamber_azimuths_deg)) + laws.chamber_azimuth
         self.reset()
 

@@ -30,7 +30,7 @@ APPROACH_STEPS = 4
 
 @dataclass(frozen=True)
 class Condition:
-    """One state to go to: lengths m, pressures Pa gauge (chamber 1..9), vacuum Pa below ambient, mass kg, roll rad,
+    """One state to go to: lengths m, pressures Pa gauge (one a chamber), vacuum Pa below ambient, mass kg, roll rad,
     hold s, rate Pa/s."""
 
     spine_length: float
@@ -47,8 +47,8 @@ class Condition:
     """Stiffness stand: travel of the probe after it touched the resting specimen at its tip, m."""
 
     def __post_init__(self) -> None:
-        if len(self.pressures) != 9 or min(self.pressures) < 0:
-            raise ValueError(f"pressures {self.pressures} Pa: give nine, none below 0")
+        if not self.pressures or min(self.pressures) < 0:
+            raise ValueError(f"pressures {self.pressures} Pa: give one a chamber, none below 0")
         if self.rate <= 0 or self.hold < 0 or self.spine_length < 0 or self.vacuum < 0:
             raise ValueError(
                 f"rate {self.rate} Pa/s must be above 0; hold {self.hold} s, spine_length {self.spine_length} m "
@@ -75,7 +75,12 @@ class Reading:
 
 
 def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
-    """Walk a schedule of states in order, with history, and read each one before sensor noise. Raises `NoEquilibrium`."""
+    """Walk a schedule of states in order, with history, and read each one before sensor noise. Raises `NoEquilibrium`,
+    and ValueError for a state that has not one pressure a chamber.
+    """
+    chambers = len(robot.pneumatics.seen)
+    if any(len(state.pressures) != chambers for state in conditions):
+        raise ValueError(f"pressures: give {chambers} in every state, one a chamber")
     readings = []
     touch = 0.0
     for state in conditions:
@@ -116,7 +121,7 @@ def _prepare(robot: VirtualRobot, state: Condition) -> bool:
             spine.draw(state.vacuum)
         return False
     hands.probe = None
-    _ramp(robot, np.zeros(9), VENT_RATE)
+    _ramp(robot, np.zeros_like(robot.pneumatics.seen), VENT_RATE)
     if remount:
         robot.remount(Hands(state.mount, state.tip_mass, state.roll))
     hands = robot.hands

@@ -21,7 +21,7 @@ from sim_fakes.worlds.walk import Leg
 from ...files.config import ConfigError
 from ..designs import Design, design
 from ..folder import SetFolder, new_set, seal
-from ..make import ATTEMPTS, write_case, write_predictions
+from ..make import ATTEMPTS, robot_yaml, write_case, write_predictions
 from ..sweeps import BASE, BASE_SETTLED, MENU, State, Sweep
 from ..workers import Crew, spread
 from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, draw, draw_robot
@@ -93,7 +93,8 @@ def make_case(order: Order) -> WorldTruth:
         except (NoEquilibrium, Unequal):
             continue
         case = order.folder.case(truth.case)
-        write_case(case, tables, order.design, menu=order.menu, per_length=order.per_length)
+        described = robot_yaml(markers=order.design.markers, per_length=order.per_length)
+        write_case(case, tables, order.design, described, menu=order.menu)
         if order.simulator is not None:
             write_predictions(case, order.simulator)
         return truth
