@@ -1,7 +1,7 @@
 """A simulator of one's own, of another kind than the rod: segments of constant strain, as many models of soft robots have them.
 
 Strain of a segment is what force and moment at its middle, in the shape found so far, ask of its stiffness; from the strains
-follows the shape, and so on until both agree (Anderson's mixing). Four segments: up to 2 mm from the rod.
+follows the shape, and so on until both agree (Anderson's mixing). Four segments: up to 3 mm from the rod.
 
     lab diagnose CASE --simulator examples/simulator/constant_strain.py
 """

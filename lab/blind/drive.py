@@ -46,12 +46,8 @@ def measure(robot: BenchRobot, sweep: Sweep, rng: np.random.Generator, noise: No
         turns = state.branch == "load" and state.pressure == sweep.pressures[-1] - sweep.band
         if sweep.reading == "fly" and turns:
             # the ramp goes on to its end before it turns
-            steps.append(
-                (
-                    replace(condition, pressures=_pressures(sweep, robot.geometry, sweep.pressures[-1]), rejam=False),
-                    None,
-                )
-            )
+            end = _pressures(sweep, robot.geometry, sweep.pressures[-1])
+            steps.append((replace(condition, pressures=end, rejam=False), None))
     readings = walk(robot, [condition for condition, _ in steps])
     pairs = [(s, r) for (_, s), r in zip(steps, readings, strict=True) if s is not None]
     return Table(tuple(_row(sweep, robot.geometry, s, r, rng, noise) for s, r in pairs))

@@ -192,6 +192,20 @@ def test_a_simulator_s_predictions_are_the_baseline_of_a_set(tmp_path: Path) -> 
     assert 1.0 < first["diagnosis"]["missed_mm"] < 60.0
 
 
+def test_a_robot_of_three_chambers_bends_with_one_of_them(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    make(root, Recipe(1, 6, only=("none",), geometry="three_chambers"), "tip", menu=False, crew=QUIET)
+    folder = SetFolder(root)
+    (name,) = folder.names()
+    case = read_case([folder.case(name)])
+    assert case.robot.chambers.azimuths_deg == (0.0, 120.0, 240.0) and len(case.table) == 105
+    highest = max(case.table, key=lambda r: max(r.pressures))
+    assert len(highest.pressures) == 3 and highest.pressures[0] > 240e3 and max(highest.pressures[1:]) < 3e3
+    assert highest.tip is not None and highest.tip[0] < -0.05
+    assert json.loads((root / "commitment.json").read_text())["geometry"] == "three_chambers"
+    assert json.loads((root / "sealed" / "truth.json").read_text())["truths"][0]["geometry"] == "three_chambers"
+
+
 def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> None:
     folder = SetFolder(small_set)
     bench.answer(folder, breaks, 0, "0003")
