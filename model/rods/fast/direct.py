@@ -46,6 +46,7 @@ from model.rods.fast.newton import (
     improve,
     newton_turn,
     size_of,
+    worst_residual,
 )
 from model.rods.fast.passes import evaluate, turn_tip, unit_quaternion
 from model.rods.solution import (
@@ -70,6 +71,8 @@ COARSE_DIVISIONS = 1.0
 MOST_MOVED = 3.0
 """m of tip motion per m of rod and rad of turn."""
 ROUNDS = 12
+RENEWALS = 2
+"""Times that a group whose residual stays above `close` gets another Jacobian."""
 MOST_DRIFT = 1e-4
 """Of the squared norm of q over a pass; good solves stay below 1e-5."""
 
@@ -146,6 +149,11 @@ def solve_direct(
         fixed_cut(group, steps, first)
         evaluate(group, group.springs, 1.0)
         improve(group, close, ROUNDS)
+        for _ in range(RENEWALS):
+            if worst_residual(group) < close:
+                break
+            difference_jacobian(group)
+            improve(group, close, ROUNDS)
         newton_turn(group)
         turn_tip(group)
         for l in range(group.active):

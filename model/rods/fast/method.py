@@ -71,8 +71,30 @@ class Fast:
                 )
             memory = start.memory.copy()
         fixed = steps_of(rods, self.steps)
+        values = self._direct(rods, fixed, memory, start is not None)
+        good = (values[:, AT_RESIDUAL] < self.close) & (values[:, AT_MARGIN] > self.least_margin)
+        if start is not None and not good.all():
+            # Far from its start the Jacobian from there may mislead; what a solve from nothing finds and trusts is as good.
+            again = np.flatnonzero(~good)
+            anew = memory[again]
+            found_anew = self._direct(rods[again], fixed[again] if len(fixed) else fixed, anew, False)
+            trusted = (found_anew[:, AT_RESIDUAL] < self.close) & (found_anew[:, AT_MARGIN] > LEAST_MARGIN)
+            values[again[trusted]], memory[again[trusted]] = found_anew[trusted], anew[trusted]
+            good[again[trusted]] = True
+        status = np.zeros(n, np.int8)
+        if not good.all():
+            self._follow(rods, np.flatnonzero(~good), values, status)
+        found = Solution(values, status, no_shape(n), memory)
+        if arcs is None:
+            return found
+        place = states_at(rods, found, arcs, self.divisions, fixed)[..., AT_PLACE : AT_PLACE + 3]
+        return Solution(values, status, place, memory)
+
+    def _direct(self, rods: Rods, fixed: Steps, memory: Array, warm: bool) -> Array:
+        """Results (n, RESULT) of the direct solve, from `memory` (n or 0 rows) or from nothing; it writes the memory."""
+        n, form = len(rods), rods.form
         values = np.empty((n, RESULT))
-        settings = (float(self.divisions), float(self.close), start is not None)
+        settings = (float(self.divisions), float(self.close), warm)
 
         def part(rows: slice) -> None:
             direct.solve_direct(
@@ -86,15 +108,7 @@ class Fast:
             )
 
         share_out(part, n, self.cores)
-        status = np.zeros(n, np.int8)
-        good = (values[:, AT_RESIDUAL] < self.close) & (values[:, AT_MARGIN] > self.least_margin)
-        if not good.all():
-            self._follow(rods, np.flatnonzero(~good), values, status)
-        found = Solution(values, status, no_shape(n), memory)
-        if arcs is None:
-            return found
-        place = states_at(rods, found, arcs, self.divisions, fixed)[..., AT_PLACE : AT_PLACE + 3]
-        return Solution(values, status, place, memory)
+        return values
 
     def _follow(self, rods: Rods, doubtful: NDArray[np.intp], values: Array, status: NDArray[np.int8]) -> None:
         """Settle the rods that the direct solve left open."""
