@@ -32,7 +32,9 @@ def _menu(a: argparse.Namespace) -> bool:
 
 def _make(a: argparse.Namespace) -> int:
     low, high = a.sizes
-    clutter, wire = a.clutter or 0.0, WIRED if a.wire is None else a.wire
+    clutter, wire = a.clutter or 0.0, a.wire
+    if wire is None:
+        wire = WIRED if a.geometry == "paper" else 0
     if not 0 < low <= high <= 5 or not 0 <= clutter <= 1:
         raise ConfigError(
             f"--sizes {low:g} {high:g} must increase within 0..5, and --clutter {clutter:g} must be within 0..1"

@@ -58,7 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     p.add_argument("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly")
     p.add_argument("--per-length", action="store_true", help="an area factor of its own for each spine length")
-    p.add_argument("--wire", type=int, help="cases measured through every wire (default 10, with --world 0)")
+    p.add_argument(
+        "--wire", type=int, help="cases measured through every wire (default 10, with --world or --geometry 0)"
+    )
     p.add_argument(
         "--geometry",
         default="paper",

@@ -32,7 +32,8 @@ class Pneumatics:
     def __init__(self, truth: RobotTruth, laws: Laws, directions: Directions) -> None:
         self._truth = truth
         self._laws = laws
-        self._chamber = directions.chamber % len(truth.chamber_azimuths_deg)
+        # Drawn from the three that bend the paper's robot; another robot is bent by its first.
+        self._chamber = directions.chamber if len(truth.chamber_azimuths_deg) == 9 else 0
         self._azimuths = np.radians(np.array(truth.chamber_azimuths_deg)) + laws.chamber_azimuth
         self.reset()
 

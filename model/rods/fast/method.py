@@ -34,8 +34,8 @@ class Fast:
     """Shooting from the tip on its orientation, sixth-order steps, Newton with Broyden's updates, sixteen rods at a time.
 
     Knows every field of `Rods`. Converged means that the base misses its pose by less than `close` and that the margin to
-    buckling is above `least_margin`, or that the load was followed from zero. Raises `BadCondition` for numbers out of
-    range and for `steps` or a start that do not fit the rods.
+    buckling is above `least_margin` (LEAST_MARGIN where a start misled and the rod was solved from nothing), or that the load
+    was followed from zero. Raises `BadCondition` for numbers out of range and for `steps` or a start that do not fit the rods.
     """
 
     divisions: float = 4.0
