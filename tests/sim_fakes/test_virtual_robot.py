@@ -234,8 +234,10 @@ def test_unknown_mount_and_bad_states_are_refused() -> None:
     plant = Plant(mount="table")
     with pytest.raises(ValueError, match="mount 'table'"):
         VirtualRobot().advance(plant, 0.1)
-    with pytest.raises(ValueError, match="give nine"):
-        Condition(0.1, (1e5,))
+    with pytest.raises(ValueError, match="none below 0"):
+        Condition(0.1, (1e5, -1.0, 0.0))
+    with pytest.raises(ValueError, match="give 9 in every state"):
+        walk(VirtualRobot(), [Condition(0.1, (1e5,))])
     with pytest.raises(ValueError, match="rate"):
         Condition(0.1, rate=0.0)
 
