@@ -37,13 +37,14 @@ bench: $(READY_DEV)
 	mkdir -p out
 	$(BIN)/python -m benchmarks.rod --json out/rod.json
 	$(BIN)/python -m benchmarks.recording --json out/recording.json
+	$(BIN)/python -m benchmarks.watch --json out/watch.json
 
 # The site, read without network: out/docs/index.html.
 docs: $(READY_DOCS)
 	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/doctrees docs out/docs
 	@echo out/docs/index.html
 
-# All tests, the whole fault matrix, then kills, signals, fuzz and soak: an hour and a half on two processors.
+# All tests, the whole fault matrix, then kills, signals, fuzz and soak: an hour and three quarters on two processors.
 faults: $(READY_DEV)
 	$(MAKE) test LONG=1
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
@@ -52,6 +53,7 @@ faults: $(READY_DEV)
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal INT
 	$(BIN)/python -m benchmarks.faults.fuzz --recording tests/recordings/data/bending-schema-1.mcap
+	$(BIN)/python -m benchmarks.faults.night
 	$(BIN)/python -m benchmarks.faults.soak
 
 $(READY): pyproject.toml constraints.txt

@@ -25,13 +25,12 @@ from rich.table import Table
 
 from diagnosis.answer.verdict import SURE
 from diagnosis.data.case import states
-from diagnosis.inference.budget import Part, budget, by_what_is_carried, carried, parts
-from diagnosis.inference.evidence import KNOWN, NONE, SPIKES, Hypothesis, weigh
-from diagnosis.inference.linear import Linear
-from diagnosis.inference.posterior import PRIOR_SHARES, posterior
-from diagnosis.inference.prepare import Prepared, prepare
-from diagnosis.inference.problem import Problem, leading
-from diagnosis.inference.search import Candidate, Search
+from diagnosis.inference.budget import budget, by_what_is_carried
+from diagnosis.inference.evidence import KNOWN, NONE, Hypothesis, weigh
+from diagnosis.inference.posterior import posterior
+from diagnosis.inference.prepare import prepare
+from diagnosis.inference.search import Candidate
+from diagnosis.power.worlds import Planned, drawn
 from lab.blind.workers import Crew, spread
 from lab.blind.worlds.by_mm import right
 from lab.files.inputs import read_case
@@ -39,13 +38,7 @@ from lab.files.inputs import read_case
 Array = NDArray[np.float64]
 
 TEMPERATURES = (1.0, 2.0, 4.0, 8.0)
-CAUSE = (0.5, 1.5)
 CLUTTER = (0.05, 0.1, 0.2)
-FREEDOM = 3
-"""Degrees of freedom of Student's t, of the clutter."""
-TOLERATED = float(SPIKES[SPIKES > 0].mean())
-LEAST = 1.0
-"""Length of a whitened response below which an effect cannot be drawn."""
 
 
 @dataclass(frozen=True)
@@ -58,76 +51,7 @@ class Weighed:
     right: bool
 
 
-@dataclass(frozen=True)
-class Design:
-    """The linear problem of a case, without any effect."""
-
-    problem: Problem
-    none: Candidate
-    where: tuple[Part, ...]
-    effects: tuple[str, ...]
-    """That can be drawn."""
-
-    @classmethod
-    def of(cls, prepared: Prepared) -> Design:
-        """Of a campaign."""
-        none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
-        p, columns = prepared.problem.parameters, none.fit.linear.effects
-        seen = [e for e in p.ids if (columns[:, p.mask((e,)) & p.sizes] ** 2).sum() > LEAST]
-        return cls(prepared.problem, none, parts(prepared), tuple(seen))
-
-    @property
-    def linear(self) -> Linear:
-        """Around the calibrated robot."""
-        return self.none.fit.linear
-
-    def sizes(self, effect: str) -> NDArray[np.intp]:
-        """Its parameters that are sizes."""
-        p = self.problem.parameters
-        return np.flatnonzero(p.mask((effect,)) & p.sizes)
-
-    def floors(self, white: Array) -> float:
-        """Noise floors that a whitened response (n,) carries after calibration."""
-        done = self.problem.noise.colour(white)[:, None]
-        squares = carried(self.problem, self.where, self.none.fit.slope, done)
-        return max(float(np.sqrt(s[0, 0])) / part.floor for s, part in zip(squares, self.where, strict=True))
-
-    def form_errors(self, named: Hypothesis) -> Array:
-        """Columns of what may be wrong with the laws: of what is named at its plausible scale, of all else at its tolerance."""
-        columns = []
-        for effect in self.effects:
-            own = self.sizes(effect)
-            size = 1 / np.sqrt(len(own)) if effect in named else TOLERATED
-            size *= self.problem.parameters.law_error[effect]
-            columns += [size * self.linear.effects[:, j] for j in own]
-        return leading(np.hstack([self.problem.form_error_of(self.problem.noise.colour(c)) for c in columns]))
-
-
-def drawn(d: Design, rng: np.random.Generator) -> tuple[Array, dict[str, float]]:
-    """Readings (n,), whitened, of one world, and the noise floors that each effect carries in it."""
-    linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
-    y = rng.standard_normal(len(linear.observed)) + linear.nuisance @ rng.standard_normal(linear.nuisance.shape[1])
-    size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
-    y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
-    cause = "" if rng.random() < PRIOR_SHARES[0] else str(rng.choice(d.effects))
-    clutter, amounts = rng.choice(CLUTTER), {}
-    basis = d.problem.form_error_basis
-    for effect in d.effects:
-        own = d.sizes(effect)
-        way = rng.standard_normal(len(own))
-        way /= np.linalg.norm(way)
-        beside = clutter * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
-        theta = way * (rng.uniform(*CAUSE) if effect == cause else beside)
-        theta = np.where(p.low[own] >= 0, np.abs(theta), np.where(p.high[own] <= 0, -np.abs(theta), theta))
-        done = noise.colour(linear.effects[:, own] @ theta)
-        wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
-        white = noise.whiten(done * (1 + wrong))
-        amounts[effect] = d.floors(white)
-        y += white
-    return y, amounts
-
-
-def candidates(d: Design, y: Array, form_errors: dict[Hypothesis, Array]) -> Iterator[Candidate]:
+def candidates(d: Planned, y: Array, form_errors: dict[Hypothesis, Array]) -> Iterator[Candidate]:
     """None and every single effect, without and with tolerances, weighed for readings (n,)."""
     for named, columns in form_errors.items():
         linear = replace(d.linear, observed=y, form_error=columns)
@@ -140,16 +64,17 @@ def candidates(d: Design, y: Array, form_errors: dict[Hypothesis, Array]) -> Ite
 def judged_folder(worlds: int, seed: int, folder: Path) -> list[Weighed]:
     """Worlds drawn under the design of a case folder."""
     case = read_case([folder])
-    return judged(Design.of(prepare(case.robot, states(case)[0])), worlds, seed, str(folder))
+    return judged(Planned.of(prepare(case.robot, states(case)[0])), worlds, seed, str(folder))
 
 
-def judged(d: Design, worlds: int, seed: int, name: str) -> list[Weighed]:
+def judged(d: Planned, worlds: int, seed: int, name: str) -> list[Weighed]:
     """Worlds drawn under a design."""
     form_errors = {named: d.form_errors(named) for named in (NONE, *((e,) for e in d.effects))}
     rng, out = np.random.default_rng(seed), []
     for _ in range(worlds):
-        y, amounts = drawn(d, rng)
-        tried = list(candidates(d, y, form_errors))
+        world, done = drawn(d, rng, clutter=CLUTTER)
+        amounts = {effect: d.floors(white) for effect, white in done.items()}
+        tried = list(candidates(d, world.readings, form_errors))
         for temperature in TEMPERATURES:
             whole = posterior([c for c in tried if c.with_tolerances], len(d.effects), temperature)
             found = by_what_is_carried(budget(d.problem, d.where, tried, temperature), whole)

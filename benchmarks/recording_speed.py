@@ -24,6 +24,8 @@ from .figures import Figure
 from .rig_stream import RATES, START_NS, TOTAL, Values, schedule
 
 TEN_MINUTES = 600.0
+LEAD_NS = 500_000_000
+"""Of host time in which the threads get ready."""
 PRODUCERS = (("/force",), ("/arm",), ("/tip",), ("/pressure", "/spine", "/valve", "/vacuum"))
 """Streams by the thread that brings them, as in a run."""
 
@@ -31,8 +33,8 @@ PRODUCERS = (("/force",), ("/arm",), ("/tip",), ("/pressure", "/spine", "/valve"
 def paced(folder: Path, wall: float) -> Figure:
     """Twice the rig's rates: `wall` host seconds at their true pace for the delays, and, where that is less than ten
     minutes, all messages of ten minutes within the same time again for the drops (a harder task)."""
-    true = _paced(folder / "true.mcap", wall, wall)
-    dense = true if wall >= TEN_MINUTES else _paced(folder / "dense.mcap", wall, TEN_MINUTES)
+    true = paced_run(folder / "true.mcap", wall, wall)
+    dense = true if wall >= TEN_MINUTES else paced_run(folder / "dense.mcap", wall, TEN_MINUTES)
     p50, p99, p999 = np.quantile(true.delays, (0.5, 0.99, 0.999)).tolist()
     crowded, host = float(np.quantile(dense.delays, 0.999)), float(np.quantile(true.host, 0.999))
     dropped = true.dropped + dense.dropped
@@ -50,7 +52,7 @@ def paced(folder: Path, wall: float) -> Figure:
 
 
 @dataclass(frozen=True)
-class _Paced:
+class Paced:
     """How long each push took (us), how long encoding alone took next to it (us: what the host does to any code), what
     was dropped, and the file's size (bytes)."""
 
@@ -60,16 +62,17 @@ class _Paced:
     size: int
 
 
-def _paced(path: Path, wall: float, seconds: float) -> _Paced:
-    """`seconds` of the rig at twice its rates within `wall` host seconds, by one thread a source."""
-    recorder = Recorder(path, start_wall_ns=START_NS, keep=60.0)
+def paced_run(path: Path, wall: float, seconds: float, factor: float = 2.0) -> Paced:
+    """`seconds` of the rig at `factor` times its rates within `wall` host seconds, by one thread a source. Stamps of messages at
+    their true pace are those of the host's clock."""
+    recorder = Recorder(path, start_wall_ns=time.time_ns() + LEAD_NS, keep=60.0)
     delays: list[list[int]] = [[] for _ in PRODUCERS]
     host: list[int] = []
-    begin = time.monotonic() + 0.5
+    begin = time.monotonic() + LEAD_NS / 1e9
 
     def produce(topics: tuple[str, ...], out: list[int]) -> None:
         values = Values()
-        for t, topic, k in schedule(seconds, 2.0):
+        for t, topic, k in schedule(seconds, factor):
             if topic not in topics:
                 continue
             ready = values.of(topic, k, t)
@@ -89,7 +92,7 @@ def _paced(path: Path, wall: float, seconds: float) -> _Paced:
         thread.join()
     dropped = sum(count.dropped for count in recorder.close("completed").values())
     took = np.concatenate([np.array(part) for part in delays]) / 1e3
-    return _Paced(took, np.array(host) / 1e3, dropped, path.stat().st_size)
+    return Paced(took, np.array(host) / 1e3, dropped, path.stat().st_size)
 
 
 def best(times: int, do: Callable[[], object]) -> float:

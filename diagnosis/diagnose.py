@@ -19,12 +19,14 @@ from .answer.attribute import attribute
 from .answer.carried import carried
 from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
+from .answer.rivals import Rivals
 from .answer.sentences import Facts, statement, stiffness_sentence
 from .answer.shrink import shrink
 from .answer.waterfall import waterfall
 from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
+from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .inference.executor import SINGLE_THREAD, Executor
 from .inference.prepare import prepare
@@ -47,6 +49,15 @@ class Options:
     executor: Executor = SINGLE_THREAD
 
 
+@dataclass(frozen=True)
+class Examined:
+    """An answer and what it rests on."""
+
+    diagnosis: Diagnosis
+    rivals: Rivals
+    first: FirstCalibration
+
+
 def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     """Diagnose a case: where the gap lies, its most probable cause, how far it shrinks, and what to do next.
 
@@ -63,27 +74,33 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     >>> answer.data.rows, answer.data.trials, answer.locate.of
     (18, 6, 'tip')
     """
+    return examine(case, options).diagnosis
+
+
+def examine(case: CaseLike, options: Options | None = None) -> Examined:
+    """The same with the hypotheses that are still in play, which predict what an experiment would give."""
     wanted = options or Options()
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
-    first = calibrate_first(case.robot, own) if predicted is None else FirstCalibration(case.robot, own)
+    first = (
+        calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
+    )
     prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
-    if first.adjusted:
+    if first.changed:
         concerns = (first.concern, *concerns)
         prepared = replace(prepared, described=(case.robot, own))
         other = None if other is None else first.moved(other)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
     found = attribute(prepared, stages, wanted.executor)
     shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
-    proposals = (
-        next_experiment.propose(prepared, found.posterior, found.distinguishability) if wanted.experiments else ()
-    )
+    rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
+    proposals = next_experiment.propose(prepared, rivals) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None
     wanted.executor.progress(1.0)
     where = assemble.locate_section(found, stages)
     detail = assemble.detail_section(found, unseen, tested)
-    if first.adjusted:
+    if first.changed:
         detail["first_calibration"] = first.detail()
     budget = carried(found)
     steps = waterfall(found, unseen) if unseen is not None else None
@@ -93,10 +110,14 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
         which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking, found.misfit.outlier_trial,
         lacking(first.states), assemble.simulator_section(found),
     )  # fmt: skip
-    text = f"{first.sentence} {statement(facts)}" if first.adjusted else statement(facts)
+    text = statement(facts)
+    if first.changed:
+        text = f"{first.sentence} {'Beside that: ' if first.order else ''}{text}"
     if "stiffness" in detail and where.of == "tip":
         text += f" {stiffness_sentence(detail['stiffness'], found.decision)}"
-    return Diagnosis(
+    if first.order:
+        which = assemble.beside(which, ORDER)
+    answer = Diagnosis(
         statement=text + (f" {tested.statement}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
@@ -108,6 +129,7 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
         budget=budget,
         waterfall=steps,
     )
+    return Examined(answer, rivals, first)
 
 
 def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:

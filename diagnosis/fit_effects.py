@@ -29,6 +29,7 @@ from model.stated import AREA_FACTOR, Stated
 from .answer.attribute import calibrated
 from .answer.shrink import rms
 from .data.case import CaseLike, states
+from .data.chamber_sides import ORDER, contradicted
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
 from .fit_residual import learn_residual
@@ -112,9 +113,16 @@ def fit_effects(
     robot = case.robot
     kept = {id: stated for id, stated in robot.effects.items() if id not in named}
     robot = robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
-    first = calibrate_first(robot, own) if not kept else FirstCalibration(robot, own)
+    first = calibrate_first(robot, own, named) if not kept else FirstCalibration(robot, own)
     robot, own = first.robot, first.states
-    concerns = (first.concern, *concerns) if first.adjusted else concerns
+    concerns = (first.concern, *concerns) if first.changed else concerns
+    # an order that was found is part of the robot now
+    found_before = tuple(id for id in named if id in robot.effects)
+    named = tuple(id for id in named if id not in found_before)
+    if ORDER in named and not contradicted(robot, own):
+        raise BadEffect(
+            f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out"
+        )
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
     progress(0.1)
@@ -137,7 +145,7 @@ def fit_effects(
         written = written.model_copy(update={"residual": learnt.residual})
     progress(1.0)
     return Fitted(
-        written, named, stated, len(own), len(np.unique(own.trial)), MM * before, MM * after, concerns,
+        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), MM * before, MM * after, concerns,
         None if learnt is None else MM * learnt.left_out,
     )  # fmt: skip
 

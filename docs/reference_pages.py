@@ -19,6 +19,7 @@ from drivers.registry import ROLES
 from lab.cli import parser
 from lab.files.all_drivers import drivers
 from lab.files.all_protocols import found_protocols
+from lab.files.campaign_file import CampaignFile
 from lab.files.rig_file import RigFile
 from lab.imports.map_file import Map
 from model.effects import CATALOGUE
@@ -48,6 +49,7 @@ def write_all(folder: Path) -> None:
         "rig": rig_file(),
         "robot": robot_file(),
         "map": map_file(),
+        "campaign": campaign_file(),
         "trials": trials_file(),
         "protocols": protocol_files(),
         "instruments": instruments(),
@@ -122,6 +124,13 @@ def map_file() -> Iterator[str]:
     yield from ("# map.yaml", "", MADE, "What it is for: [data from elsewhere](../howto/other-data.md).")
     yield from ("A number may carry its unit: `1 kPa`. For an editor: `lab schema map`.", "")
     yield from _tables(Map, "")
+
+
+def campaign_file() -> Iterator[str]:
+    """Every table of campaign.yaml."""
+    yield from ("# campaign.yaml", "", MADE, "What it is for: [run a campaign](../howto/campaign.md).")
+    yield from ("A number may carry its unit: `1 h`. For an editor: `lab schema campaign`.", "")
+    yield from _tables(CampaignFile, "")
 
 
 def trials_file() -> Iterator[str]:

@@ -58,7 +58,7 @@ def load_robot(path: Place) -> Robot:
     """The robot of a robot.yaml; numbers in it may carry units. Raises ConfigError.
 
     >>> robot = load_robot("robot.yaml")
-    >>> robot.length, len(robot.chambers.azimuths_deg)
+    >>> robot.length, len(robot.actuators.azimuths_deg)
     (0.4, 9)
     """
     return load(Path(path), Robot)

@@ -29,7 +29,47 @@ def _plan(a: argparse.Namespace) -> int:
 def _run(a: argparse.Namespace) -> int:
     from .verbs.run import run
 
-    return run(a.protocol, a.rig, a.set, a.out, a.json, a.resume)
+    said = [(name, text) for name in ("operator", "specimen") if (text := getattr(a, name)) is not None]
+    return run(a.protocol, a.rig, a.set, a.out, a.json, a.resume, a.watch, [*said, *map(_label, a.tag)])
+
+
+def _campaign(a: argparse.Namespace) -> int:
+    from .campaign import command
+
+    said = [(name, text) for name in ("operator", "specimen") if (text := getattr(a, name)) is not None]
+    said += map(_label, a.tag)
+    if (a.file is None) == (a.resume is None):
+        raise _usage("give a campaign's file, or the folder of one with --resume")
+    if a.resume is not None:
+        if a.plan or a.out is not None:
+            raise _usage("--resume goes on with the campaign as it is in its folder: do not give --plan or --out")
+        return command.resume(a.resume, a.rig, said, a.json)
+    return command.plan(a.file, a.rig, a.json) if a.plan else command.run(a.file, a.rig, a.out, said, a.json)
+
+
+def _investigate(a: argparse.Namespace) -> int:
+    from diagnosis.investigate import Limits
+
+    from .investigation.command import Wanted, run
+
+    said = [(name, text) for name in ("operator", "specimen") if (text := getattr(a, name)) is not None]
+    limits = Limits(a.budget, a.experiments)
+    labels = (*said, *map(_label, a.tag))
+    menu = not a.no_hands, tuple(a.without), tuple(a.set)
+    return run(Wanted(tuple(a.inputs), a.rig, a.out, limits, a.robot, a.effects, *menu, labels, a.workers), a.json)
+
+
+def _power(a: argparse.Namespace) -> int:
+    from .investigation.power import Asked, run
+
+    asked = Asked(a.protocol, tuple(a.set), a.campaign, tuple(a.case), a.rig, a.robot)
+    return run(asked, a.worlds, a.seed, not a.no_additions, a.effects, a.json)
+
+
+def _watch(a: argparse.Namespace) -> int:
+    from .verbs.watch import watch
+
+    return watch(a.what, a.speed, a.bind, a.port, not a.no_browser, a.json, a.foxglove)
 
 
 def _safe(a: argparse.Namespace) -> int:
@@ -53,7 +93,7 @@ def _info(a: argparse.Namespace) -> int:
 def _runs(a: argparse.Namespace) -> int:
     from .verbs.shelf import runs
 
-    return runs(a.folder, a.since, a.protocol, a.spine, a.json)
+    return runs(a.folder, a.since, a.protocol, a.spine, a.json, a.where)
 
 
 def _verify(a: argparse.Namespace) -> int:
@@ -71,7 +111,7 @@ def _recover(a: argparse.Namespace) -> int:
 def _export(a: argparse.Namespace) -> int:
     from .verbs.export import Forms, export
 
-    forms = Forms(a.case, a.crate, "mat" if a.mat else "parquet" if a.parquet else "csv", a.license, a.name)
+    forms = Forms(a.case, a.crate, a.arviz, "mat" if a.mat else "parquet" if a.parquet else "csv", a.license, a.name)
     return export(a.inputs, a.out, forms, a.json)
 
 
@@ -164,6 +204,27 @@ def _completion(a: argparse.Namespace) -> int:
     return completion(a.shell, parser())
 
 
+def _label(text: str) -> tuple[str, str]:
+    """Name and text of a tag."""
+    from recordings.campaign.labels import split
+    from recordings.errors import BadMessage
+
+    try:
+        return split(text)
+    except BadMessage as e:
+        raise _usage(f"--tag {e}") from e
+
+
+def _minutes(text: str) -> float:
+    """A time with its unit, in minutes."""
+    from .files.units import UnitError, to_si
+
+    try:
+        return to_si(text, "s") / 60
+    except UnitError as e:
+        raise argparse.ArgumentTypeError(str(e)) from e
+
+
 def _names(text: str) -> tuple[str, ...]:
     """Names between commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
@@ -215,6 +276,13 @@ def parser() -> argparse.ArgumentParser:
             "--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)"
         )
 
+    def own_labels(p: argparse.ArgumentParser) -> None:
+        p.add_argument("--operator", metavar="NAME", help="who runs it; into the recording, as are the two below")
+        p.add_argument("--specimen", metavar="NAME", help="which piece is mounted")
+        p.add_argument(
+            "--tag", action="append", default=[], metavar="KEY=VALUE", help="a label of your own (repeatable)"
+        )
+
     p = verb("demo", _demo, "record, fit and diagnose on fake instruments, ending in an HTML report")
     p.add_argument("--out", type=Path, default=Path("demo"), help="folder for recordings and report")
     p.add_argument("--seed", type=int, help="repeat a demo: the seed chooses the withheld effect and the noise")
@@ -239,13 +307,43 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument(
             "protocol",
             nargs="?" if name == "run" else None,
-            help="stiffness, bending, elongation, a protocol of an installed package, or a protocol file (.yaml, .py)",
+            help="stiffness, bending, elongation, cycles, a protocol of an installed package, or a protocol file (.yaml, .py)",
         )
         p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
         p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one parameter")
         if name == "run":
             p.add_argument("--out", type=Path, help="folder for the recording (default: this one)")
             p.add_argument("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)")
+            p.add_argument("--watch", action="store_true", help="show the run on a page in the browser")
+            own_labels(p)
+
+    p = verb("campaign", _campaign, "runs of protocols in a designed order, planned and resumed as a whole", reads=True)
+    p.add_argument("file", nargs="?", type=Path, help="campaign.yaml")
+    p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+    p.add_argument("--plan", action="store_true", help="what it will do, how long it takes, its limits; nothing moves")
+    p.add_argument("--out", type=Path, help="folder for all its recordings (default: the campaign's name)")
+    p.add_argument("--resume", type=Path, metavar="FOLDER", help="go on with the campaign of this folder")
+    own_labels(p)
+
+    p = verb("watch", _watch, "a run on a page in the browser while it goes on, or a recording played", reads=True)
+    p.add_argument("what", type=Path, metavar="FILE|RIG", help="a recording (.mcap), or the rig.yaml of the run")
+    p.add_argument("--speed", type=float, help="of a recording: how much faster than rig time (default 1)")
+    p.add_argument(
+        "--bind",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="listen there, for other computers (default: this one only)",
+    )
+    p.add_argument("--port", type=int, default=0, help="listen at this port (default: any that is free)")
+    p.add_argument("--no-browser", action="store_true", help="print the address only")
+    p.add_argument(
+        "--foxglove",
+        nargs="?",
+        type=int,
+        const=8765,
+        metavar="PORT",
+        help="the same streams to Foxglove and Lichtblick, on this computer (default port 8765)",
+    )
 
     p = verb("safe", _safe, "vent, stop and release the spine, confirmed by reading back", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
@@ -292,6 +390,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--since", default="", metavar="DATE", help="from this date or time on (UTC)")
     p.add_argument("--protocol", default="", help="only runs of this protocol")
     p.add_argument("--spine", type=float, metavar="M", help="only runs that set this spine length, m")
+    p.add_argument(
+        "--where",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="only runs with this label: operator, specimen, or a tag (repeatable)",
+    )
     p = verb("verify", _verify, "compare every checksum, record and index of a recording", reads=True)
     p.add_argument("file", type=Path)
     p = verb("recover", _recover, "save all that can be read of a damaged or truncated recording", reads=True)
@@ -314,10 +419,12 @@ def parser() -> argparse.ArgumentParser:
     p = verb(
         "export",
         _export,
-        "recordings and cases for other programs: CSV, Parquet, MATLAB, a case, an RO-Crate",
+        "recordings and cases for other programs: CSV, Parquet, MATLAB, a case, an RO-Crate, ArviZ",
         reads=True,
     )
-    p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap); with --mat and --crate also a case folder")
+    p.add_argument(
+        "inputs", type=Path, nargs="+", help="recordings (.mcap); with --mat, --crate and --arviz also a case folder"
+    )
     p.add_argument("--out", type=Path, required=True)
     form = p.add_mutually_exclusive_group()
     form.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
@@ -325,6 +432,9 @@ def parser() -> argparse.ArgumentParser:
     form.add_argument("--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV")
     form.add_argument(
         "--crate", action="store_true", help="everything in one described folder, as a paper's supplement"
+    )
+    form.add_argument(
+        "--arviz", action="store_true", help="posterior and evidence of each case's diagnosis.json as NetCDF for ArviZ"
     )
     p.add_argument("--license", metavar="URL", help="of the crate")
     p.add_argument("--name", help="of the crate (default: the folder's name)")
@@ -433,6 +543,47 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")
     own_effects(p)
 
+    p = verb("power", _power, "before measuring: which causes a plan can tell apart, and what to add to it", reads=True)
+    p.add_argument("--protocol", metavar="P", help="a protocol or its file")
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one of its parameters")
+    p.add_argument("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead")
+    p.add_argument("--case", type=Path, nargs="+", default=[], metavar="C", help="states that were measured instead")
+    p.add_argument("--rig", type=Path, help="rig.yaml")
+    p.add_argument("--robot", type=Path, help="robot.yaml (default: the rig's, or the case's)")
+    p.add_argument("--worlds", type=int, default=30, metavar="N", help="robots drawn of each cause (default 30)")
+    p.add_argument("--seed", type=int, default=1, help="of what is drawn")
+    p.add_argument("--no-additions", action="store_true", help="do not try what further experiments would bring")
+    own_effects(p)
+
+    p = verb(
+        "investigate",
+        _investigate,
+        "diagnose, run the experiment that tells most, diagnose again, until it is clear",
+        True,
+    )
+    p.add_argument("inputs", type=Path, nargs="+", help="recordings (.mcap) or a case folder of the robot on the rig")
+    p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+    p.add_argument(
+        "--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"
+    )
+    p.add_argument("--experiments", type=int, default=3, metavar="N", help="at most so many (default 3)")
+    p.add_argument(
+        "--without", action="append", default=[], metavar="ID", help="an experiment that is not to be done (repeatable)"
+    )
+    p.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change a parameter of every experiment (repeatable)",
+    )
+    p.add_argument("--no-hands", action="store_true", help="nothing that somebody has to mount, turn or hang on")
+    p.add_argument("--out", type=Path, default=Path("investigation"), help="folder for recordings, answer and page")
+    p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
+    p.add_argument("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
+    own_labels(p)
+    own_effects(p)
+
     from .blind.options import add_arguments
 
     add_arguments(verb("blind", _blind, "sealed test cases: make them, diagnose them blind, score the answers"))
@@ -442,8 +593,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the paper's robot)")
     own_effects(p)
 
-    p = verb("schema", _schema, "JSON schema of rig.yaml, robot.yaml, map.yaml or a protocol file, for your editor")
-    p.add_argument("file", metavar="rig|robot|map|PROTOCOL")
+    p = verb(
+        "schema",
+        _schema,
+        "JSON schema of rig.yaml, robot.yaml, map.yaml, campaign.yaml or a protocol file, for your editor",
+    )
+    p.add_argument("file", metavar="rig|robot|map|campaign|PROTOCOL")
 
     p = verb("completion", _completion, "print the shell's completion script for verbs, options and files")
     p.add_argument("shell", choices=("bash", "zsh"))

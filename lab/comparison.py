@@ -13,8 +13,9 @@ from diagnosis.inference.prepare import table_columns
 from model.compare import ErrorTable, error_table
 from model.condition import Condition
 from model.effects import CATALOGUE, EffectSpec
+from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
-from recordings.trials import Table
+from recordings.trials import Table, TrialRow
 
 from .files.inputs import Case
 
@@ -31,8 +32,16 @@ class Comparison:
     unsolved: int
 
 
-def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Comparison:
-    """Predict every measured state with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
+@dataclass(frozen=True)
+class Expected:
+    """What the model expects of the states of a case that have a tip."""
+
+    rows: tuple[TrialRow, ...]
+    prediction: Prediction
+
+
+def expected(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE, intervals: bool = False) -> Expected:
+    """Every measured state predicted with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
     trial.
 
     `catalogue` knows the effects that its robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`.
@@ -40,9 +49,15 @@ def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> C
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)
-    condition, measured, _ = Case(case.robot, Table(own.rows)).tips
-    tip = predict_campaign(case.robot, table_columns(own), catalogue).tip
+    return Expected(own.rows, predict_campaign(case.robot, table_columns(own), catalogue, intervals))
+
+
+def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Comparison:
+    """Every measured tip beside the expected one, and the error table. Raises as `expected` does."""
+    found = expected(case, catalogue)
+    condition, measured, _ = Case(case.robot, Table(found.rows)).tips
+    tip = found.prediction.tip
     ok = np.asarray(np.isfinite(tip).all(axis=1))
-    branch = np.array([r.branch for r in own.rows])
+    branch = np.array([r.branch for r in found.rows])
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
     return Comparison(condition[ok], measured[ok], tip[ok], branch[ok], table, int((~ok).sum()))

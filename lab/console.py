@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from types import TracebackType
 from typing import IO, Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.protocol import is_renderable
 from rich.text import Text
@@ -87,12 +87,24 @@ def note(texts: Iterable[str]) -> None:
         err.print(f"note: {text}")
 
 
+class _Bar(Progress):
+    """Progress, and below it a line that somebody is typing."""
+
+    typed: str | None = None
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield from super().get_renderables()
+        if self.typed is not None:
+            yield Text(plain(f"note: {self.typed}_  (Enter writes it down, Esc does not)"), overflow="fold")
+
+
 class Screen:
     """Narrator of protocols: says lines, shows how far they are and how long it will take at the rig's speed."""
 
     def __init__(self, title: str, speed: float = 1.0, quiet: bool = False) -> None:
-        self._title, self._speed, self._quiet = plain(title), speed, quiet
-        self._progress = Progress(
+        self._title, self._speed = plain(title), speed
+        self.quiet = quiet
+        self._progress = _Bar(
             TextColumn("{task.description}", markup=False), BarColumn(bar_width=30),
             TextColumn("{task.percentage:3.0f} %", markup=False), TimeElapsedColumn(),
             TextColumn("{task.fields[left]}", markup=False), console=out, transient=True,
@@ -100,6 +112,7 @@ class Screen:
         )  # fmt: skip
         self._task: TaskID | None = None
         self._began = time.monotonic()
+        self._first: float | None = None
 
     def __enter__(self) -> Screen:
         self._progress.start()
@@ -113,17 +126,31 @@ class Screen:
 
     def say(self, text: str) -> None:
         """Something that has happened. What cannot be shown (a terminal that is gone) is no reason to end a run."""
-        if not self._quiet:
+        if not self.quiet:
             with contextlib.suppress(OSError):
                 self._progress.console.print("  " + text.replace("\n", "\n    "))
+
+    def typed(self, text: str | None) -> None:
+        """A line that the person is typing, so far; None: none any more."""
+        self._progress.typed = text
+        with contextlib.suppress(OSError):
+            self._progress.refresh()
 
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""
         if self._task is None or total <= 0:
             return
         elapsed = time.monotonic() - self._began
-        pace = elapsed / done if done > 0.02 * total else 1 / self._speed
-        self._progress.update(self._task, completed=min(1.0, done / total), left=f"{clock((total - done) * pace)} left")
+        if self._first is None:
+            self._first = done  # a run that is resumed begins in the middle
+        left = seconds_left(done - self._first, total - self._first, elapsed, self._speed)
+        self._progress.update(self._task, completed=min(1.0, done / total), left=f"{clock(left)} left")
+
+
+def seconds_left(done: float, total: float, elapsed: float, speed: float) -> float:
+    """Host seconds left: of `total` planned seconds of rig time `done` are over, which took `elapsed` host seconds."""
+    pace = elapsed / done if done > 0.02 * total else 1 / speed
+    return max(0.0, total - done) * pace
 
 
 def clock(seconds: float) -> str:

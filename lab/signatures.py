@@ -34,7 +34,7 @@ class Signature:
 
     effect: EffectSpec
     how: str
-    """How the states were read: settled, on the fly, or stiffness."""
+    """How the states were read: settled, on the fly, stiffness, or none: this robot shows it in no kind of experiment."""
     spine_length: Array
     """(l,) m."""
     x: Array
@@ -49,7 +49,7 @@ class Signature:
     @property
     def rms(self) -> float:
         """Root mean square of the change, m or N."""
-        return float(np.sqrt((self.change**2).sum(axis=-1).mean()))
+        return float(np.sqrt((self.change**2).sum(axis=-1).mean())) if self.change.size else 0.0
 
     @property
     def unit(self) -> str:
@@ -81,8 +81,11 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
         still = forward.predict(theta)
         theta[forward.index(spec.id)] = sizes
         change = forward.predict(theta) - still
-        if how == models[-1][0] or np.nanmax(np.abs(change)) > SEEN:
+        if np.nanmax(np.abs(change)) > SEEN:
             break
+    else:
+        none = np.zeros((0, 0))
+        return Signature(spec, "none", np.zeros(0), none, none[..., None], 0, 0.0)
     wide = 1 if how == "stiffness" else 3
     rows = change.reshape(-1, wide)
     x = columns["deflection"] if how == "stiffness" else columns["p1"]
@@ -128,7 +131,7 @@ def _columns(robot: Robot, spines: Array, how: str) -> Columns:
     hold = HOLD if how == "settled" else 0.0
     time = np.cumsum(np.abs(np.diff(pressure, prepend=0.0)) / RATE + hold)
     n, count = pressure.size, len(spines)
-    chambers = len(robot.chambers.azimuths_deg)
+    chambers = len(robot.actuators.azimuths_deg)
     group = {0, 1, chambers - 1} if chambers >= 6 else {0}
     pressures = {f"p{c + 1}": np.tile(pressure if c in group else 0 * pressure, count) for c in range(chambers)}
     return {

@@ -39,8 +39,8 @@ class Condition:
         for field in fields(self):
             value: Array = getattr(self, field.name)
             want = {"pressure": "(n, chambers)", "force": "(n, 3)"}.get(field.name, "(n,)")
-            shape = {"(n, 3)": (n, 3), "(n,)": (n,)}.get(want, (n, *value.shape[1:]))
-            if value.shape != shape or value.ndim != (1 if want == "(n,)" else 2):
+            fits = value.shape[:1] == (n,) and value.ndim == (1 if want == "(n,)" else 2)
+            if not fits or (field.name == "force" and value.shape[1] != 3):
                 raise BadCondition(f"{field.name}: shape {value.shape}, must be {want} with n = {n} as in spine_length")
             _refuse(field.name, "", value, ~np.isfinite(value), "must be finite: drop the rows that were not measured")
         _refuse("spine_length", "m", self.spine_length, self.spine_length < 0, "must not be negative")
@@ -66,7 +66,7 @@ class Condition:
 
     def check(self, robot: Robot) -> None:
         """Raise `BadCondition` where the states do not fit the robot."""
-        chambers = len(robot.chambers.azimuths_deg)
+        chambers = len(robot.actuators.azimuths_deg)
         if self.pressure.shape[1] != chambers:
             raise BadCondition(
                 f"pressure: {self.pressure.shape[1]} columns, robot {robot.name!r} has {chambers} chambers: "
@@ -97,13 +97,13 @@ def conditions(
     >>> len(states), states.pressure.shape
     (3, (3, 9))
     """
-    p = np.atleast_2d(_floats("pressure", pressure))
+    p, pull = np.atleast_2d(_floats("pressure", pressure)), np.atleast_2d(_floats("force", force))
     rows = {
         "spine_length": _floats("spine_length", spine_length),
         "tip_mass": _floats("tip_mass", robot.tip_mass if tip_mass is None else tip_mass),
         "roll": _floats("roll", roll),
     }
-    n = max(len(p), len(np.atleast_2d(_floats("force", force))), *(value.size for value in rows.values()))
+    n = max(len(p), len(pull), *(value.size for value in rows.values()))
     full = {}
     for name, value in rows.items():
         if value.ndim > 1 or value.size not in (1, n):
@@ -111,7 +111,6 @@ def conditions(
         full[name] = np.broadcast_to(value.reshape(-1), (n,)).copy()
     if p.ndim != 2 or len(p) not in (1, n):
         raise BadCondition(f"pressure: shape {p.shape}, must be (chambers,) or ({n}, chambers)")
-    pull = np.atleast_2d(_floats("force", force))
     if pull.ndim != 2 or pull.shape[1] != 3 or len(pull) not in (1, n):
         raise BadCondition(f"force: shape {pull.shape}, must be (3,) or ({n}, 3)")
     made = Condition(

@@ -15,8 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
 
+from model import smooth_table
+from model.actuators import Chambers, Tendons
 from model.errors import BadRobot
 from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
+from model.sections import Positive, Section, Weight, section_problems
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
 Array = NDArray[np.float64]
@@ -40,23 +43,6 @@ NumberOrTable = Annotated[
 ]
 
 
-class Chambers(BaseModel):
-    """The pressure chambers: equal round channels that run along the body."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
-    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
-    azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
-        min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
-    )
-
-    @property
-    def area(self) -> float:
-        """Geometric cross-section of one chamber (A_norm of the paper), m^2."""
-        return math.pi * self.radius**2
-
-
 class Spine(BaseModel):
     """The jammed growing spine; `modulus` is its apparent Young's modulus by spine length."""
 
@@ -66,12 +52,8 @@ class Spine(BaseModel):
     modulus: dict[LengthKey, Modulus] = Field(min_length=1, json_schema_extra={"unit": "Pa", "key_unit": "m"})
 
     def modulus_at(self, spine_length: ArrayLike) -> Array:
-        """Young's modulus (Pa) at spine length (m): linear between table entries, the end entries beyond them.
-
-        It is held, not extrapolated, below the shortest length: the straight line through the paper's Table II turns
-        negative under 3 cm.
-        """
-        return np.interp(np.asarray(spine_length, float), *_sorted(self.modulus))
+        """Young's modulus (Pa) at spine length (m), see `model.smooth_table`."""
+        return smooth_table.at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
 
 
 class Pose(BaseModel):
@@ -138,8 +120,21 @@ class Robot(BaseModel):
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
     ] = Field(json_schema_extra={"unit": "m/s^2"})
-    chambers: Chambers
+    bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
+    """EI of the body, where it is known better than E and the radii; what it does not have comes from these."""
+    axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N"})
+    """EA of the body, likewise."""
+    torsional_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
+    """GJ of the body, likewise; twice EI unless given."""
+    mass_per_length: Weight | None = Field(default=None, json_schema_extra={"unit": "kg/m"})
+    """Of the body, likewise; of density and radii unless given."""
+    sections: tuple[Section, ...] = Field(default=(), max_length=32)
+    """From base to tip, where the body is not the same all along it."""
+    chambers: Chambers | None = None
+    tendons: Tendons | None = None
+    """In place of chambers."""
     area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
+    """Of tendons: the share of the tension that arrives."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     base_to_world: Pose | None = None
@@ -160,8 +155,10 @@ class Robot(BaseModel):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:
+        if (self.chambers is None) == (self.tendons is None):
+            raise ValueError("a robot has either chambers or tendons: give one of these tables")
         found = [
-            *self._section_problems(),
+            *self._body_problems(),
             *self._length_problems(),
             *problems(self.effects, self.tolerances, self.posterior, not isinstance(self.area_factor, dict)),
         ]
@@ -169,21 +166,22 @@ class Robot(BaseModel):
             raise ValueError("; ".join(found))
         return self
 
-    def _section_problems(self) -> list[str]:
-        inner, outer, chambers = self.inner_radius, self.outer_radius, self.chambers
-        if inner >= outer:
-            return [f"inner_radius {inner:g} m must be less than outer_radius {outer:g} m"]
-        found = []
-        # A chamber may touch the wall's surfaces (rounded drawings do), not cross them.
-        low, high = chambers.path_radius - chambers.radius, chambers.path_radius + chambers.radius
-        if low < inner * (1 - 1e-9) or high > outer * (1 + 1e-9):
-            found.append(
-                f"chambers reach from {low:g} to {high:g} m off the axis, the wall from inner_radius {inner:g} to "
-                f"outer_radius {outer:g} m: change chambers.path_radius or chambers.radius"
-            )
-        if self.spine is not None and self.spine.radius > inner * (1 + 1e-9):
-            found.append(f"spine.radius {self.spine.radius:g} m must not exceed inner_radius {inner:g} m")
-        return found
+    def _body_problems(self) -> list[str]:
+        kind = "chambers" if self.tendons is None else "tendons"
+        own, count = self.actuators, len(self.actuators.azimuths_deg)
+        radii = {
+            "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
+            "chamber_radius": own.radius, "path_radius": own.path_radius,
+        }  # fmt: skip
+        found = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
+        if self.density == 0 and (self.mass_per_length or any(part.mass_per_length for part in self.sections)):
+            found.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
+        if self.tendons is not None and any(part.chamber_radius is not None for part in self.sections):
+            found.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
+        if own.ends and len(own.ends) != count:
+            found.append(f"{kind}.ends: {len(own.ends)} arc lengths, must be one for each of {count} azimuths_deg")
+        beyond = [s for s in own.ends if s > self.length * (1 + 1e-9)]
+        return [*found, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
 
     def _length_problems(self) -> list[str]:
         found = [
@@ -210,6 +208,29 @@ class Robot(BaseModel):
         factor = self.area_factor
         table = factor if isinstance(factor, dict) else {0.0: factor}
         return np.interp(np.asarray(spine_length, float), *_sorted(table))
+
+    @property
+    def actuators(self) -> Chambers | Tendons:
+        """What bends it."""
+        found = self.chambers or self.tendons
+        assert found is not None  # one of them is there, or the file was refused
+        return found
+
+    def with_azimuths(self, azimuths_deg: tuple[float, ...]) -> Robot:
+        """The same robot with its actuators elsewhere about the axis, unchecked."""
+        name = "chambers" if self.chambers is not None else "tendons"
+        return self.model_copy(update={name: self.actuators.model_copy(update={"azimuths_deg": azimuths_deg})})
+
+    def with_modulus(self, factor: float) -> Robot:
+        """The same robot so many times as stiff, whether by its material or as given, unchecked."""
+        names = ("youngs_modulus", "shear_modulus", "bending_stiffness", "axial_stiffness", "torsional_stiffness")
+
+        def scaled(one: Robot | Section) -> dict[str, Any]:
+            values = {name: getattr(one, name, None) for name in names}
+            return {name: np.multiply(v, factor).tolist() for name, v in values.items() if v is not None}
+
+        sections = tuple(part.model_copy(update=scaled(part)) for part in self.sections)
+        return self.model_copy(update={**scaled(self), "sections": sections})
 
     @property
     def stated(self) -> dict[str, Stated]:
@@ -309,12 +330,14 @@ def _unit_of(loc: tuple[int | str, ...]) -> str:
     """The unit of the field an error points at, followed through the nested models."""
     nested: dict[str, type[BaseModel]] = {
         "chambers": Chambers,
+        "tendons": Tendons,
         "spine": Spine,
         "base_to_world": Pose,
         "posterior": Posterior,
         "noise": Noise,
         "residual": Residual,
         "uncertainty": Uncertainty,
+        "sections": Section,
     }
     owner: type[BaseModel] = Robot
     if "[key]" in loc:

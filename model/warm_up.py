@@ -35,10 +35,11 @@ def plain() -> None:
 
 def full() -> None:
     """The rod of diagnoses, with all that an effect may change."""
-    one = _one(layout.FORM)
+    uniform = layout.UNIFORM
+    one = _one(uniform.form)
     rows, arcs = one.values.copy(), np.array([0.1])
-    solved = solver.solve(rows, arcs, solver.integration_steps(rows))
-    solver.differentiate(solved, np.zeros((1, layout.WIDTH)))
+    solved = solver.solve(uniform, rows, arcs, solver.integration_steps(uniform, rows))
+    solver.differentiate(solved, np.zeros((1, uniform.width)))
     solve(one, replace(solver.METHOD, least_margin=BUCKLING))
 
 

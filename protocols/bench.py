@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeVar
 
 from drivers.chambers import ChamberMap
@@ -24,6 +24,7 @@ from drivers.interfaces import (
 from recordings.file.writer import Recorder
 
 from .errors import MissingInstrument, NotReached, Stopped
+from .steering import Steering
 
 T = TypeVar("T")
 Mount = Literal["robot", "body", "spine"]
@@ -104,6 +105,10 @@ class Bench:
     mocap: MotionCapture | None = None
     sensors: tuple[str, ...] = ()
     """Topics of the lab's own sensors; every state is read with them."""
+    steering: Steering = field(default_factory=Steering)
+    """What people ask of the run."""
+    rest: Callable[[], None] = lambda: None
+    """The pause that a person asked for: vent and stop until somebody wants to go on. Raises Stopped, or what has failed."""
     clipped: bool = False
     """The last ramp's set-points were clipped on their way by the rig's limits."""
 

@@ -21,7 +21,7 @@ from recordings.states.rules import Crossing, Settled, Window
 from .actions import home, ramp, set_spine, vent
 from .bench import Bench, Setup
 from .errors import WrongWiring
-from .experiment import Ask, Plan, Step, Trial, Trials, settled
+from .experiment import Ask, Plan, Reading, Step, Trial, Trials, settled
 from .parameters import Chamber, Jam, Parameters, Pressure, RobotFacts, Settle, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
 
@@ -112,27 +112,35 @@ def _reach(spine: float, vacuum: float) -> str:
 def plan(p: Bending, name: str = "bending") -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     steps: list[Step] = []
-    length = 0.0
+    length, prepared = 0.0, None
     for repeat, vacuum, spine in _sweeps(p):
-        reach = f"{_reach(spine, vacuum)}, repeat {repeat}"
+        reach, setup = f"{_reach(spine, vacuum)}, repeat {repeat}", _setup(p, vacuum)
         steps.append(
             Step(
                 f"vent, release, grow and jam: {reach}",
                 8.0 + abs(spine - length) / p.spine.speed + p.spine.settle,
-                Ask(spine_length=spine, spine_speed=p.spine.speed, vacuum=vacuum),
+                Ask(
+                    spine_length=spine,
+                    spine_speed=p.spine.speed,
+                    vacuum=vacuum,
+                    setup=setup if setup != prepared else None,
+                ),
             )
         )
-        length, before = spine, 0.0
+        length, before, prepared = spine, 0.0, setup
         for level in levels(p):
             climb = abs(level.pressure - before) / p.rate
-            before = level.pressure
             stay = {
                 "settled": p.settle.still + p.settle.average + 1.5,
                 "sweep": 0.0,
                 "hold": p.hold_times[-1] if p.hold_times else 0,
             }
             ask = Ask(pressures=tuple(_chambers(p, level.pressure)), pressure_rate=p.rate)
-            steps.append(Step(f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}", climb + stay[p.reading], ask))
+            rate = _signed(p.rate, level.pressure - before)
+            reads = tuple(Reading(level.branch, hold, rate, repeat) for hold in _holds(p, level))
+            before = level.pressure
+            label = f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}"
+            steps.append(Step(label, climb + stay[p.reading], ask, reads))
     limits = {
         "pressure_pa": max(p.pressures), "pressure_rate_pa_s": p.rate, "spine_length_m": max(p.spine_lengths),
         "spine_speed_m_s": p.spine.speed, "vacuum_pa": max(p.vacuums), "tip_mass_kg": p.tip_mass,
@@ -144,12 +152,35 @@ NEEDS = ("pressure", "spine", "valve", "gauge", "mocap")
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
 
 
+TO_REST = 2.25
+"""s from the ramp's end until the window of a settled state begins, about: regulators and silicone follow the ramp."""
+
+
+def _holds(p: Bending, level: Level) -> list[float]:
+    """Planned s from the ramp's end to each reading of a level."""
+    if p.reading == "hold":
+        return p.hold_times
+    if p.reading == "sweep" and level.pressure > 0:
+        return [0.0]
+    return [TO_REST + max(p.settle.still, p.settle.average) / 2]
+
+
+def _signed(rate: float, way: float) -> float:
+    """Pa/s of a ramp that changes the pressure by `way` Pa; 0 where it changes nothing."""
+    return 0.0 if abs(way) < 1e3 else math.copysign(rate, way)
+
+
+def _setup(p: Bending, vacuum: float) -> Setup:
+    """What a person prepares."""
+    return Setup("robot", p.tip_mass, p.roll_deg, vacuum)
+
+
 def run(bench: Bench, p: Bending, trials: Trials) -> None:
     """Do the sweep. Raises ProtocolError; the caller lands the rig safe whatever happens."""
     _channels(bench, p, max(p.pressures))  # a pattern that the wiring cannot make fails before anything moves
     vent(bench)
     for vacuum, sweeps in itertools.groupby(trials.remaining(_sweeps(p), 1 + len(levels(p))), lambda s: s[1]):
-        bench.operator.prepare(Setup("robot", p.tip_mass, p.roll_deg, vacuum))
+        bench.operator.prepare(_setup(p, vacuum))
         home(bench)
         for repeat, _, spine in sweeps:
             bench.check_stop()
@@ -157,8 +188,8 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
             ambient = through_pauses(bench, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
-            _sweep(bench, p, trial, trials)
-            trials.end(trial)
+            with trials.doing(trial):
+                _sweep(bench, p, trial, trials)
             vent(bench)
 
 
@@ -184,7 +215,7 @@ def _stop_and_read(bench: Bench, p: Bending, trial: Trial, trials: Trials, at: l
         def visit(level: Level = level, rules: list[Settled | Window] = rules) -> None:
             before = max(bench.need(bench.pressure, "pressure").read().setpoint)
             arrived = ramp(bench, _channels(bench, p, level.pressure), p.rate)
-            rate = 0.0 if abs(level.pressure - before) < 1e3 else math.copysign(p.rate, level.pressure - before)
+            rate = _signed(p.rate, level.pressure - before)
             while rules:
                 _read(p, trial, trials, level, rules[0], arrived, arrived, rate)
                 rules.pop(0)

@@ -5,6 +5,7 @@ ProtocolError
 |-- WrongWiring         the regulators' wiring cannot make the pattern asked for; nothing moved
 |-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
 |-- TooMuchForce        the arm met more force than the protocol allows, and was stopped
+|-- Skipped             a person asked to leave this trial out; the experiment goes on with the next
 |-- Suspended           something that a person can put right; the experiment waits for that, then goes on
 `-- Stopped             a person asked to stop
 """
@@ -40,6 +41,14 @@ class Suspended(ProtocolError):
     def __init__(self, cause: InstrumentError) -> None:
         super().__init__(str(cause))
         self.cause = cause
+
+
+class Skipped(ProtocolError):
+    """A person asked to leave this trial out."""
+
+
+class BadRequest(ValueError):
+    """What was asked of a run is no request; the message says what would be one."""
 
 
 class BadProtocol(ValueError):

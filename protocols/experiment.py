@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
@@ -12,8 +13,8 @@ from recordings.states.concluding import conclude
 from recordings.states.rules import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.trials import TrialRow
 
-from .bench import Bench
-from .errors import NotReached, Suspended
+from .bench import Bench, Setup
+from .errors import NotReached, Skipped, Suspended
 from .parameters import Settle
 
 T = TypeVar("T")
@@ -58,15 +59,34 @@ class Ask:
     arm_speed: float | None = None
     arm_acceleration: float | None = None
     push: Push | None = None
+    setup: Setup | None = None
+    """What a person prepares before; None where nothing changes."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A state that a step reads, as far as that is known beforehand; columns of the table of trials."""
+
+    branch: Literal["load", "unload"]
+    hold: float
+    """s from the ramp's end to the middle of the reading; 0: read while ramping."""
+    rate: float
+    """Pa/s of the ramp that led here, negative downwards; 0 where nothing was ramped."""
+    repeat: int = 1
 
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that will be done, about how long it takes (s of rig time), and what it asks of the rig."""
+    """One thing that will be done, about how long it takes (s of rig time), and what it asks of the rig.
+
+    A step that asks for a spine length begins a trial.
+    """
 
     label: str
     seconds: float
     ask: Ask = Ask()
+    reads: tuple[Reading, ...] = ()
+    """The states that it reads. Where no step of a plan says so, each that ramps pressures is taken to read one."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +117,10 @@ class Trial:
     probe: Probe | None = None
 
 
+Concluded = tuple[int, TrialRow]
+"""The number of a state in the recording, and the row that was concluded."""
+
+
 class Trials:
     """Numbers trials and states, has each state read, tells how far the run is, and keeps the journal.
 
@@ -107,11 +131,14 @@ class Trials:
         self.bench, self.plan, self.journal = bench, plan, journal
         self.rows: list[TrialRow] = []
         self._trial = finished
-        self._step = self._done = 0
+        self._step = self._done = self._per_trial = 0
+        self._before: Concluded | None = None
+        """A reading that a pause kept from being repeated: the next one repeats it."""
 
     def remaining(self, trials: Iterable[T], steps: int) -> list[T]:
         """Of all trials of the protocol, in order, those that are not finished; each has so many planned steps."""
-        self._done = self._trial * steps
+        self._per_trial, self._done = steps, self._trial * steps
+        self._tell_progress()
         return list(trials)[self._trial :]
 
     def begin(
@@ -126,8 +153,33 @@ class Trials:
     ) -> Trial:
         """Start the next trial."""
         self._trial += 1
-        self._step = 0
+        self._step, self._before = 0, None
+        self.bench.steering.at(self._trial, 0)
         return Trial(self._trial, repeat, spine, ambient, tip_mass, roll_deg, specimen)
+
+    @contextlib.contextmanager
+    def doing(self, trial: Trial) -> Iterator[None]:
+        """The trial is finished with the block, unless it raises. Where a person wants it left out, the block ends early."""
+        try:
+            with self.bench.steering.skippable():
+                yield
+                self.bench.steering.check_skip()  # asked since the last look: of this trial, not of the next
+        except Skipped:
+            self._skip(trial)
+        else:
+            self.end(trial)
+        if self._per_trial:
+            self._done = trial.number * self._per_trial
+            self._tell_progress()
+
+    def _skip(self, trial: Trial) -> None:
+        """The trial is left out: its rows stay in the recording, and no table takes them."""
+        self.bench.steering.take("skip")
+        self.rows = [row for row in self.rows if row.trial != trial.number]
+        self.bench.say(f"Trial {trial.number} is left out; {self._step} states were asked for in it")
+        if self.journal is not None:
+            self.bench.recorder.sync()
+            self.journal.skipped(trial.number, self._step)
 
     def read(
         self,
@@ -145,20 +197,43 @@ class Trials:
     ) -> TrialRow:
         """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s.
 
-        `repeatable`: nothing moves and nothing creeps, so a window in which a stream paused is read again from now on.
+        Where a person asks for it, the state is read once more from then on, and the last reading counts. `repeatable`:
+        nothing moves and nothing creeps, so a window in which a stream paused is read again from now on.
         """
         self._step += 1
+        self.bench.steering.at(trial.number, self._step)
         topics = (*filter(self.bench.has_topic, topics), *self.bench.sensors)
         targets = (*targets, *(0.0,) * (self.bench.chambers.count - len(targets)))
-        judged = ", ".join(SENSORS.get(topic, topic) for topic in topics)
+        state = State(
+            trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
+            t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,
+            tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
+            specimen=trial.specimen, probe=trial.probe, clipped=self.bench.clipped,
+        )  # fmt: skip
+        before, self._before = self._before, None
+        try:
+            before = self._read(state, wait, repeatable, before)
+            while self._wanted_again(rule):
+                before = self._read(replace(state, t_start=self.bench.clock.now()), wait, repeatable, before)
+        except Suspended:
+            self._step -= 1  # it will be read again after the pause
+            self._before = before
+            raise
+        except NotReached as e:
+            if before is None:
+                raise
+            self.bench.say(f"{e}; the reading before it counts")
+        if self.journal is not None:
+            self.bench.recorder.sync()
+            self.journal.step(trial.number, self._step)
+        return before[1]
+
+    def _read(self, state: State, wait: float, repeatable: bool, before: Concluded | None) -> Concluded:
+        """One reading of a state, recorded; `before`: the reading that it repeats."""
+        judged = ", ".join(SENSORS.get(topic, topic) for topic in state.topics)
+        repeats = 0 if before is None else before[0]
         for left in reversed(range(READINGS)):
-            state = State(
-                trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
-                t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,
-                tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
-                specimen=trial.specimen, probe=trial.probe, clipped=self.bench.clipped,
-            )  # fmt: skip
-            number = self.bench.recorder.state(self.bench.clock.now(), state)
+            number = self.bench.recorder.state(self.bench.clock.now(), state, repeats)
             try:
                 row = self._concluded(state, judged, wait)
                 break
@@ -166,21 +241,30 @@ class Trials:
                 if not (left and repeatable and isinstance(e, TooFewSamples)):
                     raise NotReached(f"{e}; judged from {judged}") from e
                 self.bench.say(f"{e}; the state is read again")
-                t_start = self.bench.clock.now()
-            except Suspended:
-                self._step -= 1  # it will be read again after the pause
-                raise
-        self.bench.recorder.trial(self.bench.clock.now(), number, row)
+                state = replace(state, t_start=self.bench.clock.now())
+        self.bench.recorder.trial(self.bench.clock.now(), number, row, repeats)
+        if before is not None:
+            self.rows.remove(before[1])
         self.rows.append(row)
-        if self.journal is not None:
-            self.bench.recorder.sync()
-            self.journal.step(trial.number, self._step)
-        return row
+        return number, row
+
+    def _wanted_again(self, rule: Settled | Window | Crossing) -> bool:
+        """Whether a person wants the state that was just read to be read once more."""
+        if not self.bench.steering.take("repeat"):
+            return False
+        if isinstance(rule, Crossing):
+            self.bench.say("A state that is read while ramping cannot be read once more")
+            return False
+        return True
 
     def _concluded(self, state: State, judged: str, wait: float) -> TrialRow:
+        def look() -> TrialRow | None:
+            self.bench.steering.check_skip()
+            return conclude(self.bench.recorder.buffers, state)
+
         return self.bench.wait(
             f"trial {state.trial} state {state.step}, judged from {judged}",
-            lambda: conclude(self.bench.recorder.buffers, state),
+            look,
             wait,
         )
 
@@ -193,8 +277,12 @@ class Trials:
     def step_done(self) -> None:
         """One planned step is finished."""
         self._done += 1
-        done = sum(s.seconds for s in self.plan.steps[: self._done])
-        self.bench.narrator.progress(done, self.plan.seconds)
+        self._tell_progress()
+
+    def _tell_progress(self) -> None:
+        done, planned = sum(s.seconds for s in self.plan.steps[: self._done]), self.plan.seconds
+        self.bench.narrator.progress(done, planned)
+        self.bench.recorder.progress(self.bench.clock.now(), self._done, len(self.plan.steps), done, planned)
 
 
 def settled(rules: Settle) -> Settled:

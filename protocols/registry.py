@@ -21,13 +21,15 @@ from typing import Any
 
 from recordings.states.rules import PROTOCOL, PROTOCOL_IS
 
-from . import bending, elongation, stiffness
+from . import bending, cycles, elongation, stiffness
 from .bench import INSTRUMENTS, Bench
 from .experiment import Plan, Trials
 from .parameters import Parameters
 
 GROUP = "softlab.protocols"
-OWN: Mapping[str, ModuleType] = MappingProxyType({"stiffness": stiffness, "bending": bending, "elongation": elongation})
+OWN: Mapping[str, ModuleType] = MappingProxyType(
+    {"stiffness": stiffness, "bending": bending, "elongation": elongation, "cycles": cycles}
+)
 
 
 @dataclass(frozen=True)

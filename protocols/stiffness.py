@@ -26,7 +26,7 @@ from recordings.trials import TrialRow
 from .actions import home, set_spine, vent
 from .bench import Bench, Setup, StandFrame
 from .errors import NotReached, ProtocolError, TooMuchForce
-from .experiment import Ask, Plan, Push, Step, Trial, Trials, with_probe
+from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials, with_probe
 from .parameters import Jam, Parameters, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
 
@@ -100,12 +100,16 @@ def plan(p: Stiffness) -> Plan:
     for repeat, spine in itertools.product(range(1, p.repeats + 1), p.lengths):
         label = f"{p.specimen} {spine * 100:g} cm, repeat {repeat}"
         grow, approach, deflect = _asks(p, spine)
+        if not steps:
+            grow = replace(grow, setup=_setup(p))
+        reads = (Reading("load", p.dwell + p.average / 2, 0.0, repeat),)
         steps.append(
             Step(f"release, grow, jam: {label}", 8.0 + abs(spine - before) / p.spine.speed + p.spine.settle, grow)
         )
         steps.append(Step(f"zero and approach: {label}", 15.0, approach))
         steps += [
-            Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5, deflect(i)) for i in range(1, p.steps + 1)
+            Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5, deflect(i), reads)
+            for i in range(1, p.steps + 1)
         ]
         before = spine
     limits = {
@@ -113,6 +117,11 @@ def plan(p: Stiffness) -> Plan:
         "deflection_m": max(p.deflection_ratio * p.cantilever(x) for x in p.lengths), "vacuum_pa": p.vacuum,
     }  # fmt: skip
     return Plan("stiffness", steps, limits)
+
+
+def _setup(p: Stiffness) -> Setup:
+    """What a person prepares."""
+    return Setup(p.specimen, 0.0, 0.0, p.vacuum)
 
 
 def _asks(p: Stiffness, spine: float) -> tuple[Ask, Ask, Callable[[int], Ask]]:
@@ -134,7 +143,7 @@ def _asks(p: Stiffness, spine: float) -> tuple[Ask, Ask, Callable[[int], Ask]]:
 def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
     """Do all trials. Raises ProtocolError; the caller lands the rig safe whatever happens."""
     stand = bench.need(bench.stand, "stand")
-    bench.operator.prepare(Setup(p.specimen, 0.0, 0.0, p.vacuum))
+    bench.operator.prepare(_setup(p))
     if bench.pressure is not None:
         vent(bench)
     probe = ProbeMotion(bench, p, stand)
@@ -145,14 +154,14 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
         ambient = through_pauses(bench, partial(_grow, bench, p, probe, spine))
         trials.step_done()
         trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, specimen=p.specimen)
-        try:
-            _push(bench, p, trial, trials, probe, p.cantilever(spine))
-        except ProtocolError:
-            with contextlib.suppress(Exception):  # what ended the trial is told, not what came of the retreat
-                probe.retreat()
-            raise
-        probe.retreat()
-        trials.end(trial)
+        with trials.doing(trial):
+            try:
+                _push(bench, p, trial, trials, probe, p.cantilever(spine))
+            except ProtocolError:
+                with contextlib.suppress(Exception):  # what ended the trial is told, not what came of the retreat
+                    probe.retreat()
+                raise
+            probe.retreat()
 
 
 def _grow(bench: Bench, p: Stiffness, probe: ProbeMotion, spine: float) -> float:

@@ -1,4 +1,7 @@
-"""Going on after a pause: a piece of work that the rig suspended is begun again, and nothing is read twice."""
+"""Going on after a pause: a piece of work that the rig suspended is begun again, and nothing is read twice.
+
+A pause that a person asks for comes between two pieces of work.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +21,23 @@ TRIES = 3
 def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None] | None = None) -> T:
     """Do a piece of work; after a pause come `back` to where it begins, with the chambers vented, and do it again.
 
-    Raises the InstrumentError behind the pause when it cannot be mended, or comes back too often.
+    Raises the InstrumentError behind the pause when it cannot be mended, or comes back too often; Skipped when a person
+    wants this trial to be left out.
     """
-    paused = 0
+    paused, away = 0, False
     while True:
         try:
-            if paused and back is not None:
+            bench.steering.check_skip()
+            if bench.steering.wants("pause"):
+                away = True
+                bench.rest()
+                continue
+            if away and back is not None:
                 back()
             return work()
         except (Suspended, InstrumentError) as e:
             cause = e.cause if isinstance(e, Suspended) else e
-            paused += 1
+            paused, away = paused + 1, True
             if paused > TRIES or not (isinstance(e, Suspended) or bench.recoverable(cause)):
                 raise cause from e
             bench.recover(cause)

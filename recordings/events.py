@@ -1,7 +1,9 @@
-"""Messages of the experiment itself: /state (what is asked for), /trial (what was concluded), /log; and those for viewers.
+"""Messages of the experiment itself: /state (what is asked for), /trial (what was concluded), /progress (how much of the
+plan is done), /request (what people asked of it), /log; and those for viewers.
 
 They hold text, so their layout is not fixed and the protobuf runtime encodes them. On /state and /trial the flat
-fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back, with `clipped`.
+fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back, with `clipped`
+and `repeats` (the number of the state that was read again, 0 where none was).
 """
 
 from __future__ import annotations
@@ -50,6 +52,7 @@ _STATE = (
     ("spine_length", _DOUBLE, _OPTIONAL, "m"),
     ("json", _STRING, _OPTIONAL, ""),
     ("clipped", _BOOL, _OPTIONAL, ""),
+    ("repeats", _INT64, _OPTIONAL, ""),
 )
 _TRIAL = (
     ("t", _DOUBLE, _OPTIONAL, "s"),
@@ -62,6 +65,23 @@ _TRIAL = (
     ("deflection", _DOUBLE, _OPTIONAL, "m"),
     ("json", _STRING, _OPTIONAL, ""),
     ("clipped", _BOOL, _OPTIONAL, ""),
+    ("repeats", _INT64, _OPTIONAL, ""),
+)
+_REQUEST = (
+    ("t", _DOUBLE, _OPTIONAL, "s"),
+    ("kind", _STRING, _OPTIONAL, ""),
+    ("by", _STRING, _OPTIONAL, ""),
+    ("text", _STRING, _OPTIONAL, ""),
+    ("done", _BOOL, _OPTIONAL, ""),
+    ("trial", _INT64, _OPTIONAL, ""),
+    ("step", _INT64, _OPTIONAL, ""),
+)
+_PROGRESS = (
+    ("t", _DOUBLE, _OPTIONAL, "s"),
+    ("steps", _INT64, _OPTIONAL, ""),
+    ("steps_planned", _INT64, _OPTIONAL, ""),
+    ("seconds", _DOUBLE, _OPTIONAL, "s"),
+    ("seconds_planned", _DOUBLE, _OPTIONAL, "s"),
 )
 
 
@@ -108,19 +128,52 @@ def _foreign(topic: str, message_class: type[Any]) -> EventType:
 
 STATE = _ours("State", "/state", _STATE)
 TRIAL = _ours("Trial", "/trial", _TRIAL)
+PROGRESS = _ours("Progress", "/progress", _PROGRESS)
+REQUEST = _ours("Request", "/request", _REQUEST)
 LOG = _foreign("/log", Log)
 POSE = _foreign("/tip/pose", PoseInFrame)
 POSES = _foreign("/tip/markers", PosesInFrame)
 JOINTS = _foreign("/arm/joints", JointStates)
 
-EVENTS: dict[str, EventType] = {event.topic: event for event in (STATE, TRIAL, LOG, POSE, POSES, JOINTS)}
+EVENTS: dict[str, EventType] = {
+    event.topic: event for event in (STATE, TRIAL, LOG, POSE, POSES, JOINTS, PROGRESS, REQUEST)
+}
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
 LONGEST_TEXT = 10_000
 """Characters of a line of /log and of the detail of an outcome; what instruments say ends up there."""
 
 
-def encode_state(t: float, number: int, state: State) -> bytes:
+REQUESTS = ("note", "pause", "go on", "repeat", "skip", "finish")
+"""What people may ask of a run: to write a note down, to pause before the next step, to go on, to read a state again, to leave
+a trial out, to end after the present step."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What somebody asked of a run at rig time `t` (s), or, when `done`, what was carried out then."""
+
+    t: float
+    kind: str
+    """One of `REQUESTS`."""
+    by: str
+    """Where it was asked: "terminal", "page", or the name that a program gives."""
+    text: str = ""
+    """Of a note."""
+    done: bool = False
+    trial: int = 0
+    """The trial that was under way, and the state of it that was asked for last; 0 before the first."""
+    step: int = 0
+
+
+def encode_request(request: Request) -> bytes:
+    """A message of /request."""
+    texts = {name: bounded(getattr(request, name)) for name in ("kind", "by", "text")}
+    message = REQUEST.message_class(t=request.t, done=request.done, trial=request.trial, step=request.step, **texts)
+    return bytes(message.SerializeToString())
+
+
+def encode_state(t: float, number: int, state: State, repeats: int = 0) -> bytes:
     """`number` counts the states of a recording; the row that comes of it carries the same number."""
     message = STATE.message_class(
         t=t,
@@ -137,11 +190,12 @@ def encode_state(t: float, number: int, state: State) -> bytes:
         spine_length=state.spine_length,
         json=state.to_json(),
         clipped=state.clipped,
+        repeats=repeats,
     )
     return bytes(message.SerializeToString())
 
 
-def encode_trial(t: float, number: int, row: TrialRow) -> bytes:
+def encode_trial(t: float, number: int, row: TrialRow, repeats: int = 0) -> bytes:
     """The row that was concluded for state `number`."""
     message = TRIAL.message_class(
         t=t,
@@ -154,6 +208,15 @@ def encode_trial(t: float, number: int, row: TrialRow) -> bytes:
         deflection=row.deflection,
         json=row.to_json(),
         clipped=row.clipped,
+        repeats=repeats,
+    )
+    return bytes(message.SerializeToString())
+
+
+def encode_progress(t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> bytes:
+    """So many of the planned steps are done, and so many of the planned seconds of rig time."""
+    message = PROGRESS.message_class(
+        t=t, steps=steps, steps_planned=steps_planned, seconds=seconds, seconds_planned=seconds_planned
     )
     return bytes(message.SerializeToString())
 

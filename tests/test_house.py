@@ -34,6 +34,12 @@ def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_w
             assert not modules or ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), folder
 
 
+def test_no_two_files_of_tests_have_one_name() -> None:
+    """A process that has imported the one refuses the other."""
+    names = [p.name for p in (ROOT / "tests").rglob("*.py") if p.name not in ("conftest.py", "__init__.py")]
+    assert sorted(names) == sorted(set(names))
+
+
 def test_no_modules_import_each_other_in_a_circle() -> None:
     graph = grimp.build_graph(*ROOMS, cache_dir=None)
     TopologicalSorter({m: graph.find_modules_directly_imported_by(m) for m in graph.modules}).prepare()

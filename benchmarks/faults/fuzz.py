@@ -26,6 +26,8 @@ from diagnosis.answer.result import Diagnosis
 from diagnosis.errors import DiagnosisError
 from lab.blind.answers import read_answer
 from lab.blind.folder import SetFolder, open_seal
+from lab.campaign.design import campaign_of
+from lab.campaign.journal import read as read_campaign_journal
 from lab.files.config import ConfigError, Source, check, parse_yaml
 from lab.files.example import paper_robot
 from lab.files.inputs import read_case
@@ -50,6 +52,8 @@ from recordings.file.verify import verify
 
 from . import hostile_mcap
 from .text_files import (
+    CAMPAIGN,
+    CAMPAIGN_JOURNAL,
     DIAGNOSIS,
     JOURNAL,
     LATCH,
@@ -67,6 +71,7 @@ from .text_files import (
 )
 
 EXPECTED = (ConfigError, RecordingError, ModelError, DiagnosisError)
+RIG_EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "rig" / "rig.yaml"
 SLOW = 2.0
 """s of processor time that one input may take."""
 MOST_MEMORY = 64.0
@@ -129,7 +134,9 @@ def small_files(folder: Path) -> dict[str, Go]:
                 "bending",
                 rng.choice(SPINES),
             )
-            index.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, 'completed', '', 1, 1, 0, '')", values)
+            labels = rng.choice(("{}", '{"a": "b"}', "[", '{"a": 1}', b"x"))
+            row = (*values, "completed", "", 1, 1, 0, "", labels, rng.choice((0, "x", 2**62)))
+            index.execute(f"INSERT INTO runs VALUES ({', '.join('?' * len(row))})", row)
             if rng.random() < 0.2:
                 index.execute(rng.choice(STRANGE))
         if rng.random() < 0.7:
@@ -144,6 +151,8 @@ def small_files(folder: Path) -> dict[str, Go]:
         "bending.yaml": yaml(PROTOCOL, Bending),
         "stiffness.yaml": yaml("lengths: [5 cm]\nsteps: 3\n", Stiffness),
         "trials.csv": table,
+        "campaign.yaml": file("campaign.yaml", CAMPAIGN, lambda p: campaign_of(p, RIG_EXAMPLE, 1)),
+        "campaign.journal": file("campaign.journal", CAMPAIGN_JOURNAL, read_campaign_journal),
         "journal": file("fuzzed.journal", JOURNAL, find),
         "latch": file("rig.latch", LATCH, lambda place: Latch(place.with_suffix(".yaml")).read()),
         "diagnosis.json": file("diagnosis.json", DIAGNOSIS, lambda p: Diagnosis.from_json(p.read_text("utf-8", "replace"))),

@@ -50,6 +50,25 @@ JOURNAL = """{"journal": 1, "campaign": "c", "protocol": "bending"}
 {"trial": 1, "step": 1}
 {"trial": 1, "done": 5}
 """
+CAMPAIGN = """campaign: a
+blocks: 2
+seed: 3
+protocols:
+  - protocol: bending
+    parameters: {pressures: [60 kPa, 120 kPa]}
+    conditions:
+      spine_lengths: [0, 5 cm]
+      tip_mass: [53 g, 80 g]
+  - protocol: stiffness
+warm_up: {cycles: 2, again_after: 30 min}
+stop: {max_duration: 10 h, max_failed: 3, max_scatter: 5 mm}
+labels: {specimen: S7}
+"""
+CAMPAIGN_JOURNAL = """{"campaign_journal": 1, "campaign": "c", "design": "d", "labels": {"specimen": "S7"}}
+{"warm_up": 1, "begun": 1795449500.0}
+{"run": 1, "begun": 1795449600.0}
+{"run": 1, "outcome": "completed", "seconds": 212.4, "rows": 11, "lost": 0, "inflated": true, "at": 1795449812.4}
+"""
 LATCH = '{"since": "2025-03-01 12:00:00", "why": "the arm does not answer", "pid": 4711}'
 SEALED = """{"salt": "00", "seed": 1, "truths": [{"case": "0001", "kind": "single", "effects": {"gravity_tilt": 0.02},
  "clutter": {}, "nuisance": {}, "area_factor": 1.6, "seed": 4, "route": "direct"}]}"""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -110,6 +110,20 @@ def attribute_section(f: Attribution, significant: bool, unseen: HeldOutErrors |
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
         conclude(d, significant, f.asking), rivals(d, f.posterior),
     )  # fmt: skip
+
+
+def beside(a: Attribute, certain: str) -> Attribute:
+    """The section where an effect is part of every hypothesis, because none without it comes near the data; what is unknown is
+    so beside it."""
+    ranking = tuple(replace(r, effects=(certain, *r.effects)) for r in a.ranking)
+    return replace(
+        a,
+        verdict="effect",
+        effects=(certain, *a.effects),
+        conclusion="cause" if a.conclusion in ("none", "noise") else a.conclusion,
+        ranking=ranking,
+        credible_set=tuple((certain, *named) for named in a.credible_set),
+    )
 
 
 def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None) -> dict[str, Any]:

@@ -91,7 +91,10 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     misfit = misfit_diagnostics(
         p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter, best
     )
-    free = _stage_errors(p, leading, stages)
+    # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
+    free = min(
+        (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
+    )
     weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(free)))
     decision = decide(weighed, CALIBRATED, not lacking(p.states))
     separations = _distinguishability(p, found, weighed, best)

@@ -29,6 +29,8 @@ PER_TRIAL, PER_STATE = 25.0, 6.0
 """s: release, grow, jam and vent; ramp's end until a reading is settled and averaged."""
 SETTLED = 3.0
 """s from the ramp's end to the middle of a settled reading."""
+FEW = 4
+"""Settings, up to which it is worth to read between them."""
 TURN, MASS = 90.0, 0.1
 """deg the body is turned, kg hung on in addition."""
 
@@ -68,7 +70,9 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     """Experiments that the campaign does not hold yet."""
     lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > s.pressure_gap], s.pressure_gap)
     chambers = _inflated(s)
-    others = [(c - 1 + len(robot.chambers.azimuths_deg) // 3) % len(robot.chambers.azimuths_deg) + 1 for c in chambers]
+    count, act = len(robot.actuators.azimuths_deg), "pull" if robot.tendons is not None else "inflate"
+    kind = "tendons" if robot.tendons is not None else "chambers"
+    others = [(c - 1 + count // 3) % count + 1 for c in chambers]
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
     default_vacuum = 80e3 if robot.spine is not None else 0.0
     vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
@@ -78,7 +82,7 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     }  # fmt: skip
     low = [round(0.6 * p, -3) for p in pressures]
     vacuums = [round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)]
-    every = list(range(1, len(robot.chambers.azimuths_deg) + 1))
+    every = list(range(1, count + 1))
     stretch = {**base, "protocol": "elongation", "pressures": low, "chambers": every}
     hold = {**base, "reading": "hold", "hold_times": list(HOLDS)}
     fast = {**base, "reading": "sweep", "rate": FAST, "unload": True}
@@ -87,13 +91,20 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     offered = [
         Experiment("unload", "read the unload branch too", {**base, "unload": True}, 0.0),
         Experiment("orientation", "track the tip's orientation (rigid body in motion capture)", base, 5.0, quaternion),
-        Experiment("elongation", "inflate all chambers together", stretch, 0.0),
-        Experiment("other_chambers", f"inflate chambers {others} instead", {**base, "chambers": others}, 0.0),
+        Experiment("elongation", f"{act} all {kind} together", stretch, 0.0),
+        Experiment("other_chambers", f"{act} {kind} {others} instead", {**base, "chambers": others}, 0.0),
         Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
         Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", heavy, 3.0),
         Experiment("hold", "hold each pressure and read again and again", hold, 0.0),
         Experiment("rate", "read on the fly on a fast ramp, up and down", fast, 0.0),
     ]
+    if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
+        shown = ", ".join(f"{x * 100:g}" for x in between)
+        offered.append(
+            Experiment("lengths", f"spine lengths in between: {shown} cm", {**base, "spine_lengths": between}, 0.0)
+        )
+    if between := _between(s.highest[s.highest > s.pressure_gap], s.pressure_gap):
+        offered.append(Experiment("pressures", "pressures in between", {**base, "pressures": between}, 0.0))
     if robot.spine is not None:
         offered.insert(-1, Experiment("vacuum", "sweep the vacuum", {**base, "vacuums": vacuums}, 0.0))
     if robot.markers:
@@ -118,9 +129,9 @@ def _already_recorded(id: str, s: States) -> bool:
     return has.get(id, False)
 
 
-def columns(e: Experiment, chambers: int, channels: tuple[str, ...]) -> Columns:
-    """The table of trials the experiment would give; measured channels hold zeros (orientation: no turn)."""
-    p, states = e.parameters, list(_states(e.parameters))
+def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> Columns:
+    """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
+    states = list(_states(p))
     n = len(states)
     trial = {key: i + 1 for i, key in enumerate(dict.fromkeys((s.repeat, s.vacuum, s.spine_length) for s in states))}
     out: Columns = {
@@ -138,7 +149,7 @@ def columns(e: Experiment, chambers: int, channels: tuple[str, ...]) -> Columns:
     }
     for c in range(1, chambers + 1):
         out[f"p{c}"] = np.array([s.pressure if c in p["chambers"] else 0.0 for s in states])
-    for name in dict.fromkeys((*channels, *e.channels)):
+    for name in channels:
         out[name] = np.full(n, 1.0 if name == "qw" else 0.0)
     return out
 
@@ -167,6 +178,12 @@ def _three(values: NDArray[np.float64], gap: float) -> list[float]:
     known = np.unique(np.round(values / gap) * gap)
     picked = np.unique(known[[0, len(known) // 2, -1]]) if known.size else known
     return [float(np.round(x, 6)) for x in picked]
+
+
+def _between(values: NDArray[np.float64], gap: float) -> list[float]:
+    """Settings half-way between those used, where these are few."""
+    known = np.unique(np.round(values / gap) * gap)
+    return [float(np.round(x, 6)) for x in (known[:-1] + known[1:]) / 2] if len(known) <= FEW else []
 
 
 def _inflated(s: States) -> list[int]:

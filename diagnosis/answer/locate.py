@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from model.condition import conditions
 from model.errors import ModelError
 from model.robot import Robot
 from model.rods import FINE, PAPER, solve
@@ -145,14 +144,8 @@ def numerical_error(robot: Robot, states: States) -> float:
     if not len(states):
         return float("nan")
     _, first = np.unique(states.condition, return_index=True)
-    rows = [states.rows[i] for i in first]
-    mass = np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows])
-    roll = np.radians([r.roll_deg or 0.0 for r in rows])
     try:
-        few = conditions(
-            robot, states.spine_length[first], states.pressure[first], mass, roll, [r.tip_force for r in rows]
-        )
-        rods = rods_of(robot, few)
+        rods = rods_of(robot, states.take(np.isin(np.arange(len(states)), first)).conditions(robot))
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")

@@ -232,6 +232,8 @@ class Proposal:
     cost_min: float
     protocol: Mapping[str, Any] = field(default_factory=dict)
     """Protocol parameters as `lab run` takes them."""
+    hands_min: float = 0.0
+    """Of the time, minutes of a person's work."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class MisfitDiagnostics:
     """Squared misfit per degree of freedom after the fit, without discrepancy; 1 where the model holds."""
     prior_tension: float
     """(chi^2 - r) / sqrt(2 r) of all parameters with a prior, chi^2 their squared Mahalanobis distance from it and r its degrees
-    of freedom; about 0 where the model holds."""
+    of freedom; about 0 where the model holds. Of the best hypothesis or the answer, whichever is less tense."""
     furthest_from_prior: str
     """The parameter furthest from its prior; empty when none lies beyond `TENSE`."""
     cross_prediction: float | None
@@ -98,6 +98,13 @@ def misfit_diagnostics(
     kinds = np.unique(kind)
     cross_prediction = [value / n for value, n in (within.surprise(kind == k) for k in kinds)] if len(kinds) > 1 else []
     prior_tension, furthest_from_prior, spine_outlier = _prior_tension(own, p, best.named)
+    if answer is not None:
+        # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
+        point = answer.grid_point
+        named = Gaussian(answer.fit.linear, answer.prior(p), point.size, point.form_error)
+        prior_tension, furthest_from_prior = min(
+            (prior_tension, furthest_from_prior), _prior_tension(named, p, answer.named)[:2]
+        )
     return MisfitDiagnostics(
         discrepancy_gain=beside.log_evidence - best.log_evidence,
         discrepancy_size=expected,

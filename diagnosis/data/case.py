@@ -28,6 +28,10 @@ HOLD_GAP = 0.4
 """Of log(1 + hold / s): settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ."""
 FORCE_GAP = 0.02
 """N: known forces that differ by less were meant to be the same."""
+WIDEST = 6.0
+"""Gaps of pressure: chambers that differ by more were set otherwise, whatever the highest pressure is."""
+NEAR_ZERO = 3.0
+"""Gaps of pressure up to which it is not to be seen which chambers are inflated."""
 FEWEST_REPEATS = 3
 
 
@@ -64,7 +68,7 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
         )
     plausible.require_plausible(robot, usable + usable_pushes)
     pushes.require_plausible(robot, usable_pushes)
-    arrays = _arrays(usable, usable_pushes, len(robot.chambers.azimuths_deg))
+    arrays = _arrays(usable, usable_pushes, len(robot.actuators.azimuths_deg))
     return arrays, tuple(
         concerns + (_concerns(arrays) if usable else []) + pushes.concerns(usable_pushes, arrays, bool(usable))
     )
@@ -102,7 +106,13 @@ def _conditions(rows: list[TrialRow], spine: Array, pressure: Array, branch: Arr
     level = levels(pressure.max(axis=1), gap)
     hold = levels(np.log1p([r.hold or 0.0 for r in rows]), HOLD_GAP)
     keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind, hold])
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    found = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    settings = np.zeros((len(rows), pressure.shape[1]), np.int64)
+    for own in (found == c for c in np.unique(found)):
+        # The highest pressure alone tells settings apart where chambers are inflated together, not where each has its own.
+        if np.ptp(pressure[own], axis=0).max() > WIDEST * gap:
+            settings[own] = np.column_stack([levels(chamber, gap) for chamber in pressure[own].T])
+    return np.unique(np.column_stack([found, settings]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def _kinds(rows: list[TrialRow], spine: Array, pressure: Array, gap: float) -> Ints:
@@ -115,9 +125,9 @@ def _kinds(rows: list[TrialRow], spine: Array, pressure: Array, gap: float) -> I
     speed = np.zeros(len(rows))
     trials = np.array([r.trial for r in rows])
     for t in np.unique(trials):
-        # A trial is of one kind: near zero pressure no chamber stands out, and at its ends a sweep stands still.
+        # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
         own = trials == t
-        inflated[own] = inflated[own][np.argmax(pressure[own].max(axis=1))]
+        inflated[own] = _sweeps(inflated[own], pressure[own].max(axis=1), gap)
         speed[own] = rate[own].max() if on_the_fly[own].any() else 0.0
     columns = [
         np.unique([r.protocol for r in rows], return_inverse=True)[1],
@@ -131,6 +141,19 @@ def _kinds(rows: list[TrialRow], spine: Array, pressure: Array, gap: float) -> I
     _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
     rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
     return rank[index.reshape(-1)].astype(np.int64)
+
+
+def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[np.bool_]:
+    """(m, chambers) those of the sweep that each state of a trial belongs to: the trial's, unless others altogether are inflated;
+    near zero pressure those of the next state with pressure, or of the last."""
+    top = inflated[np.argmax(highest)]
+    out = np.where((inflated & top).any(axis=1, keepdims=True), top, inflated)
+    with_pressure = np.flatnonzero(highest > NEAR_ZERO * gap)
+    if not with_pressure.size:
+        return np.broadcast_to(top, out.shape)
+    belongs = with_pressure[np.minimum(np.searchsorted(with_pressure, np.arange(len(out))), with_pressure.size - 1)]
+    made: NDArray[np.bool_] = out[belongs]
+    return made
 
 
 def _vacuums(vacuum: Array, spine: Array) -> Ints:

@@ -13,6 +13,7 @@ leaves less than 0.3 of the robust rms are the numbers that lie beyond it taken 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -20,13 +21,13 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from model.condition import Condition, conditions
 from model.errors import ModelError
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from recordings.trials import TrialRow
 
+from .chamber_sides import can_name_order, exchanged, order_told, with_order
 from .states import States
 
 Array = NDArray[np.float64]
@@ -82,20 +83,30 @@ class FirstCalibration:
     before: float = 0.0
     after: float = 0.0
     """m, robust rms of the tip as far as the diagnosis follows by itself, and with the numbers found."""
+    order: str = ""
+    """Chambers that are connected in another order, in words; empty where they are not."""
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was."""
+        return bool(self.adjusted or self.order)
+
+    @property
+    def _told(self) -> str:
+        return "; ".join([*([self.order] if self.order else []), *map(str, self.adjusted)])
 
     @property
     def concern(self) -> str:
         """What a person has to know and to look at."""
-        told = "; ".join(str(a) for a in self.adjusted)
         return (
             f"calibrated first, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm rms at best, so "
-            f"{self.after * 1e3:.2f} mm): {told}. Everything below is about the robot with these numbers; check them"
+            f"{self.after * 1e3:.2f} mm): {self._told}. Everything below is about the robot with these numbers; check them"
         )
 
     @property
     def sentence(self) -> str:
         """The same in short."""
-        return f"Calibrated first: {'; '.join(str(a) for a in self.adjusted)}."
+        return f"Calibrated first: {self._told}."
 
     def detail(self) -> dict[str, object]:
         """For the answer's JSON."""
@@ -103,6 +114,7 @@ class FirstCalibration:
             "before_mm": self.before * 1e3,
             "after_mm": self.after * 1e3,
             "adjusted": [asdict(a) for a in self.adjusted],
+            **({"order": self.order} if self.order else {}),
         }
 
     def moved(self, states: States) -> States:
@@ -110,8 +122,12 @@ class FirstCalibration:
         return _shifted(states, np.array(self.shift)) if any(self.shift) else states
 
 
-def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
-    """Take over what is far off; a robot that is near its data, or has effects of its own, comes back as it is."""
+def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ()) -> FirstCalibration:
+    """Take over what is far off; a robot that is near its data, or has effects of its own, comes back as it is.
+
+    `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
+    on several sides, a pattern turned or counted so that it is another order is taken for that, as an effect of the robot.
+    """
     kept = ~states.pushed
     if robot.effects or robot.tolerances or kept.sum() < FEWEST_STATES:
         return FirstCalibration(robot, states)
@@ -129,9 +145,9 @@ def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
     if missed < SCALE * robot.length and not (np.abs(near) > FAR * USUAL)[1:].any():
         return FirstCalibration(told, states)
     far, senses, least = None, (1.0, 1.0), np.inf
-    for turn, gravity, counting in ((0.0, 1.0, 1.0), _counted(robot, own), (0.0, -1.0, 1.0)):
-        if least < NEAR * robot.length or (far is not None and (turn, gravity, counting) == (0.0, 1.0, 1.0)):
-            continue
+    for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, own), (0.0, -1.0, 1.0))):
+        if least < NEAR * robot.length:
+            break
         there = _sensed(robot, gravity, counting)
         found = _fitted(there, own, MOST, turn)
         left = np.inf if found is None else _rms(there, own, found)
@@ -143,6 +159,10 @@ def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
     beyond = np.abs(far) > USUAL
     if not (beyond.any() or min(senses) < 0) or after > LOWERED * before:
         return FirstCalibration(told, states)
+    turned = _with(_sensed(told, *senses), far * (np.array(NAMES) == "azimuth")).actuators.azimuths_deg
+    place = exchanged(told, turned) if can_name_order(told, states, effects) else None
+    if place is not None:
+        beyond[2], senses = False, (senses[0], 1.0)
     # what the diagnosis can describe itself stays for it, but the area factor goes with the others
     theta = np.where(beyond | (np.array(NAMES) == "area_factor"), far, 0.0)
     shift = theta[5:] * robot.length
@@ -150,7 +170,9 @@ def calibrate_first(robot: Robot, states: States) -> FirstCalibration:
     adjusted = _told(told, made, theta, shift, beyond, senses)
     moved = _shifted(states, shift) if shift.any() else states
     x, y, z = shift.tolist()
-    return FirstCalibration(made, moved, adjusted, (x, y, z), before, after)
+    order = "" if place is None else order_told(told, place)
+    made = made if place is None else with_order(made, place)
+    return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
 
 
 def _counted(robot: Robot, own: States) -> tuple[float, float, float]:
@@ -170,10 +192,8 @@ def _begin(turn: float) -> Array:
 def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
     """The robot, or it upside down, or with its chambers counted the other way round."""
     x, y, z = (np.array(robot.gravity) * gravity).tolist()
-    azimuths = tuple(a * counting for a in robot.chambers.azimuths_deg)
-    return robot.model_copy(
-        update={"gravity": (x, y, z), "chambers": robot.chambers.model_copy(update={"azimuths_deg": azimuths})}
-    )
+    azimuths = tuple(a * counting for a in robot.actuators.azimuths_deg)
+    return robot.with_azimuths(azimuths).model_copy(update={"gravity": (x, y, z)})
 
 
 def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None:
@@ -196,7 +216,7 @@ def _residual(theta: Array, robot: Robot, own: States) -> Array:
 
 def _missed(robot: Robot, own: States, theta: Array) -> Array:
     """(n, 3) m; a robot length where the rod has no equilibrium."""
-    found = solve(rods_of(_with(robot, theta), _conditions(robot, own)), FINE)
+    found = solve(rods_of(_with(robot, theta), own.conditions(robot)), FINE)
     tip = own.tip - theta[5:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 
@@ -208,28 +228,16 @@ def _rms(robot: Robot, own: States, theta: Array) -> float:
     return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
 
-def _conditions(robot: Robot, own: States) -> Condition:
-    mass = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
-    roll = np.radians([r.roll_deg or 0.0 for r in own.rows])
-    return conditions(robot, own.spine_length, own.pressure, mass, roll, [r.tip_force for r in own.rows])
-
-
 def _with(robot: Robot, theta: Array) -> Robot:
     """The robot with these numbers, unchecked."""
     area, modulus = np.exp(theta[:2]).tolist()
     factor = robot.area_factor
-    turned = tuple(a + float(np.degrees(theta[2])) for a in robot.chambers.azimuths_deg)
+    turned = tuple(a + float(np.degrees(theta[2])) for a in robot.actuators.azimuths_deg)
     gravity = Rotation.from_rotvec([theta[3], theta[4], 0.0]).apply(np.array(robot.gravity))
     x, y, z = gravity.tolist()
-    return robot.model_copy(
-        update={
-            "area_factor": {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area,
-            "youngs_modulus": robot.youngs_modulus * modulus,
-            "shear_modulus": robot.shear_modulus * modulus,
-            "chambers": robot.chambers.model_copy(update={"azimuths_deg": turned}),
-            "gravity": (x, y, z),
-        }
-    )
+    areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
+    made = robot.with_azimuths(turned).with_modulus(modulus)
+    return made.model_copy(update={"area_factor": areas, "gravity": (x, y, z)})
 
 
 def _told(
@@ -240,15 +248,15 @@ def _told(
     if senses[0] < 0:
         out.append(Adjusted("gravity z", robot.gravity[2], made.gravity[2], "m/s^2", False))
     if senses[1] < 0:
-        second = min(1, len(made.chambers.azimuths_deg) - 1)
-        given, now = robot.chambers.azimuths_deg[second], made.chambers.azimuths_deg[second]
+        second = min(1, len(made.actuators.azimuths_deg) - 1)
+        given, now = robot.actuators.azimuths_deg[second], made.actuators.azimuths_deg[second]
         out.append(Adjusted("chambers counted the other way round, azimuth of the second", given, now, "deg", False))
     if beyond[1]:
         out.append(
             Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))
         )
     if beyond[2]:
-        first, now = robot.chambers.azimuths_deg[0], made.chambers.azimuths_deg[0]
+        first, now = robot.actuators.azimuths_deg[0], made.actuators.azimuths_deg[0]
         out.append(Adjusted("azimuth of the first chamber", first, now, "deg", False))
     if beyond[3] or beyond[4]:
         tilt = float(np.degrees(np.linalg.norm(theta[3:5])))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.robot import Robot
-from model.section import body_area, body_second_moment
+from model.section import body_area, body_mass, body_second_moment
 from recordings.trials import TrialRow
 
 from ..errors import BadCase
@@ -91,7 +91,7 @@ def where(row: TrialRow) -> str:
 
 
 def _chambers(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
-    there, expected = {len(r.pressures) for r in rows}, len(robot.chambers.azimuths_deg)
+    there, expected = {len(r.pressures) for r in rows}, len(robot.actuators.azimuths_deg)
     if there != {expected}:
         yield (
             f"rows with {', '.join(map(str, sorted(there)))} pressures for a robot with {expected} chambers: tables of "
@@ -104,9 +104,10 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     """The tips' unit in m (0: unknown), and messages about it."""
     distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(distance))
-    if distance[worst] <= FARTHEST * robot.length:
+    farthest = FARTHEST * robot.length + _tracked_beyond(robot)
+    if distance[worst] <= farthest:
         return 1.0, ()
-    far = int((distance > FARTHEST * robot.length).sum())
+    far = int((distance > farthest).sum())
     head = (
         f"{where(rows[worst])}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
         f"{robot.length:g} m long ({far} of {len(rows)} states)"
@@ -115,6 +116,11 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     if unit is None:
         return 0.0, (f"{head}: check the unit (m) and the frame (base of the robot)",)
     return unit.per_si, (f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}",)
+
+
+def _tracked_beyond(robot: Robot) -> float:
+    """m from the body's end to the point that robot.yaml states as tracked."""
+    return float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
 
 
 def _spines(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
@@ -184,7 +190,7 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
 
 def _limp(robot: Robot) -> bool:
     """Whether its weight may bend the body down from its base, wherever it points."""
-    weight = (robot.density * body_area(robot) * robot.length + robot.tip_mass) * float(np.linalg.norm(robot.gravity))
+    weight = (body_mass(robot) + robot.tip_mass) * float(np.linalg.norm(robot.gravity))
     return weight * robot.length**2 > LIMP * robot.youngs_modulus * body_second_moment(robot)
 
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.body import body_of
 from model.robot import Robot
-from model.section import body_area, body_second_moment, combined_modulus
+from model.section import body_area, body_mass, combined_modulus
 from recordings.trials import TrialRow
 
 from .plausible_units import PRESSURE_UNITS, units_within
@@ -103,14 +104,14 @@ def lowest_of_each(group: Ints, level: Array) -> Ints:
 
 def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -> Array:
     """(n,) m: tip's displacement of a straight beam of two parts (with spine, without) under pressures (n, chambers) Pa."""
-    spine = np.clip([r.spine_length for r in rows], 0.0, robot.length)
-    thrust = pressure * (robot.area_factor_at(spine) * robot.chambers.area)[:, None]
-    azimuth = np.radians(robot.chambers.azimuths_deg)
-    moment = robot.chambers.path_radius * np.hypot(thrust @ np.cos(azimuth), thrust @ np.sin(azimuth))
+    body, spine = body_of(robot), np.clip([r.spine_length for r in rows], 0.0, robot.length)
+    push = pressure * robot.area_factor_at(spine)[:, None]
+    azimuth = np.radians(robot.actuators.azimuths_deg)
+    moment = np.hypot(push @ (body.mean_arm * np.cos(azimuth)), push @ (body.mean_arm * np.sin(azimuth)))
     inner, outer = combined_modulus(robot, spine), robot.youngs_modulus
     rest = robot.length - spine
-    aside = moment / body_second_moment(robot) * (spine * (robot.length - spine / 2) / inner + rest**2 / (2 * outer))
-    along = thrust.sum(axis=1) / body_area(robot) * (spine / inner + rest / outer)
+    aside = moment / body.mean_second * (spine * (robot.length - spine / 2) / inner + rest**2 / (2 * outer))
+    along = push @ body.mean_chamber_area / body.mean_area * (spine / inner + rest / outer)
     displacement: Array = np.hypot(aside, along)
     return displacement
 
@@ -173,7 +174,7 @@ def _at_its_length(robot: Robot, s: Pressures) -> bool:
     by_gauge = float(np.median(expected_displacement(robot, resting, low))) / robot.length
     if by_gauge < VISIBLE_STRETCH:
         return False
-    weight = robot.density * body_area(robot) * robot.length / 2 + robot.tip_mass
+    weight = body_mass(robot) / 2 + robot.tip_mass
     by_weight = weight * abs(robot.gravity[2]) / (robot.youngs_modulus * body_area(robot))
     longer = float(np.median([np.linalg.norm(r.tip) for r in resting])) / robot.length - 1  # type: ignore[arg-type]
     return longer < STRETCH_SHARE * by_gauge + by_weight
@@ -184,7 +185,7 @@ def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
     roll = np.array([r.roll_deg or 0.0 for r in s.rows])
     if not 0 < np.abs(roll).max() < 2 * np.pi + 0.01:
         return
-    azimuth = np.radians(robot.chambers.azimuths_deg)
+    azimuth = np.radians(robot.actuators.azimuths_deg)
     push = -(s.pressure @ np.exp(1j * azimuth)) * np.exp(1j * np.radians(roll))
     aside = s.displacement[:, 0] + 1j * s.displacement[:, 1]
     turn, rows_of = {}, {}

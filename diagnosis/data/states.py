@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import Condition, conditions
+from model.robot import Robot
 from recordings.trials import TrialRow
 
 Array = NDArray[np.float64]
@@ -48,6 +50,12 @@ class States:
             kept, self.trial[rows], self.spine_length[rows], self.pressure[rows], self.branch[rows], self.time[rows],
             self.tip[rows], self.condition[rows], self.kind[rows], self.pushed[rows], self.pressure_gap,
         )  # fmt: skip
+
+    def conditions(self, robot: Robot) -> Condition:
+        """What was done in each state; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
+        mass = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in self.rows]
+        roll = np.radians([r.roll_deg or 0.0 for r in self.rows])
+        return conditions(robot, self.spine_length, self.pressure, mass, roll, [r.tip_force for r in self.rows])
 
     @cached_property
     def main(self) -> NDArray[np.bool_]:

@@ -137,20 +137,20 @@ def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: P
     within the bounds and the small sizes of what is tolerated."""
     sd = np.sqrt(np.maximum(variance, 1e-300))
     low, high, least = parameters.low, parameters.high, parameters.least_named
-    within = _log_mass(mean, sd, low, high)
+    within = log_mass(mean, sd, low, high)
     total = np.where(prior.wide, within, 0.0).sum(axis=1)
-    small = _log_mass(mean, sd, np.maximum(low, -least), np.minimum(high, least)) - within
+    small = log_mass(mean, sd, np.maximum(low, -least), np.minimum(high, least)) - within
     # An effect is small only where all its sizes are.
     all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
     outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
     named = (prior.wide @ parameters.members) > 0
     below, above = np.where(low < 0, -MOST_TOLERATED_SIZE, -np.inf), np.where(high > 0, MOST_TOLERATED_SIZE, np.inf)
-    tolerated = np.where(parameters.sizes, _log_mass(mean, sd, below, above), within)
+    tolerated = np.where(parameters.sizes, log_mass(mean, sd, below, above), within)
     total += np.where(~prior.wide & (prior.variance > 0), tolerated, 0.0).sum(axis=1)
     return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))
 
 
-def _log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:
+def log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:
     """log of the share of a normal between low and high."""
     a, b = (low - mean) / sd, (high - mean) / sd
     # Mirrored where both ends lie above the mean, so that the difference is taken where it keeps its digits.

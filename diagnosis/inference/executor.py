@@ -18,17 +18,24 @@ def _no_progress(share: float) -> None:
     """Reports nothing."""
 
 
+def _no_first_look(leading: tuple[str, ...]) -> None:
+    """Tells nobody."""
+
+
 @dataclass(frozen=True)
 class Executor:
-    """Threads (the rod's kernels release the interpreter lock), and a callback that gets the share of the work done, 0..1.
+    """Threads (the rod's kernels release the interpreter lock), and callbacks: one gets the share of the work done, 0..1, one
+    what leads at first sight, before any search.
 
-    Pickled to another machine it is one thread without progress.
+    Pickled to another process it is one thread without progress.
     """
 
     threads: int = 1
     progress: Callable[[float], None] = _no_progress
+    first_look: Callable[[tuple[str, ...]], None] = _no_first_look
+    """Gets the `FIRST_LOOK` effects that alone, in the linear problem at their starting points, make the data most probable."""
     remote_map: RemoteMap | None = None
-    """Maps a function over items on other machines, results in order; None: here."""
+    """Maps a function over items in other processes or on other machines, results in order; None: here."""
 
     def __reduce__(self) -> tuple[type[Executor], tuple[()]]:
         return Executor, ()

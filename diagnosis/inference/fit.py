@@ -49,6 +49,11 @@ class Fit:
     """Decrease of the cost that the linear problem still predicts: 0 at the most probable point."""
 
 
+def refit(problem: Problem, prior: Prior, size: float, start: Fit, rounds: int = ROUNDS) -> Fit:
+    """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step."""
+    return _search(problem, prior, size, start, rounds, start, np.zeros(len(start.theta), bool), 0.0)
+
+
 def fit(
     problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int = ROUNDS, frozen: Fit | None = None
 ) -> Fit:
@@ -58,14 +63,24 @@ def fit(
     the slope of the result has nothing for them. With `frozen`, all derivatives but those by what is named are those of
     that fit.
     """
+    fresh = problem.parameters.scaled(prior)[0] > 0
+    if frozen is not None:
+        of_effect = problem.parameters.of_effect
+        fresh[of_effect] &= prior.wide
+        fresh[~of_effect] = False
+    return _search(problem, prior, size, start, rounds, frozen, fresh, STEP_TOLERANCE)
+
+
+def _search(
+    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Fit | None, fresh: NDArray[np.bool_],
+    tolerance: float,
+) -> Fit:  # fmt: skip
+    """Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`; a step
+    within `tolerance` is not taken."""
     p = problem.parameters
     scale, mean = p.scaled(prior)
     misfit = _Misfit(problem, size)
     known = np.zeros((len(problem.observed), len(scale))) if frozen is None else frozen.slope
-    fresh = scale > 0
-    if frozen is not None:
-        fresh[p.of_effect] &= prior.wide
-        fresh[~p.of_effect] = False
     anew = np.flatnonzero(fresh)
 
     def linearised(theta: Array) -> tuple[Array, Array]:
@@ -77,17 +92,17 @@ def fit(
     def total(theta: Array, predicted: Array) -> float:
         return misfit.cost(predicted) + _distance(theta, mean, scale)
 
-    def step(local: _Local, damping: float) -> tuple[Array, float]:
+    def step(local: _Local, damping: float, trial: bool) -> tuple[Array, float]:
         """A point and its cost."""
         goal = local.goal(damping)
-        there, along = problem.forward.predict(goal), local.predicted(goal)
+        there, along = problem.forward.predict(goal, trial), local.predicted(goal)
         reached, predicted_cost = total(goal, there), total(goal, along)
         if cost - reached >= TRUST_RATIO * (cost - predicted_cost) or not np.isfinite(reached):
             return goal, reached
         corrected = local.goal(damping, there - along)
         if np.linalg.norm((corrected - goal) / p.sd) > MOST_CORRECTION * np.linalg.norm((goal - theta) / p.sd):
             return goal, reached
-        other = total(corrected, problem.forward.predict(corrected))
+        other = total(corrected, problem.forward.predict(corrected, trial))
         return (corrected, other) if other < reached else (goal, reached)
 
     if isinstance(start, Fit):
@@ -108,14 +123,16 @@ def fit(
     damping = 0
     for _ in range(rounds):
         local = _Local(problem, misfit, theta, predicted, slope, scale, mean)
-        if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < STEP_TOLERANCE:
+        if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < tolerance:
             break
-        tried, reached = theta, np.inf
+        tried, reached, begun, given_up = theta, np.inf, damping, False
         while damping < len(DAMPINGS):
-            tried, reached = step(local, DAMPINGS[damping])
+            tried, reached = step(local, DAMPINGS[damping], not given_up)
             if reached <= cost and np.isfinite(reached):
                 break
             damping += 1
+            if damping == len(DAMPINGS) and not np.isfinite(reached) and not given_up:
+                damping, given_up = begun, True
         if damping == len(DAMPINGS):
             break
         gained, theta, cost = cost - reached, tried, reached

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.catalogue import CATALOGUE
-from model.effects.design import design_from_columns
+from model.effects.design import Design, design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
@@ -20,6 +20,7 @@ from model.robot import Robot
 from recordings.trials import TEXTS
 
 from ..data.baseline import Baseline
+from ..data.chamber_sides import leave_out
 from ..data.noise import Noise
 from ..data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
 from ..data.states import States
@@ -39,7 +40,6 @@ DEFAULT_NOISE = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
 """Default white noise of a reading: m, rad, m."""
 DEFAULT_PRESSURE_NOISE = 500.0
 """Pa."""
-STIFFNESS_ONLY = ("force_bias", "arm_compliance", "contact_offset")
 VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 PRESSURE_STEP = 500.0
@@ -138,10 +138,10 @@ class MaskedForward:
     def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
         self._forward, self._kept = forward, kept
 
-    def predict(self, theta: Array) -> Array:
+    def predict(self, theta: Array, trial: bool = False) -> Array:
         """Predicted values that are kept; NaN where the rod has no equilibrium."""
         try:
-            return self._forward.predict(theta)[self._kept]
+            return self._forward.predict(theta, trial)[self._kept]
         except np.linalg.LinAlgError:
             # A step so far off that the rod cannot be solved counts as no equilibrium.
             return np.full(int(self._kept.sum()), np.nan)
@@ -165,7 +165,7 @@ def prepare(
     """
     table = table_columns(states)
     design = design_from_columns(robot, table)
-    effects = observable_effects(states, catalogue)
+    effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
     forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects)
     whole: Forward = on_simulator or forward
@@ -229,9 +229,9 @@ def _noise(
     return Noise(labels.state, white, by_pressure)
 
 
-def observable_effects(states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
-    """A catalogue without the effects of stiffness trials, which states of the robot cannot show."""
-    return {id: spec for id, spec in catalogue.items() if states.pushed.any() or id not in STIFFNESS_ONLY}
+def observable_effects(robot: Robot, design: Design, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+    """A catalogue without the effects that such states cannot show."""
+    return {id: spec for id, spec in catalogue.items() if spec.shown is None or spec.shown(robot, design)}
 
 
 def table_columns(states: States) -> dict[str, NDArray[np.generic]]:

@@ -35,8 +35,8 @@ LEAKAGE = 0.3
 class Forward(Protocol):
     """What is asked of a model of the measured values."""
 
-    def predict(self, theta: Array) -> Array:
-        """Predicted values (n,) at parameters (k,)."""
+    def predict(self, theta: Array, trial: bool = False) -> Array:
+        """Predicted values (n,) at parameters (k,); a `trial` may give up, as NaN, what would take long to find."""
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Predicted values (n,) and their derivatives (n, k), by some of the parameters where columns are given."""

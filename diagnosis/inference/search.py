@@ -10,8 +10,9 @@ as long as the gain in evidence pays for the prior of one more effect.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,14 @@ UNFINISHED = 0.5
 """A search that predicts a larger decrease of the cost is not at its end."""
 
 
+GLANCED = 0.2
+SURPASSED = 200.0
+"""Log evidence by which hypotheses without tolerances, or with them, are behind, from which none of them is followed."""
+MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 300.0))
+"""Of singles: up to a predicted decrease of the cost, how far their log evidence may be behind the best and still be followed."""
+LEAST_FOLLOWED = 2
+FIRST_LOOK = 3
+"""Effects that are told at first sight."""
 SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
 PRUNING, AFTER_SEARCH = (0.77, 0.81), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
@@ -98,6 +107,15 @@ def _evidence(c: Candidate) -> float:
     return c.log_evidence
 
 
+def leading_effects(singles: Iterable[Candidate]) -> tuple[str, ...]:
+    """The effects that alone make the data most probable, the first `FIRST_LOOK` of them; each by its better evidence."""
+    best: dict[str, float] = {}
+    for c in singles:
+        (effect,) = c.named
+        best[effect] = max(best.get(effect, -np.inf), c.laplace_log_evidence)
+    return tuple(sorted(best, key=lambda e: -best[e])[:FIRST_LOOK])
+
+
 class Search:
     """Searches the hypotheses of one problem, keeping what it has found."""
 
@@ -111,6 +129,10 @@ class Search:
         self._keep(self._weigh(NONE, self._with_all_derivatives(calibrated), False))
         fitted = self._weigh(NONE, self._fit(NONE, True, START_SIZE, self._tried[NONE, False].fit, 3), True)
         self._keep(self._weigh(NONE, self._fit(NONE, True, fitted.grid_point.size, fitted.fit, 5), True))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a fit elsewhere needs: of all that was tried, none alone."""
+        return vars(self) | {"_tried": {key: c for key, c in self._tried.items() if key[0] == NONE}}
 
     @property
     def found(self) -> dict[Hypothesis, Candidate]:
@@ -174,10 +196,16 @@ class Search:
             for with_tolerances in (False, True)
         }
         leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[: extent.screen]}
-        followed = [h for h in singles if h in own_start | leading]
-        screened = dict(zip(followed, self._executor.map(self._screened, followed, *SINGLES), strict=True))
-        for h in singles:
-            for c in screened.get(h) or (here[False][h], here[True][h]):
+        alone = [h for h in singles if h in own_start]
+        glances = self._executor.map(self._glanced, alone, SINGLES[0], GLANCED)
+        first = {(h, w): c for w in here for h, c in here[w].items()}
+        first |= {(h, c.with_tolerances): c for h, both in zip(alone, glances, strict=True) for c in both}
+        for c in first.values():
+            self._keep(c)
+        self._executor.first_look(leading_effects(first.values()))
+        followed = self._worth_following({k: c for k, c in first.items() if k[0] in own_start | leading})
+        for both in self._executor.map(self._screened, followed, GLANCED, SINGLES[1]):
+            for c in both:
                 self._keep(c)
         best: list[Candidate] = []
         for with_tolerances in (False, True):
@@ -187,7 +215,7 @@ class Search:
             best += [
                 c for c in own[: extent.refine] if c.laplace_log_evidence > max(map(_evidence, own)) - extent.within
             ]
-        for c in self._executor.map(lambda c: max(c, self._refined(c, 4), key=_evidence), best, *REFINING):
+        for c in self._executor.map(self._refined_where_better, best, *REFINING):
             self._keep(c)
         return sorted(self._of(1), key=lambda c: -c.log_evidence)
 
@@ -201,10 +229,47 @@ class Search:
         own = [i for i, e in enumerate(p.effects) if e in named]
         return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
 
-    def _screened(self, named: Hypothesis) -> tuple[Candidate, Candidate]:
+    def _glanced(self, named: Hypothesis) -> list[Candidate]:
+        """The best by evidence in the linear problem at its starting points, without and with tolerances: no step taken."""
+        out = []
+        for with_tolerances in (False, True):
+            none = self._tried[NONE, with_tolerances]
+            begun = (
+                self._fit(named, with_tolerances, none.grid_point.size, start, 0, none.fit)
+                for start in self._starts(named, none.fit)
+            )
+            tried = [self._weigh(named, fitted, with_tolerances) for fitted in begun]
+            out.append(max(tried, key=lambda c: c.laplace_log_evidence))
+        return out
+
+    def _worth_following(
+        self, first: Mapping[tuple[Hypothesis, bool], Candidate]
+    ) -> list[tuple[Hypothesis, tuple[bool, ...]]]:
+        """Hypotheses that could still win, and whether without tolerances, with them or both.
+
+        A linear problem says little of a point that is far away: the larger the decrease it predicts, the more its evidence
+        may be surpassed.
+        """
+        top = max(c.laplace_log_evidence for c in first.values())
+        kept: dict[Hypothesis, tuple[bool, ...]] = {}
+        for with_tolerances in (False, True):
+            own = {h: c for (h, w), c in first.items() if w == with_tolerances}
+            if max(c.laplace_log_evidence for c in own.values()) < top - SURPASSED:
+                continue
+            ranked = sorted(own, key=lambda h: -own[h].laplace_log_evidence)
+            for place, h in enumerate(ranked):
+                margin = next(m for decrease, m in MARGINS if own[h].fit.predicted_decrease < decrease)
+                if place < LEAST_FOLLOWED or own[h].laplace_log_evidence > top - margin:
+                    kept[h] = (*kept.get(h, ()), with_tolerances)
+        return list(kept.items())
+
+    def _screened(self, wanted: tuple[Hypothesis, tuple[bool, ...]]) -> list[Candidate]:
         """Two steps from each starting point; the best by evidence at the point reached, without and with tolerances."""
-        strict = self._best_of_starts(named, False, ())
-        return strict, self._best_of_starts(named, True, [strict.fit.theta])
+        named, both = wanted
+        out: list[Candidate] = []
+        for with_tolerances in both:
+            out.append(self._best_of_starts(named, with_tolerances, [c.fit.theta for c in out]))
+        return out
 
     def _best_of_starts(self, named: Hypothesis, with_tolerances: bool, more: Sequence[Array]) -> Candidate:
         """The best of what is reached from the usual starting points and some more."""
@@ -275,6 +340,12 @@ class Search:
             c.named, self._fit(c.named, c.with_tolerances, c.grid_point.size, c.fit, rounds), c.with_tolerances
         )
 
+    def _refined_where_better(self, c: Candidate) -> Candidate:
+        return max(c, self._refined(c, 4), key=_evidence)
+
+    def _refined_in_two_rounds(self, c: Candidate) -> Candidate:
+        return self._refined(c, 2)
+
     def _extend(self, parents: Sequence[Candidate], follow: int, shares: tuple[float, float]) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
         extended: dict[tuple[Hypothesis, bool], Candidate] = {}
@@ -291,7 +362,7 @@ class Search:
         if not extended:
             return []
         leading = sorted(extended.values(), key=lambda c: -c.laplace_log_evidence)
-        refined = self._executor.map(lambda c: self._refined(c, 2), leading[:follow], *shares)
+        refined = self._executor.map(self._refined_in_two_rounds, leading[:follow], *shares)
         followed = {(c.named, c.with_tolerances): c for c in refined}
         # Those not followed are taken to lose as much as the median of those that were.
         typical = max(
@@ -386,4 +457,9 @@ class Search:
         return self._weigh_around(self._with_form_error(named, fitted), [named], with_tolerances)[named]
 
     def _keep(self, c: Candidate) -> None:
+        known = self._tried.get((NONE, False))
+        if known is not None and c.fit.linear.discrepancy is not known.fit.linear.discrepancy:
+            # Made by another process: what all linear problems share is kept once.
+            shared = replace(c.fit.linear, discrepancy=known.fit.linear.discrepancy, gram=known.fit.linear.gram)
+            c = replace(c, fit=replace(c.fit, linear=shared))
         self._tried[c.named, c.with_tolerances] = c

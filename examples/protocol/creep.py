@@ -6,7 +6,7 @@ from pydantic import Field
 
 from protocols.actions import home, ramp, set_spine, vent
 from protocols.bench import Bench, Setup
-from protocols.experiment import Ask, Plan, Step, Trials
+from protocols.experiment import Ask, Plan, Reading, Step, Trials
 from protocols.parameters import Chamber, Jam, Parameters, Pressure, SpineLength, SpineMotion, Vacuum
 from recordings.states.rules import Window
 
@@ -37,10 +37,19 @@ def chambers(p: Creep) -> tuple[float, ...]:
 
 def plan(p: Creep) -> Plan:
     """One jamming, one ramp, and the readings."""
-    asks = Ask(chambers(p), p.rate, p.spine_length, p.spine.speed, p.vacuum)
+    asks = Ask(chambers(p), p.rate, p.spine_length, p.spine.speed, p.vacuum, setup=setup(p))
     first = Step("vent, grow, jam and ramp", 10.0 + p.spine_length / p.spine.speed + p.pressure / p.rate, asks)
     waits = [later - earlier for earlier, later in zip([0.0, *p.times], p.times, strict=False)]
-    return Plan("creep", [first, *(Step(f"read after {t:g} s", w) for t, w in zip(p.times, waits, strict=True))], {})
+    reads = [
+        Step(f"read after {t:g} s", wait, reads=(Reading("load", t, p.rate),))
+        for t, wait in zip(p.times, waits, strict=True)
+    ]
+    return Plan("creep", [first, *reads], {})
+
+
+def setup(p: Creep) -> Setup:
+    """What a person prepares."""
+    return Setup("robot", 0.0, 0.0, p.vacuum)
 
 
 def run(bench: Bench, p: Creep, trials: Trials) -> None:
@@ -48,7 +57,7 @@ def run(bench: Bench, p: Creep, trials: Trials) -> None:
     if not trials.remaining([1], 1 + len(p.times)):
         return
     vent(bench)
-    bench.operator.prepare(Setup("robot", 0.0, 0.0, p.vacuum))
+    bench.operator.prepare(setup(p))
     home(bench)
     ambient = set_spine(bench, p.spine_length, p.vacuum, p.spine, p.jam)
     trial = trials.begin(repeat=1, spine=p.spine_length, ambient=ambient)

@@ -9,9 +9,7 @@ follows the shape, and so on until both agree (Anderson's mixing). Four segments
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.condition import conditions
-from model.section import rods_of
-from model.simulators import Readings
+from model.simulators import Readings, rods_at
 
 SEGMENTS, ROUNDS, CLOSE = 4, 300, 1e-10
 
@@ -23,24 +21,21 @@ class ConstantStrain:
         self.robot = robot
 
     def predict(self, states, parameters):
-        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
-        rods, push = rods_of(self.robot, at), 1.0 + parameters.get("area.excess", 0.0)
-        return Readings(np.array([tip(rods, i, push) for i in range(len(states))]))
+        rods = rods_at(self.robot, states, parameters)
+        return Readings(np.array([tip(rods, i) for i in range(len(states))]))
 
 
-def tip(rods, i, push):
+def tip(rods, i):
     """(3,) m of rod i; NaN where shape and strain do not come to agree."""
-    length = rods.field("length")[i]
-    each = length.sum() / SEGMENTS
-    inner = np.clip(length[0] / each - np.arange(SEGMENTS), 0.0, 1.0)[:, None]
+    each = rods.whole_length[i] / SEGMENTS
+    within = rods.shares(i, each * np.arange(SEGMENTS + 1))
 
-    def along(name, power):
-        ends = rods.field(name)[i]
-        return (inner * ends[0] ** power + (1 - inner) * ends[1] ** power) ** power
+    def along(name, power=1):
+        return (within @ rods.field(name)[i] ** power) ** power
 
-    bend, stretch, load = along("bend_stiffness", -1), along("stretch_stiffness", -1), each * along("load", 1)
-    force, moment = push * rods.field("tip_force")[i], push * rods.field("tip_moment")[i]
-    dead = rods.field("dead_force")[i]
+    bend, stretch, load = along("bend_stiffness", -1), along("stretch_stiffness", -1), each * along("load")
+    curved, stretched = along("rest_curvature"), along("rest_strain")
+    force, moment, dead = (rods.field(name)[i] for name in ("tip_force", "tip_moment", "dead_force"))
 
     def strains_of(strains):
         turns, places = shape(strains, each)
@@ -51,8 +46,8 @@ def tip(rods, i, push):
         for k in range(SEGMENTS):  # the weight of all that is beyond
             about[k] += np.cross(where[k + 1 :] - where[k], load[k + 1 :]).sum(axis=0)
         into = middle.transpose(0, 2, 1)
-        u = (into @ about[..., None])[..., 0] / bend
-        v = (into @ cut[..., None])[..., 0] / stretch + [0.0, 0.0, 1.0]
+        u = (into @ about[..., None])[..., 0] / bend + curved
+        v = (into @ cut[..., None])[..., 0] / stretch + stretched
         return np.hstack([u, v]).ravel()
 
     x, steps, changes = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], SEGMENTS), [], []

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 
 from ..console import out
 from ..files.config import ConfigError
 from .make import make
 from .options import KINDS, OWN_WORLD, WIRED
-from .run import run
+from .run import Further, run
 from .score import score, write
 from .sheet import draw, sheet, write_section
-from .truth import Recipe
+from .truth import Recipe, drawable
 from .workers import Crew
 
 
@@ -49,20 +50,33 @@ def _make(a: argparse.Namespace) -> int:
         raise ConfigError(
             f"--kind and --held-out are for other worlds: give --world, or use --only {' | '.join(KINDS)}"
         )
-    recipe = Recipe(a.n, a.seed, clutter, (low, high), a.settled, min(wire, a.n), tuple(a.only or KINDS), a.geometry)
+    only, causes = tuple(a.only or KINDS), _causes(a, drawable())
+    recipe = Recipe(a.n, a.seed, clutter, (low, high), a.settled, min(wire, a.n), only, a.geometry, causes)
     digest = make(a.out, recipe, a.design, menu=_menu(a), per_length=a.per_length, simulator=a.simulator, crew=_crew(a))
     out.print(f"{a.n} cases in {a.out}; sha256 of the sealed truth {digest}")
     return 0
 
 
+def _causes(a: argparse.Namespace, known: Sequence[str]) -> tuple[str, ...]:
+    """Effects to draw from; raises ConfigError for one that the robots do not have, or a sweep does not show."""
+    for cause in a.cause or ():
+        if cause not in known:
+            raise ConfigError(f"--cause {cause}: must be one of {', '.join(known)}")
+    return tuple(a.cause or ())
+
+
 def _make_world(a: argparse.Namespace) -> int:
     from .worlds.make import make as make_world
     from .worlds.truth import WorldRecipe
+    from .worlds.truth import drawable as drawable_in_world
 
     if a.wire or a.only:
         raise ConfigError("--wire and --only are for the virtual robot: with --world leave them out, and use --kind")
     low, high = a.sizes
-    recipe = WorldRecipe(a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.settled, a.held_out)
+    causes = _causes(a, drawable_in_world())
+    recipe = WorldRecipe(
+        a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.settled, a.held_out, causes
+    )
     digest = make_world(
         a.out, recipe, a.design, menu=_menu(a), per_length=a.per_length, simulator=a.simulator, crew=_crew(a)
     )
@@ -71,9 +85,10 @@ def _make_world(a: argparse.Namespace) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
-    from .diagnose import attribute_folder, diagnose_folder
+    from .diagnose import attribute_folder, diagnose_folder, propose_folder
 
-    done = run(a.out, attribute_folder if a.quick else diagnose_folder, a.chosen, _crew(a))
+    quick = propose_folder if a.chosen else attribute_folder
+    done = run(a.out, quick if a.quick else diagnose_folder, Further(a.chosen, a.choose), _crew(a))
     out.print(f"{done} cases diagnosed")
     return 0
 

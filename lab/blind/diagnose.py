@@ -20,6 +20,11 @@ def diagnose_folder(folder: Path) -> dict[str, Any]:
     return _diagnosed(folder, Options())
 
 
+def propose_folder(folder: Path) -> dict[str, Any]:
+    """The same without held-out errors."""
+    return _diagnosed(folder, Options(quantify=False))
+
+
 def attribute_folder(folder: Path) -> dict[str, Any]:
     """The same without held-out errors and without next experiments, for a quick look."""
     return _diagnosed(folder, Options(quantify=False, experiments=False))

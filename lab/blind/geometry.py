@@ -1,4 +1,4 @@
-"""The robots that the virtual robot of the bench can be: the paper's, and one with three chambers in a slimmer body."""
+"""The robots that the virtual robot of the bench can be: the paper's, and slimmer ones with three chambers or tendons."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ class Geometry:
     """Those inflated in the base sweep."""
     truth: Mapping[str, Any]
     """Fields of `RobotTruth`; m, degrees."""
-    described: Mapping[str, Any]
-    """The same as robot.yaml says it."""
 
     @property
     def chambers(self) -> int:
@@ -27,22 +25,16 @@ class Geometry:
         return sum(len(c) for c in self.channels)
 
 
-_BODY = {"outer_radius": 0.045, "inner_radius": 0.025}
-_SPINE, _CHAMBER, _PATH, _AZIMUTHS = 0.025, 0.0075, 0.036, (0.0, 120.0, 240.0)
+_THREE = {
+    "outer_radius": 0.045, "inner_radius": 0.025, "spine_radius": 0.025, "chamber_radius": 0.0075, "chamber_path_radius": 0.036,
+    "chamber_azimuths_deg": (0.0, 120.0, 240.0),
+}  # fmt: skip
+_OF_THREE = (((1,), (2,), (3,)), (1,))
 GEOMETRIES: Mapping[str, Geometry] = MappingProxyType(
     {
-        "paper": Geometry(((9, 1, 2), (3, 4, 5), (6, 7, 8)), (9, 1, 2), {}, {}),
-        "three_chambers": Geometry(
-            ((1,), (2,), (3,)),
-            (1,),
-            {
-                **_BODY, "spine_radius": _SPINE, "chamber_radius": _CHAMBER, "chamber_path_radius": _PATH,
-                "chamber_azimuths_deg": _AZIMUTHS,
-            },
-            {
-                **_BODY, "spine": {"radius": _SPINE},
-                "chambers": {"radius": _CHAMBER, "path_radius": _PATH, "azimuths_deg": list(_AZIMUTHS)},
-            },
-        ),
+        "paper": Geometry(((9, 1, 2), (3, 4, 5), (6, 7, 8)), (9, 1, 2), {}),
+        "three_chambers": Geometry(*_OF_THREE, _THREE),
+        "tapered": Geometry(*_OF_THREE, {**_THREE, "spine_radius": 0.017, "chamber_radius": 0.006, "taper": 0.7}),
+        "tendons": Geometry(*_OF_THREE, {**_THREE, "tendons": True}),
     }
-)  # fmt: skip
+)

@@ -35,6 +35,12 @@ PREDICTED = "predicted.csv"
 ATTEMPTS = 20
 """Draws of sizes for one case until the robot keeps its equilibrium through all experiments."""
 NOMINAL_AREA_FACTOR = 1.6
+DESCRIBED = {
+    "outer_radius": ("outer_radius",), "inner_radius": ("inner_radius",), "spine_radius": ("spine", "radius"),
+    "chamber_radius": ("chambers", "radius"), "chamber_path_radius": ("chambers", "path_radius"),
+    "chamber_azimuths_deg": ("chambers", "azimuths_deg"),
+}  # fmt: skip
+"""Where fields of `RobotTruth` stand in robot.yaml."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,7 @@ def make(
         "design": shown.name, "clutter": recipe.clutter, "sizes": list(recipe.sizes), "settled": recipe.settled,
         "wired": recipe.wire, "area_factor": "by spine length" if per_length else "one",
         **({"simulator": simulator} if simulator else {}),
+        **({"causes": list(recipe.causes)} if recipe.causes else {}),
         **({"geometry": recipe.geometry} if recipe.geometry != "paper" else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
@@ -153,8 +160,18 @@ def write_predictions(folder: Path, name: str) -> Path:
 def robot_yaml(geometry: Geometry = GEOMETRIES["paper"], *, markers: bool, per_length: bool) -> str:
     """The robot as a diagnosis is told it; its area factor is a starting value, to be calibrated."""
     robot = yaml.safe_load(paper_robot().read_text(encoding="utf-8"))
-    for key, value in geometry.described.items():
-        robot[key] = {**robot[key], **value} if isinstance(value, dict) else value
+    for field, (*table, key) in DESCRIBED.items():
+        if field in geometry.truth:
+            value = geometry.truth[field]
+            (robot[table[0]] if table else robot)[key] = list(value) if isinstance(value, tuple) else value
+    taper = geometry.truth.get("taper", 1.0)
+    if taper != 1.0:
+        radii = {key: robot[key] for key in ("outer_radius", "inner_radius")}
+        radii["path_radius"] = robot["chambers"]["path_radius"]
+        robot["sections"] = [{"length": robot["length"], **{k: [v, taper * v] for k, v in radii.items()}}]
+    if geometry.truth.get("tendons", False):
+        robot["tendons"] = {key: robot["chambers"][key] for key in ("path_radius", "azimuths_deg")}
+        del robot["chambers"]
     if not per_length:
         robot["area_factor"] = NOMINAL_AREA_FACTOR
     if markers:

@@ -74,12 +74,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="its predictions are the baseline, in the rod's place; no further experiments",
     )
     p.add_argument("--only", action="append", choices=KINDS, help="only cases of this kind (repeatable; default: all)")
+    p.add_argument(
+        "--cause",
+        action="append",
+        metavar="ID",
+        help="draw causes from these effects (repeatable)",
+    )
     _crew(p)
     p = steps.add_parser("run", help="diagnose every case; the seal stays closed")
     p.add_argument("out", type=Path)
     p.add_argument("--chosen", type=int, default=0, help="experiments that the diagnosis may request (0 to 3)")
+    p.add_argument(
+        "--choose",
+        choices=("information", "random", "repeat"),
+        default="information",
+        help="what is done next: what the diagnosis asks for (default), for comparison any of the menu, or the sweep again",
+    )
     _crew(p)
-    p.add_argument("--quick", action="store_true", help="no held-out errors and no next experiments")
+    p.add_argument("--quick", action="store_true", help="no held-out errors, and without --chosen no next experiments")
     p = steps.add_parser("score", help="open the seal and score")
     p.add_argument("out", type=Path)
     p.add_argument("--after", type=int, help="score the answers given after this many experiments (default: the last)")

@@ -10,19 +10,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+
+from diagnosis.investigate import LEAST_BITS, SURE
 from recordings.own_files import replaced
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 
 from ..files.config import ConfigError
+from .answers import answer_from
 from .designs import CHANNELS, joined
 from .folder import SetFolder
 from .make import PREDICTED
-from .sweeps import MENU
+from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU
 from .workers import Crew, spread
 
+Choice = Literal["information", "random", "repeat"]
 Diagnose = Callable[[Path], dict[str, Any]]
 """A case folder in, diagnosis.json out."""
 MENU_OF = {
@@ -41,8 +46,17 @@ class Round:
     diagnosis: dict[str, Any]
 
 
-def run(root: Path, diagnose: Diagnose, chosen: int = 0, crew: Crew = Crew()) -> int:  # noqa: B008 (frozen)
-    """Diagnose all cases that have no answer yet; returns how many. `chosen`: experiments a diagnosis may ask for.
+@dataclass(frozen=True)
+class Further:
+    """Experiments that a case is given after its first diagnosis, until its answer is settled."""
+
+    most: int = 0
+    choose: Choice = "information"
+    """What the diagnosis asks for; one of the menu at random; or the sweep measured again, for comparison."""
+
+
+def run(root: Path, diagnose: Diagnose, further: Further = Further(), crew: Crew = Crew()) -> int:  # noqa: B008 (frozen)
+    """Diagnose all cases that have no answer yet; returns how many.
 
     Raises ConfigError when the set has been scored already.
     """
@@ -53,11 +67,11 @@ def run(root: Path, diagnose: Diagnose, chosen: int = 0, crew: Crew = Crew()) ->
             f"{folder.score} exists: the seal was opened, answers given now are not blind; make a new set"
         )
     todo = [n for n in folder.names() if not (folder.answers(n) / "rounds.json").exists()]
-    done = spread(partial(answer, folder, diagnose, chosen), todo, crew, "cases diagnosed")
+    done = spread(partial(answer, folder, diagnose, further), todo, crew, "cases diagnosed")
     return sum(1 for _ in done)
 
 
-def answer(folder: SetFolder, diagnose: Diagnose, chosen: int, name: str) -> str:
+def answer(folder: SetFolder, diagnose: Diagnose, further: Further, name: str) -> str:
     """Diagnose one case and write its rounds; a diagnosis that fails is an answer too. Returns the case's name."""
     case = folder.case(name)
     table, menu = read_csv(case / "trials.csv"), case / "menu"
@@ -67,7 +81,9 @@ def answer(folder: SetFolder, diagnose: Diagnose, chosen: int, name: str) -> str
         began = time.monotonic()
         found = _diagnosed(diagnose, [case / "robot.yaml", case / PREDICTED], table)
         rounds.append(Round(asked, time.monotonic() - began, found))
-        wish = wanted(found, asked) if len(asked) < chosen and menu.is_dir() else None
+        if len(asked) >= further.most or not menu.is_dir():
+            break
+        wish = CHOICES[further.choose](found, asked, menu, name)
         if wish is None:
             break
         table = granted(table, menu, wish)
@@ -91,10 +107,36 @@ def _diagnosed(diagnose: Diagnose, files: Sequence[Path], table: Table) -> dict[
             return {"error": f"{type(e).__name__}: {e}"}
 
 
-def wanted(diagnosis: dict[str, Any], had: Sequence[str]) -> str | None:
-    """The first experiment of `next_experiment` that is on the menu and was not done yet; None when none is."""
-    asked = (MENU_OF.get(item.get("id")) for item in diagnosis.get("next_experiment") or ())
+def wanted(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
+    """As `lab investigate` chooses: the first experiment of `next_experiment` that is worth doing, on the menu and not done
+    yet; None when none is, or when the answer is settled."""
+    if _settled(diagnosis, name):
+        return None
+    items = (i for i in diagnosis.get("next_experiment") or () if i.get("expected_bits", np.inf) >= LEAST_BITS)
+    asked = (MENU_OF.get(item.get("id")) for item in items)
     return next((key for key in asked if key is not None and key not in had), None)
+
+
+def random_one(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
+    """Any of the menu, by the name of the case."""
+    left = sorted({path.stem for path in menu.glob("*.csv")} - {BASE.name, BASE_SETTLED.name, AGAIN, *had})
+    if _settled(diagnosis, name) or not left:
+        return None
+    return left[int(np.random.default_rng([int(name), len(had)]).integers(len(left)))]
+
+
+def repeated(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
+    """The base sweep again."""
+    there = (menu / f"{AGAIN}.csv").exists()
+    return AGAIN if there and AGAIN not in had and not _settled(diagnosis, name) else None
+
+
+def _settled(diagnosis: dict[str, Any], name: str) -> bool:
+    found = answer_from(name, diagnosis)
+    return found.verdict in ("effect", "none") and found.probability >= SURE
+
+
+CHOICES = {"information": wanted, "random": random_one, "repeat": repeated}
 
 
 def granted(table: Table, menu: Path, wish: str) -> Table:

@@ -30,6 +30,7 @@ SIZES: dict[str, Size] = {
     "precurvature": (("x", "y"), "norm"),
     "frame_misalignment": (("x", "y", "z"), "norm"),
     "marker_offset": (("x", "y", "z"), "norm"),
+    "tip_payload": (("mass",), "value"),
     "time_offset": (("delay",), "opposite"),
 }
 """Effects whose sealed size and named size mean the same, at least to first order: the model's parameters that make it.

@@ -76,6 +76,8 @@ class Recipe:
     """How many cases are measured through every wire."""
     only: tuple[Kind, ...] = ("single", "pair", "none", "outside")
     geometry: str = "paper"
+    causes: tuple[str, ...] = ()
+    """Effects that causes are drawn from; without, all that a plain sweep shows."""
 
 
 def draw(recipe: Recipe) -> list[Truth]:
@@ -83,7 +85,7 @@ def draw(recipe: Recipe) -> list[Truth]:
     if recipe.n < 1:
         raise ValueError(f"n = {recipe.n}: a set needs at least one case")
     rng = np.random.default_rng([recipe.seed, 0])
-    names = _names(recipe.settled)
+    names = list(recipe.causes) or _names(recipe.settled)
     outside = [e.id for e in list_effects() if not e.catalogue]
     kinds = _kinds(recipe)
     turn = {"single": _around(rng, names), "outside": _around(rng, outside)}
@@ -133,9 +135,14 @@ def _three(rng: np.random.Generator, sd: float) -> tuple[float, float, float]:
     return (a, b, c)
 
 
+def drawable() -> list[str]:
+    """Effects that a cause may be asked for from: all that a sweep shows."""
+    return [e.id for e in list_effects() if e.catalogue and e.id not in STAND_ONLY]
+
+
 def _names(settled: bool) -> list[str]:
     left_out = STAND_ONLY + (RAMPING_ONLY if settled else ())
-    return [e.id for e in list_effects() if e.catalogue and e.id not in left_out]
+    return [e.id for e in list_effects() if e.catalogue and not e.on_request and e.id not in left_out]
 
 
 def _kinds(recipe: Recipe) -> list[Kind]:

@@ -34,6 +34,8 @@ UNITS_APART = 0.01
 """Share of the measured pressures below which those of a file have another unit."""
 TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3)
 """m of spine, Pa, kg at the tip, rad of roll and N on the tip within which one setting is simulated for several readings."""
+BEHIND = len(TOGETHER) - 2
+"""Numbers of a setting behind its pressures."""
 BATCH = 8
 """Settings that a simulator is asked for at once."""
 STEP = 0.1
@@ -71,7 +73,7 @@ def _by_step(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
 
 def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
     """The same, by the nearest state."""
-    pressures = [f"p{i}" for i in range(1, len(case.robot.chambers.azimuths_deg) + 1)]
+    pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
     missing = [name for name in pressures if name not in found]
     if missing:
         raise ConfigError(
@@ -105,7 +107,7 @@ def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
 
 def _baseline(name: str, found: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
     """Columns of a file, or what a simulator made, in the order of the case's table."""
-    rows, chambers = case.table.rows, len(case.robot.chambers.azimuths_deg)
+    rows, chambers = case.table.rows, len(case.robot.actuators.azimuths_deg)
     seen = place >= 0
 
     def column(of: str, default: Array) -> Array:
@@ -228,7 +230,7 @@ def from_simulator(
 
 def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:
     """Some of settings (n, ..), (m, ..), and which of them stands for each (n,): the first that is near enough."""
-    within = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - len(TOGETHER) + 1), *TOGETHER[2:]])
+    within = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - BEHIND - 1), *TOGETHER[2:]])
     kept: list[int] = []
     place = np.empty(len(settings), np.int64)
     for i, own in enumerate(settings):
@@ -245,7 +247,7 @@ def _setting(row: TrialRow, case: Case) -> tuple[float, ...]:
 
 
 def _states(part: Array) -> States:
-    return States(part[:, 0], part[:, 1:-5], part[:, -5], part[:, -4], part[:, -3:])
+    return States(part[:, 0], part[:, 1:-BEHIND], part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :])
 
 
 def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:
@@ -256,7 +258,7 @@ def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:
     shapes: Sequence[tuple[str, Array | None, tuple[int, ...]]] = (
         ("tip", read.tip, (n, 3)), ("orientation", read.orientation, (n, 4)), ("markers", read.markers, (n, markers, 3)),
     )  # fmt: skip
-    out: Columns = {"spine_length": part[:, 0]} | {f"p{i}": c for i, c in enumerate(part[:, 1:-5].T, 1)}
+    out: Columns = {"spine_length": part[:, 0]} | {f"p{i}": c for i, c in enumerate(part[:, 1:-BEHIND].T, 1)}
     for what, values, shape in shapes:
         if values is None:
             continue

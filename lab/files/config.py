@@ -163,41 +163,46 @@ def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, proble
         field = model.model_fields.get(key) if isinstance(key, str) else None
         if field is None:
             continue
-        if (
-            isinstance(value, str)
-            and (name := _uncertain(field))
-            and (parts := re.split(r"\+-|±", value, maxsplit=1))[1:]
-        ):
-            value, beside = (part.strip() for part in parts)
-            beside_numbers[name] = _spread(value, beside, field, model, name, (*loc, key), problems)
+        value, beside = _number_and_spread(value, field)
+        if beside is not None:
+            beside_numbers[_uncertain(field)] = _spread(value, beside, field, model, (*loc, key), problems)
         out[key] = _convert(value, field, (*loc, key), problems)
     if beside_numbers and isinstance(out.get("uncertainty", {}), dict):
         out["uncertainty"] = beside_numbers | out.get("uncertainty", {})
     return out
 
 
-def _uncertain(field: FieldInfo) -> str | None:
-    """The entry of the table `uncertainty` in which a field's standard deviation stands."""
+def _uncertain(field: FieldInfo) -> str:
+    """The entry of the table `uncertainty` in which a field's standard deviation stands; empty where there is none."""
     extra = field.json_schema_extra
-    return str(extra["uncertainty"]) if isinstance(extra, dict) and "uncertainty" in extra else None
+    return str(extra.get("uncertainty", "")) if isinstance(extra, dict) else ""
+
+
+def _number_and_spread(value: Any, field: FieldInfo) -> tuple[Any, str | None]:
+    """A value and what stands behind its +-, of fields whose uncertainty can be stated; None where there is none."""
+    if isinstance(value, str) and _uncertain(field):
+        number, *spread = re.split(r"\+-|±", value, maxsplit=1)
+        if spread:
+            return number.strip(), spread[0].strip()
+    return value, None
 
 
 def _spread(
-    value: str, beside: str, field: FieldInfo, model: type[BaseModel], name: str, loc: Loc, problems: dict[Loc, Any]
+    value: str, beside: str, field: FieldInfo, model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]
 ) -> float | None:
     """What stands behind +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
     table = model.model_fields["uncertainty"].annotation
-    share = isinstance(table, type) and issubclass(table, BaseModel) and _unit(table.model_fields[name]) == "1"
+    share = (
+        isinstance(table, type) and issubclass(table, BaseModel) and _unit(table.model_fields[_uncertain(field)]) == "1"
+    )
     try:
         whole = to_si(value, _unit(field) or "1")
-        if beside.strip().endswith("%"):
-            spread = to_si(beside, "1") * (1.0 if share else whole)
-        else:
-            spread = to_si(beside, _unit(field) or "1") / (whole if share else 1.0)
+        if beside.endswith("%"):
+            return to_si(beside, "1") * (1.0 if share else whole)
+        return to_si(beside, _unit(field) or "1") / (whole if share else 1.0)
     except (UnitError, ZeroDivisionError) as e:
         problems[loc] = f"{_dotted(loc)}: {e}; write for example '505 kPa +- 30 %'"
         return None
-    return spread
 
 
 def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:

@@ -65,7 +65,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
             if robot_path is None:
                 robots.append((str(path), load(path / "robot.yaml", Robot)))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
-    parts += [(_names(group), merged(group)) for group in campaigns(recordings)]
+    parts += [(_names(group), table) for group, table in _in_time(campaigns(recordings))]
     if robot_path is None:
         robots += [(str(recording.path), _robot_of(recording)) for recording in recordings]
     else:
@@ -86,9 +86,27 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     return Case(robot, Table(tuple(rows), warnings=doubts, units=units))
 
 
+def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recording], Table]]:
+    """The table of each campaign; `t` goes on from the first to those that were begun later."""
+    out: list[tuple[Sequence[Recording], Table]] = []
+    for group in groups:
+        table = merged(group)
+        begun = (min(r.start_wall_ns for r in group) - min(r.start_wall_ns for r in groups[0])) / 1e9
+        last = max((r.t for r in out[-1][1]), default=0.0) if out else 0.0
+        shift = max(begun, last) if begun > 0 else 0.0
+        rows = tuple(replace(r, t=r.t + shift) for r in table) if shift else table.rows
+        out.append((group, replace(table, rows=rows)))
+    return out
+
+
 def _body(robot: Robot) -> Robot:
     """What the model knows of a robot: how much pressure it bears may have been written down later."""
     return robot.model_copy(update={"max_pressure": None})
+
+
+def same_robot(a: Robot, b: Robot) -> bool:
+    """Whether two robots have the same body."""
+    return _body(a) == _body(b)
 
 
 def same_body(a: bytes, b: bytes) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from recordings.campaign.journal import Progress, read
+from recordings.campaign.labels import labels_of
 from recordings.campaign.resumed import campaign_of, merged
 from recordings.file.reader import Recording
 from recordings.trials import Table
@@ -28,9 +29,11 @@ class Broken:
     journal: Path
     progress: Progress
     finished: int
-    """Trials 1 to this one are done, and all their states are in the recordings."""
+    """Trials 1 to this one are done, and all their states are in the recordings; or they were left out."""
     table: Table
     """The rows of the finished trials."""
+    labels: dict[str, str]
+    """What was said of its first run."""
     protocol: str
     """protocol.yaml of the campaign, in full."""
     robot: bytes
@@ -41,13 +44,16 @@ def find(run: Path) -> Broken:
     journal = run if run.suffix == ".journal" else _journal_of(run)
     progress = read(journal)
     names = list(progress.recordings)
-    if len(names) > 1 and not _beside(journal, names[-1][0]).exists() and max(progress.done, default=0) < names[-1][1]:
+    last = max((*progress.done, *progress.skipped), default=0)
+    if len(names) > 1 and not _beside(journal, names[-1][0]).exists() and last < names[-1][1]:
         names.pop()  # the crash came before the file was there
     recordings = [_open(_beside(journal, name), progress.campaign) for name, _ in names]
     rows = merged(recordings)
     held = {trial: sum(row.trial == trial for row in rows) for trial in progress.done}
     finished = 0
-    while finished < progress.finished and held[finished + 1] == progress.done[finished + 1]:
+    while finished < progress.finished and (
+        finished + 1 in progress.skipped or held[finished + 1] == progress.done[finished + 1]
+    ):
         finished += 1
     first = recordings[0]
     missing = [name for name in ("protocol.yaml", "robot.yaml") if name not in first.attachments]
@@ -55,7 +61,7 @@ def find(run: Path) -> Broken:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
         journal, progress, finished, Table(tuple(row for row in rows if row.trial <= finished)),
-        attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
+        labels_of(first), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
     )  # fmt: skip
 
 

@@ -16,7 +16,8 @@ from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from .map_file import Source
-from .series import LARGEST, Array, Series
+from .matlab_hdf5 import is_hdf5, read_hdf5
+from .series import LARGEST, Array, Series, demand_bounded
 
 LAST = ("point", "axis")
 """Dimensions of an array that become columns."""
@@ -77,16 +78,16 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
 
 
 def read_matlab(path: Path, source: Source) -> Series:
-    """A .mat file up to version 7."""
+    """A .mat file of any version."""
     from scipy.io import loadmat, whosmat
 
     data = read_bounded(path, LARGEST, ConfigError)
-    if data[:512].find(b"MATLAB 7.3") >= 0 or data[:8] == b"\x89HDF\r\n\x1a\n":
-        raise ConfigError(f"{path}: is a MATLAB 7.3 file; save it in MATLAB with save(..., '-v7')")
+    if is_hdf5(data):
+        return columns_of(path, read_hdf5(path, data), source, "MATLAB 7.3")
     try:
         # before anything is unpacked: a few kB can hold GB
         size = sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data)))
-        _demand_bounded(path, size)
+        demand_bounded(path, size)
         found = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
     except ConfigError:
         raise
@@ -114,7 +115,7 @@ def read_numpy(path: Path, source: Source) -> Series:
     data = read_bounded(path, LARGEST, ConfigError)
     try:
         if zipfile.is_zipfile(io.BytesIO(data)):
-            _demand_bounded(path, sum(one.file_size for one in zipfile.ZipFile(io.BytesIO(data)).infolist()))
+            demand_bounded(path, sum(one.file_size for one in zipfile.ZipFile(io.BytesIO(data)).infolist()))
         elif not data.startswith(b"\x93NUMPY"):
             raise ConfigError(f"{path}: is not a NumPy file")
         elif path.suffix.lower() == ".npy" and _holds_objects(data):
@@ -126,11 +127,6 @@ def read_numpy(path: Path, source: Source) -> Series:
     except (ValueError, MemoryError, OSError, zipfile.BadZipFile) as e:
         why = "holds objects; save its arrays as numbers" if "allow_pickle" in str(e) else f"is not a NumPy file ({e})"
         raise ConfigError(f"{path}: {why}") from e
-
-
-def _demand_bounded(path: Path, size: int) -> None:
-    if size > LARGEST:
-        raise ConfigError(f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {LARGEST / 1e6:g} MB are read")
 
 
 def _header(stream: io.BytesIO) -> Any:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from recordings.bounded import read_bounded
 from ..files.config import ConfigError
 from .arrays import read_matlab, read_numpy
 from .map_file import Source
-from .series import LARGEST, Array, Series, Texts, unique
+from .series import LARGEST, Array, Series, Texts, package, unique
 from .text_tables import read_text
 
 MOST_COLUMNS = 5000
@@ -35,15 +33,8 @@ def read(path: Path, source: Source) -> Series:
     return found
 
 
-def _package(name: str, path: Path) -> Any:
-    try:
-        return import_module(name)
-    except ImportError as e:
-        raise ConfigError(f"{path}: is read with {name}, which is not installed; pip install 'softlab[import]'") from e
-
-
 def _c3d(path: Path, source: Source) -> Series:
-    library = _package("c3d", path)
+    library = package("c3d", path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -65,7 +56,7 @@ def _c3d(path: Path, source: Source) -> Series:
 
 
 def _parquet(path: Path, source: Source) -> Series:
-    parquet = _package("pyarrow.parquet", path)
+    parquet = package("pyarrow.parquet", path)
     read_bounded(path, LARGEST, ConfigError)
     try:
         table = parquet.read_table(path)

@@ -38,6 +38,8 @@ AT_AMBIENT = 0.05
 """Share of the atmosphere within which a lowest pressure is the atmosphere."""
 STEADY = 0.02
 """Of the highest pressure, within which a plateau stands."""
+ASIDE = 0.5
+"""Robot lengths off the longest axis from which on the resting tip does not tell which way the robot hangs."""
 AGREED = 0.5
 """Cosine between pressures and displacements below which the frame remains in doubt."""
 FEW = 5
@@ -87,7 +89,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     read = {name: n for name, n in found.items() if not by[name].asked_for}
     chosen = read or found
     names = sorted(chosen, key=lambda name: chosen[name])
-    wanted = len(robot.chambers.azimuths_deg)
+    wanted = len(robot.actuators.azimuths_deg)
     if not names:
         if wanted == 1:
             g.say("constants", {"p1": 0}, "no column of pressures")
@@ -195,37 +197,60 @@ def _length_unit(t: Triple, rest: Array, length: float) -> tuple[str, str]:
 
 
 def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot: Robot) -> None:
-    """z along the axis on which the resting tip is far from its base; x and y as the chambers bend, right-handed. `tip`: m."""
+    """z along the axis on which the resting tip is far from its base; x and y as the chambers bend, right-handed. `tip`: m.
+
+    Where markers stand elsewhere, all three axes as the chambers bend.
+    """
     at_rest = np.nanmean(tip[rest], axis=0)
     along = int(np.argmax(np.abs(at_rest)))
-    sign = "-" if at_rest[along] < 0 else ""
-    lies = f"at rest the tip lies along {sign}{'xyz'[along]} of the file"
-    first, second = "xyz"[(along + 1) % 3], "xyz"[(along + 2) % 3]
-    one, two = (first, second) if not sign else (second, first)
-    turns = [(one, two), (two, f"-{one}"), (f"-{one}", f"-{two}"), (f"-{two}", one)]
-    agreement = [_agreement(g, series, tip - at_rest, Frame(x=x, y=y, z=sign + "xyz"[along]), robot) for x, y in turns]
-    best = int(np.argmax(agreement))
-    x, y = turns[best]
-    if agreement[best] < AGREED:
-        x, y = turns[0]
-        g.doubts.append(
-            f"frame: no turn about z lets the tip bend away from the chambers inflated (best: {agreement[best]:.2f} of 1)"
-        )
-    if (x, y, sign + "xyz"[along]) != ("x", "y", "z"):
-        why = f"{lies}; with these x and y it bends away from the chambers inflated ({agreement[best]:.2f} of 1)"
-        g.say("frame", {"x": x, "y": y, "z": sign + "xyz"[along]}, why)
     away = float(np.linalg.norm(at_rest))
     aside = float(np.linalg.norm(np.delete(at_rest, along)))
-    if abs(away - robot.length) > 0.02 * robot.length or aside > 0.05 * robot.length:
-        lies = f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis"
-        g.say(
-            "straight", "first state", f"{lies} of a robot of {robot.length * 1e3:g} mm: markers were placed elsewhere"
+    elsewhere = abs(away - robot.length) > 0.02 * robot.length or aside > 0.05 * robot.length
+    told = aside <= ASIDE * robot.length
+    lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
+    frames = [
+        Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)
+    ]
+    agreement = [_agreement(g, series, tip - at_rest, frame, robot) for frame in frames]
+    best = int(np.argmax(agreement))
+    if agreement[best] < AGREED:
+        best = 0
+        g.doubts.append(
+            f"frame: no turn about z lets the tip bend away from the chambers inflated (best: {max(agreement):.2f} of 1)"
         )
+    found = frames[best]
+    if not told:
+        others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
+        g.doubts.append(
+            f"frame: where the tip rests does not tell which axis points from base to tip; taken as {found.z}, as the chambers "
+            f"bend it ({agreement[best]:.2f} of 1, with another axis up to {max(others):.2f})"
+        )
+    if (found.x, found.y, found.z) != ("x", "y", "z"):
+        why = (
+            f"at rest the tip lies along {found.z} of the file"
+            if told
+            else f"the tip bends across {found.z} of the file"
+        )
+        why += f"; with these x and y it bends away from the chambers inflated ({agreement[best]:.2f} of 1)"
+        g.say("frame", {"x": found.x, "y": found.y, "z": found.z}, why)
+    if elsewhere:
+        text = f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis"
+        g.say(
+            "straight", "first state", f"{text} of a robot of {robot.length * 1e3:g} mm: markers were placed elsewhere"
+        )
+
+
+def _turned(z: str) -> list[tuple[str, str]]:
+    """x and y of the four right-handed frames with this z."""
+    along = "xyz".index(z[-1])
+    first, second = "xyz"[(along + 1) % 3], "xyz"[(along + 2) % 3]
+    one, two = (second, first) if z.startswith("-") else (first, second)
+    return [(one, two), (two, f"-{one}"), (f"-{one}", f"-{two}"), (f"-{two}", one)]
 
 
 def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
     """Cosine between where the tip moves across and where the chambers' pressures bend it, over all rows."""
-    azimuth = np.radians(robot.chambers.azimuths_deg)
+    azimuth = np.radians(robot.actuators.azimuths_deg)
     columns = [g.values.get("columns", {}).get(f"p{k + 1}") for k in range(len(azimuth))]
     if any(c is None for c in columns):
         return 1.0

@@ -125,9 +125,12 @@ class Frame(Part):
 
 
 class Plateaus(Part):
-    """States are stretches in which no pressure changes by more than `steady` within `shortest`; their mean is taken."""
+    """States are stretches in which no pressure (and no force) changes by more than `steady` (`force`) within `shortest`;
+    their mean is taken."""
 
     steady: FiniteFloat = Field(gt=0, json_schema_extra={"unit": "Pa"})
+    force: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "N"})
+    """The same for force_x, force_y and force_z; they may change unless given."""
     shortest: FiniteFloat = Field(default=0.5, gt=0, json_schema_extra={"unit": "s"})
     settling: FiniteFloat = Field(default=0.3, ge=0, json_schema_extra={"unit": "s"})
     """Left out at the start, where enough is left."""
@@ -162,9 +165,10 @@ class States(Part):
 
 
 class Trials(Part):
-    """Where a trial begins, unless a column says: with each file, or also each time all pressures come back to rest."""
+    """Where a trial begins, unless a column says: with each file, also each time all pressures come back to rest, or with each
+    state, where settings follow each other in no order."""
 
-    begin: Literal["file", "rest"] = "file"
+    begin: Literal["file", "rest", "state"] = "file"
     below: FiniteFloat = Field(default=2000.0, gt=0, json_schema_extra={"unit": "Pa"})
     """What counts as at rest."""
 
@@ -204,6 +208,9 @@ class Map(Part):
         default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}
     )
     """Where the tracked point sits on the straight robot, from the end of the body; needs an orientation."""
+    forces: Literal["base", "tip"] = "base"
+    """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip and whose axes are the recorded ones
+    on the straight robot."""
     straight: Literal["as recorded", "first state", "first row"] = "as recorded"
     """Which reading is the straight robot: what it differs by is where cameras and markers were placed. first row: of each
     file."""
@@ -228,7 +235,10 @@ class Map(Part):
             found.append("points.tip: the tip is also given by columns x, y, z; keep one")
         if "tip" not in self.points and not all(a in self.columns for a in "xyz"):
             found.append("columns: give the tip by x, y and z, or by points.tip")
-        if any(self.sensor) and self.orientation is None and not any(p.turn for p in self.points.values()):
+        turned = self.orientation is not None or any(p.turn for p in self.points.values())
+        if self.forces == "tip" and not turned:
+            found.append("forces: a sensor that turns with the tip needs an orientation")
+        if any(self.sensor) and not turned:
             found.append("sensor: a point beside the end of the body needs an orientation to be moved back")
         if found:
             raise ValueError("; ".join(found))

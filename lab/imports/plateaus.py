@@ -24,10 +24,13 @@ class Cut:
     """All pressures are zero whatever was read."""
 
 
-def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64]) -> list[Cut]:
-    """The states of one file, in the order of its rows."""
+def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64], force: Array | None = None) -> list[Cut]:
+    """The states of one file, in the order of its rows; `force` (n, k) N on the tip."""
     if states.plateaus is not None:
-        return plateaus(states.plateaus, t, pressures, trial)
+        held = pressures
+        if force is not None and states.plateaus.force is not None:
+            held = np.column_stack([pressures, force * (states.plateaus.steady / states.plateaus.force)])
+        return plateaus(states.plateaus, t, held, trial)
     if not states.windows:
         return [Cut(slice(i, i + 1), 0.0) for i in range(len(t))]
     out = []

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..files.config import ConfigError
 
 Array = NDArray[np.float64]
 Texts = NDArray[np.str_]
@@ -33,6 +37,20 @@ class Series:
     def names(self) -> tuple[str, ...]:
         """Of all columns."""
         return (*self.numbers, *self.words)
+
+
+def package(name: str, path: Path) -> Any:
+    """The library that reads a file; raises ConfigError where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError as e:
+        raise ConfigError(f"{path}: is read with {name}, which is not installed; pip install 'softlab[import]'") from e
+
+
+def demand_bounded(path: Path, size: int) -> None:
+    """Raise ConfigError where a file unpacks to more than `LARGEST` bytes."""
+    if size > LARGEST:
+        raise ConfigError(f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {LARGEST / 1e6:g} MB are read")
 
 
 def unique(names: Sequence[str], width: int) -> list[str]:

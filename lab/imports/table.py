@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
+from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
 from .formats import READERS, read
+from .lever import lever_off
 from .map_file import AXES, Map, quantities
 from .plateaus import Cut, cuts
 from .quantities import Quantities, quantities_of
@@ -30,6 +32,7 @@ BETWEEN_FILES = 60.0
 """s from the end of one file to the start of the next, where only each file's own time is known."""
 NO_PRESSURE = 2e3
 """Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
+FORCES = ("force_x", "force_y", "force_z")
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -79,9 +82,15 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Mapping[str
 
 
 def imported(
-    given: Sequence[Path], wanted: Map, length: float, progress: Callable[[float, float], None] = lambda done, of: None
+    given: Sequence[Path],
+    wanted: Map,
+    straight: Array,
+    progress: Callable[[float, float], None] = lambda done, of: None,
 ) -> Imported:
-    """Read, cut and put into the robot's frame; `length` of the robot in m. Raises ConfigError."""
+    """Read, cut and put into the robot's frame; `straight` (3,) m: the tracked point of the straight robot.
+
+    Raises ConfigError.
+    """
     read_files, states, notes = [], [], []
     group, start = 0, 0.0
     files = files_of(given, wanted)
@@ -90,12 +99,15 @@ def imported(
         series = read(path, wanted.source)
         q = quantities_of(series, wanted, constants)
         if wanted.straight == "first row":
-            q = _straightened(q, 0, length, wanted.sensor)
+            q = _straightened(q, 0, straight, wanted.sensor)
         if number and "t" not in wanted.columns or (number and q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_FILES)
         trial = _trials(q, wanted)
-        own = cuts(wanted.states, q.t, q.pressures, trial)
-        made = [_state(number, group + int(trial[c.rows][0]), q, c) for c in own]
+        pushed = [q.others[name] for name in FORCES if name in q.others]
+        own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)
+        each = wanted.trials.begin == "state" and "trial" not in q.others
+        trials = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
+        made = [_state(number, group + k, q, c) for k, c in zip(trials, own, strict=True)]
         kept = [s for s in made if s is not None]
         if len(kept) < len(made):
             notes.append(
@@ -104,14 +116,19 @@ def imported(
         if not kept:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
         states += kept
-        group += int(trial.max()) + 1
+        group += max(trials) + 1
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
     if wanted.straight == "first state":
-        states = _from_first(states, length, wanted.sensor)
+        states = _from_first(states, straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
         states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
-    rows = _numbered(states, bool({"repeat"} & wanted.columns.keys()), "branch" in wanted.columns)
+    if wanted.forces == "tip":
+        states = [_force_turned(s, wanted.frame.matrix) for s in states]
+    branches_told = "branch" in wanted.columns or all("branch" in constants for _, constants in files)
+    rows = _numbered(states, bool({"repeat"} & wanted.columns.keys()), branches_told)
+    if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
+        notes.append(_lever_note(wanted.sensor[2], *off))
     if wanted.stiffness is not None:
         rows += _pushes(rows, read_files, wanted)
     try:
@@ -131,18 +148,32 @@ def _why(wanted: Map, q: Quantities) -> str:
     )
 
 
+def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
+    return (
+        f"place and turn of the tip fit one arc to {1e3 * best:.1f} mm for a sensor {1e3 * (sensor + off):.1f} mm beyond "
+        f"the end of the body, but to {1e3 * without:.1f} mm where the map has it ({1e3 * sensor:.1f} mm): check sensor, frame "
+        "and orientation"
+    )
+
+
 # ------------------------------------------------------------------ frames
-def _straightened(q: Quantities, at: int, length: float, sensor: Sequence[float]) -> Quantities:
+def straight_point(robot: Robot) -> Array:
+    """(3,) m: the end of the straight body, or the point beside it that robot.yaml states as tracked (marker_offset)."""
+    stated = robot.effects.get("marker_offset", {})
+    return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
+
+
+def _straightened(q: Quantities, at: int, straight: Array, sensor: Sequence[float]) -> Quantities:
     """Places and turns against those of one row, which is the straight robot."""
     lever = np.array(sensor)
     turn = None if q.turn is None else q.turn * q.turn[at].inv()
     moved = q.tip - q.tip[at]
     if turn is not None:
         moved = moved - (turn.apply(lever) - lever)
-    return replace(q, tip=moved + [0.0, 0.0, length], turn=turn)
+    return replace(q, tip=moved + straight, turn=turn)
 
 
-def _from_first(states: list[_State], length: float, sensor: Sequence[float]) -> list[_State]:
+def _from_first(states: list[_State], end: Array, sensor: Sequence[float]) -> list[_State]:
     """The same for states: the first one without pressure is the straight robot, or the first where none is."""
     at = min(range(len(states)), key=lambda i: (round(max(map(abs, states[i].row.pressures)) / NO_PRESSURE), i))
     straight, lever = states[at], np.array(sensor)
@@ -150,7 +181,7 @@ def _from_first(states: list[_State], length: float, sensor: Sequence[float]) ->
     out = []
     for state in states:
         turn = None if state.turn is None or straight.turn is None else state.turn * straight.turn.inv()
-        shift = -origin + [0.0, 0.0, length]
+        shift = end - origin
         if turn is not None:
             shift = shift - (turn.apply(lever) - lever)
         out.append(_moved(replace(state, turn=turn), np.zeros(3), shift))
@@ -162,6 +193,14 @@ def _moved(state: _State, lever: Array, shift: Array) -> _State:
     own = shift - (state.turn.apply(lever) if state.turn is not None else lever)
     x, y, z = (np.array(state.row.tip) + own).tolist()
     return replace(state, row=replace(state.row, tip=(x, y, z), orientation=_quaternion(state.turn)))
+
+
+def _force_turned(state: _State, frame: Array) -> _State:
+    """A state with its force brought from the tip's axes into those of the base."""
+    if state.turn is None:
+        raise ConfigError(f"forces: the state at t = {state.row.t:.3f} s has no orientation to turn its force with")
+    x, y, z = state.turn.apply(frame @ np.array(state.row.tip_force)).tolist()
+    return replace(state, row=replace(state.row, force_x=x, force_y=y, force_z=z))
 
 
 def _quaternion(turn: Rotation | None) -> tuple[float, float, float, float] | None:
@@ -178,7 +217,7 @@ def _trials(q: Quantities, wanted: Map) -> NDArray[np.int64]:
         named = q.others["trial"]
         order = {v: i for i, v in enumerate(dict.fromkeys(named.tolist()))}
         return np.array([order[v] for v in named.tolist()], np.int64)
-    if wanted.trials.begin == "file":
+    if wanted.trials.begin != "rest":
         return np.zeros(len(q.t), np.int64)
     resting = np.abs(q.pressures).max(axis=1) < wanted.trials.below
     begins = resting & ~np.concatenate([[True], resting[:-1]])
@@ -233,15 +272,26 @@ def _numbered(states: Sequence[_State], repeats_told: bool, branches_told: bool)
     trials = [[s.row for s in states if s.group == g] for g in groups]
     rows: list[TrialRow] = []
     before: dict[tuple[int, ...], int] = {}
+    gap = pressure_gap([r for own in trials for r in own])
     for trial, (own, kind) in enumerate(zip(trials, _kinds(trials), strict=True), 1):
         before[kind] = before.get(kind, 0) + 1
-        top = int(np.argmax([max(r.pressures) for r in own]))
-        for step, row in enumerate(own, 1):
+        for step, (row, falls) in enumerate(zip(own, _falling(own, gap), strict=True), 1):
             repeat = max(row.repeat, 1) if repeats_told or row.repeat else before[kind]
-            falls = step - 1 > top and row.pressures != own[top].pressures
             branch = row.branch if branches_told or not falls else "unload"
             rows.append(replace(row, trial=trial, step=step, repeat=repeat, branch=branch))
     return rows
+
+
+def _falling(trial: Sequence[TrialRow], gap: float) -> list[bool]:
+    """Whether the highest pressure came down to each state, or stood since it did; changes below `gap` (Pa) are none."""
+    out: list[bool] = []
+    level, falls = 0.0, False
+    for row in trial:
+        highest = max(row.pressures)
+        if abs(highest - level) > gap:
+            level, falls = highest, highest < level
+        out.append(falls)
+    return out
 
 
 def _kinds(trials: Sequence[Sequence[TrialRow]]) -> list[tuple[int, ...]]:

@@ -23,6 +23,7 @@ from .sensors_figure import quantities
 from .sensors_figure import sensors as draw_sensors
 
 LITTLE = 0.05
+FIRST = 6
 """Bits: an experiment with a smaller expected information only serves to test the answer."""
 MISFIT_LABELS = {
     "discrepancy_gain": "log evidence gained by a large discrepancy",
@@ -352,6 +353,6 @@ def _next(s: Section, d: Diagnosis) -> None:
         )
     rows = [
         [p.do, f"{p.expected_bits:.2f}", f"{p.cost_min:.0f}", "; ".join(" | ".join(x) for x in p.separates[:3])]
-        for p in d.next_experiment
+        for p in d.next_experiment[:FIRST]
     ]
     s.table(("experiment", "bits", "minutes", "separates"), rows)

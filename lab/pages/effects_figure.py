@@ -15,7 +15,8 @@ COLUMNS = 5
 
 
 def draw(found: list[Signature], path: Path) -> Path:
-    """Draw all signatures into one picture."""
+    """Draw all signatures into one picture, but those of effects that move nothing."""
+    found = [s for s in found if s.how != "none"]
     rows = -(-len(found) // COLUMNS)
     with plt.rc_context({**STYLE, "font.size": 7.5, "axes.titlesize": 8.5}):
         figure, axes = plt.subplots(rows, COLUMNS, figsize=(13, 2.1 * rows + 0.4), layout="constrained", squeeze=False)

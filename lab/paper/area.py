@@ -24,12 +24,12 @@ from model.robot import Robot
 from model.rods import FINE, Rods, solve
 from model.section import (
     INNER,
+    OUTER,
     annulus_second_moment,
     body_area,
     body_second_moment,
     combined_modulus,
     rods_of,
-    stiffness,
 )
 
 Array = NDArray[np.float64]
@@ -208,10 +208,9 @@ def _with_added_stiffness(robot: Robot, states: Condition, batch: Rods) -> Rods:
     if robot.spine is None:
         return batch
     stretch, bend = batch.field("stretch_stiffness").copy(), batch.field("bend_stiffness").copy()
-    wall_stretch, wall_bend = stiffness(robot, np.full(len(states), robot.youngs_modulus))
     added = _added_bending(robot, states.spine_length) / (robot.youngs_modulus * body_second_moment(robot))
     area = np.pi * robot.spine.radius**2 * robot.spine.modulus_at(states.spine_length) * (states.spine_length > 0)
     stretched = 1 + area / (robot.youngs_modulus * body_area(robot))
-    stretch[:, INNER] = wall_stretch * stretched[:, None]
-    bend[:, INNER] = wall_bend * added[:, None]
+    stretch[:, INNER] = stretch[:, OUTER] * stretched[:, None]
+    bend[:, INNER] = bend[:, OUTER] * added[:, None]
     return batch.changed(stretch_stiffness=stretch, bend_stiffness=bend)

@@ -7,6 +7,7 @@ import functools
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Self
 
@@ -14,7 +15,8 @@ from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 from model.robot import Robot
-from protocols.bench import Bench, Narrator, StandFrame
+from protocols.bench import Bench, Narrator, Operator, StandFrame
+from protocols.steering import Steering
 from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
 from recordings.messages import MessageType, sensor
@@ -62,6 +64,8 @@ class Rig:
         doubts = found_drivers().doubts
         used = {name: table_of(file.instruments, name).driver for name in present(file.instruments)}
         self.notices += [f"{name}: {doubts[driver]}" for name, driver in used.items() if driver in doubts]
+        self.operator: Operator = op.operator(file.operator)
+        """Who prepares and confirms."""
         self._recorder: Recorder | None = None
         self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()
@@ -183,16 +187,32 @@ class Rig:
 
     # -- protocols
     def bench(
-        self, recorder: Recorder, narrator: Narrator, stopping: Callable[[], bool], needs: Sequence[str] = ()
+        self,
+        recorder: Recorder,
+        narrator: Narrator,
+        stopping: Callable[[], bool],
+        needs: Sequence[str] = (),
+        steering: Steering | None = None,
+        asked: Callable[[], AbstractContextManager[object]] = contextlib.nullcontext,
     ) -> Bench:
-        """What a protocol gets: the opened instruments only. Those that it `needs` are watched while it waits."""
+        """What a protocol gets: the opened instruments only. Those that it `needs` are watched while it waits.
+
+        `steering`: what people ask of the run; `asked` is entered while the operator is asked.
+        """
+        steering = Steering() if steering is None else steering
         has = self.identities.__contains__
         stand = self.file.stand
-        operator = PatientOperator(op.operator(self.file.operator), self.actuators.pulse)
+        operator = PatientOperator(self.operator, self.actuators.pulse, asked)
 
         def say(text: str) -> None:
             narrator.say(text)
             recorder.log("warning", text, self.clock.now())
+
+        recovery = Recovery(self.actuators, self.watch, operator, self.file.limits, say)
+
+        def rest() -> None:
+            with steering.rest():
+                recovery.rest(lambda: steering.wants("go on"), stopping)
 
         self.vital.landed = None
         sensors = [n for n in self.sensors if has(n)]
@@ -204,7 +224,9 @@ class Rig:
             narrator=narrator,
             stopping=stopping,
             recoverable=self.watch.recoverable,
-            recover=Recovery(self.actuators, self.watch, operator, self.file.limits, say),
+            recover=recovery,
+            steering=steering,
+            rest=rest,
             chambers=self.chambers,
             stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
             if stand

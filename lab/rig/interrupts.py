@@ -42,6 +42,10 @@ class Interrupts:
         """True once a person asked to finish the present step and end."""
         return self._pressed > 0
 
+    def finish(self) -> None:
+        """As one Ctrl-C does, from any thread."""
+        self._pressed = max(self._pressed, 1)
+
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self._pressed += 1 if number == signal.SIGINT else 2
         if self._pressed >= 2 and not self.now:

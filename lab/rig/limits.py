@@ -53,7 +53,12 @@ def within_robot(rig: RigFile, robot: Robot | None = None) -> RigFile:
 
 def wiring(rig: RigFile, robot: Robot | None = None) -> ChamberMap:
     """Which channel feeds which chambers of the rig's robot (robot.yaml, read unless given); raises ConfigError."""
-    count = len((robot or load(rig.robot, Robot)).chambers.azimuths_deg)
+    driven = (robot or load(rig.robot, Robot)).chambers
+    if driven is None:
+        raise ConfigError(
+            f"{rig.robot}: has tendons, and rigs drive chambers: measure elsewhere and `lab import` the table"
+        )
+    count = len(driven.azimuths_deg)
     pressure = rig.instruments.pressure
     try:
         return ChamberMap(pressure.chambers if pressure is not None else (), count)

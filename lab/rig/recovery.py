@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
-from drivers.errors import InstrumentError
+from drivers.errors import DeviceFault, InstrumentError
 from protocols.bench import Operator, Setup
-from protocols.errors import Suspended
+from protocols.errors import Stopped, Suspended
 
 from ..files.rig_file import Limits
 from ..guard.messages import RigLanded
@@ -21,19 +23,27 @@ STEADY = 1.0
 
 
 class PatientOperator:
-    """An operator who may take as long as it takes: the guard does not mistake waiting for a person for a hang."""
+    """An operator who may take as long as it takes: the guard does not mistake waiting for a person for a hang.
 
-    def __init__(self, operator: Operator, pulse: Pulse) -> None:
-        self._operator, self._pulse = operator, pulse
+    `asked`: entered while the person answers, so that the keys typed are the answer and nothing else.
+    """
+
+    def __init__(
+        self,
+        operator: Operator,
+        pulse: Pulse,
+        asked: Callable[[], AbstractContextManager[object]] = contextlib.nullcontext,
+    ) -> None:
+        self._operator, self._pulse, self._asked = operator, pulse, asked
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare."""
-        with self._pulse.waiting_for_person():
+        with self._asked(), self._pulse.waiting_for_person():
             self._operator.prepare(setup)
 
     def confirm(self, trouble: str) -> None:
         """See Operator.confirm."""
-        with self._pulse.waiting_for_person():
+        with self._asked(), self._pulse.waiting_for_person():
             self._operator.confirm(trouble)
 
 
@@ -59,7 +69,26 @@ class Recovery:
         self._await_health(cause)
         self._say("Resuming")
 
-    def _await_health(self, cause: InstrumentError) -> None:
+    def rest(self, over: Callable[[], bool], stopping: Callable[[], bool]) -> None:
+        """The pause that a person asked for, until it is `over`; the instruments are watched all the while.
+
+        Raises Stopped, or what has failed meanwhile or stays wrong after it.
+        """
+        for step in self._actuators.pause().steps:
+            if not step.confirmed:
+                raise DeviceFault(step.instrument, f"the pause is not confirmed safe: {step.text}")
+        self._say("Paused: vented and stopped, the spine stays as it is")
+        while not over():
+            if stopping():
+                raise Stopped("stopped by the operator during a pause; the steps finished so far are in the recording")
+            self._actuators.pulse.mark()
+            self._watch.look(resting=True)
+            time.sleep(LOOK)
+        self._actuators.resume()
+        self._await_health(None)
+        self._say("Resuming")
+
+    def _await_health(self, cause: InstrumentError | None) -> None:
         """Wait until nothing has been wrong for a while."""
         give_up = time.monotonic() + self._limits.resume_within
         well_since = time.monotonic()
@@ -71,12 +100,18 @@ class Recovery:
             except (InstrumentError, Suspended) as e:
                 if time.monotonic() > give_up:
                     still = f"{self._limits.resume_within:g} s (limits.resume_within) after it was confirmed as fixed"
-                    raise _with(cause, f"{still}, still {e}") from e
+                    raise _with(cause or _cause(e), f"{still}, still {e}") from e
                 self._watch.forget()
                 well_since = time.monotonic()
             except RigLanded as e:
+                if cause is None:
+                    raise
                 raise _with(cause, str(e)) from e
             time.sleep(LOOK)
+
+
+def _cause(error: InstrumentError | Suspended) -> InstrumentError:
+    return error.cause if isinstance(error, Suspended) else error
 
 
 def _with(cause: InstrumentError, more: str) -> InstrumentError:

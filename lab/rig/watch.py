@@ -97,10 +97,11 @@ class Watch:
         self._vital.pause = None
         self._began = time.monotonic()
 
-    def look(self, strict: bool = False) -> None:
+    def look(self, strict: bool = False, resting: bool = False) -> None:
         """Raises what is wrong: KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended or an InstrumentError.
 
-        `strict` does not forgive a hidden body, not even for a moment.
+        `strict` does not forgive a hidden body, not even for a moment; in a pause (`resting`) what a person can put right
+        may be wrong.
         """
         if self._stop_now():
             raise KeyboardInterrupt
@@ -113,14 +114,18 @@ class Watch:
         vital = self._vital
         if vital.landed is not None:
             raise vital.landed.error or RigLanded(f"the guard has made the rig safe: {vital.landed.text}")
-        if vital.pause is not None and vital.pause.error is not None:
+        if vital.pause is not None and vital.pause.error is not None and not resting:
             raise Suspended(vital.pause.error)
         now = time.monotonic()
         for name in self._needed:
-            if name in POLLED:
-                self._polled(name, now)
-            elif name in self._streams:
-                self._stream(name, now, strict)
+            try:
+                if name in POLLED:
+                    self._polled(name, now)
+                elif name in self._streams:
+                    self._stream(name, now, strict)
+            except Suspended:
+                if not resting:
+                    raise
 
     def _stood_still(self) -> float:
         """Host seconds since the last look for which this program was not awake; a command that takes long is no sleep."""

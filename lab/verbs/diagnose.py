@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +29,11 @@ from ..files.config import ConfigError, demand_writable
 from ..files.inputs import Case, clipped_note, read_case
 from ..files.own_effects import catalogue
 from ..pages.diagnosis_report import write
+from ..processes import for_case
+
+FIRST_LOOK_HELD = "no answer yet"
+FIRST = 6
+"""Proposals shown."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +86,8 @@ def diagnose(
     note(clipped_note(case.table))
     if case.robot.residual is not None:
         note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
-    with cluster(scheduler) if scheduler is not None else nullcontext() as others:
-        elsewhere = None if others is None else others.in_order
-        answer = _answer(case, robot, comparisons, Executor(cores, remote_map=elsewhere))
+    with cluster(scheduler) if scheduler is not None else for_case(len(case.table), cores) as others:
+        answer = _answer(case, robot, comparisons, Executor(remote_map=None if others is None else others.in_order))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
@@ -102,7 +105,7 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
     baseline = _baseline(case, comparisons, weighed)
     try:
         with Screen("weighing hypotheses") as screen:
-            shown = _shown(screen, executor)
+            shown = replace(_shown(screen, executor), first_look=lambda leading: _at_first_sight(screen, leading))
             found = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
         answer = replace(found, concerns=(*found.concerns, *(f"not considered: {why}" for why in left_out)))
         if comparisons.reference is None:
@@ -154,6 +157,12 @@ def _shown(screen: Screen, executor: Executor) -> Executor:
     return replace(executor, progress=lambda share: screen.progress(share, 1.0))
 
 
+def _at_first_sight(screen: Screen, leading: tuple[str, ...]) -> None:
+    """For whoever waits at a terminal; the answer takes its place."""
+    if out.is_terminal:
+        screen.say(f"at first sight, each alone and before the search: {', '.join(leading)} ({FIRST_LOOK_HELD})")
+
+
 def _held_out(path: Path, robot: Path | None) -> Case:
     try:
         return read_case([path], robot)
@@ -203,7 +212,7 @@ def _proposals(d: Diagnosis) -> Sheet:
     t = Sheet(title="What to do next", title_justify="left")
     for column in ("experiment", "expected", "takes", "separates"):
         t.add_column(column)
-    for p in d.next_experiment:
+    for p in d.next_experiment[:FIRST]:
         pairs = "; ".join(" | ".join(pair) for pair in p.separates[:3])
         t.add_row(p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", pairs)
     return t

@@ -52,8 +52,9 @@ def _table(found: list[Signature], robot: str) -> Table:
             if i == 0:
                 table.add_section()
                 table.add_row(styled(stage, "bold"))
-            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}"
-            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" else ""
+            drawn = s.how != "none"
+            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}" if drawn else "nothing"
+            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" and drawn else ""
             sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")
             table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
     table.caption = "* share of the squared tip change that one common factor on the chamber area would absorb"

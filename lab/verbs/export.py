@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from diagnosis.answer.result import Diagnosis
+from diagnosis.errors import DiagnosisError
+from model.robot import Robot
 from recordings.campaign.export import StreamFormat, export_case, export_streams, write_mat
 from recordings.campaign.info import info as summary
 from recordings.campaign.resumed import tables
@@ -15,11 +18,13 @@ from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
 
 from ..console import note, out
-from ..files.config import ConfigError
+from ..files.arviz_file import write_inference
+from ..files.config import ConfigError, load
 from ..files.crate import write_crate
 from ..files.inputs import clipped_note, same_body
 
-IN_A_CASE = ("map.yaml", "states.png", "diagnosis.json", "diagnosis.html", "rig.yaml", "predicted.csv")
+DIAGNOSIS = "diagnosis.json"
+IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
 """Files of a case folder that go into a crate beside the robot and the table."""
 
 
@@ -29,17 +34,20 @@ class Forms:
 
     case: bool = False
     crate: bool = False
+    arviz: bool = False
     streams: StreamFormat = "csv"
     license: str | None = None
     name: str | None = None
 
 
 def export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
-    """Files of each stream, one case folder, or an RO-Crate; raises ConfigError."""
+    """Files of each stream, one case folder, an RO-Crate, or diagnoses for ArviZ; raises ConfigError."""
     folder.mkdir(parents=True, exist_ok=True)
     cases = [p for p in inputs if p.is_dir()]
     if forms.crate:
         return _crate(inputs, folder, forms, as_json)
+    if forms.arviz:
+        return _arviz(inputs, folder, as_json)
     if forms.case:
         if cases:
             raise ConfigError(f"{cases[0]}: is a case already; --case is for recordings")
@@ -47,7 +55,7 @@ def export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) ->
     written: list[Path] = []
     for place in cases:
         if forms.streams != "mat":
-            raise ConfigError(f"{place}: is a case folder, which has no streams; use --mat or --crate")
+            raise ConfigError(f"{place}: is a case folder, which has no streams; use --mat, --crate or --arviz")
         written.append(
             write_mat({"trials": _columns(read_csv(place / "trials.csv"))}, folder / f"{place.resolve().name}.mat")
         )
@@ -55,6 +63,28 @@ def export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) ->
     for recording in recordings:
         own = folder / recording.path.stem if len(recordings) > 1 and forms.streams != "mat" else folder
         written += export_streams(recording, own, forms.streams)
+    _report(written, as_json)
+    return 0
+
+
+def _arviz(inputs: Sequence[Path], folder: Path, as_json: bool) -> int:
+    """One NetCDF file for each case that was diagnosed."""
+    written: list[Path] = []
+    for place in inputs:
+        found = place / DIAGNOSIS
+        if not found.is_file():
+            raise ConfigError(
+                f"{place}: is no case folder with a {DIAGNOSIS}; first: lab diagnose {place} --json {found}"
+                if place.is_dir()
+                else f"{place}: --arviz takes case folders that were diagnosed; first: lab export --case, lab diagnose"
+            )
+        try:
+            answer = Diagnosis.from_json(found.read_text(encoding="utf-8"))
+        except (DiagnosisError, UnicodeDecodeError) as e:
+            raise ConfigError(f"{found}: {e}") from e
+        written.append(
+            write_inference(folder / f"{place.resolve().name}.nc", answer, load(place / "robot.yaml", Robot))
+        )
     _report(written, as_json)
     return 0
 

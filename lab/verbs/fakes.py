@@ -153,7 +153,14 @@ def _rig(a: argparse.Namespace) -> FakeRig:
 
 def played(robot: Robot) -> RobotTruth:
     """The virtual robot that has the geometry and the material of a robot.yaml; an area factor by length is taken at 0."""
-    factor = robot.area_factor
+    factor, given = (
+        robot.area_factor,
+        ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"),
+    )
+    unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
+    if robot.chambers is None or robot.chambers.ends or unlike:
+        what = ", ".join(unlike) or "chambers.ends"
+        raise ConfigError(f"{robot.name}: cannot be simulated: the fakes know no {what}")
     known: dict[str, Any] = {
         "length": robot.length,
         "outer_radius": robot.outer_radius,

@@ -16,7 +16,7 @@ from ..files.config import ConfigError, load
 from ..imports.formats import READERS, read
 from ..imports.guess import guess_map, guess_text
 from ..imports.map_file import Source, load_map
-from ..imports.table import Imported, imported
+from ..imports.table import Imported, imported, straight_point
 
 MAP, PICTURE = "map.yaml", "states.png"
 
@@ -27,7 +27,7 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
     with Screen("import", quiet=as_json) as screen:
-        made = imported(inputs, wanted, robot.length, screen.progress)
+        made = imported(inputs, wanted, straight_point(robot), screen.progress)
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
@@ -84,7 +84,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     told_of = [f"check: {d}" for d in proposed.doubts]
     made = None
     try:
-        made = imported(inputs, load_map(folder / MAP), robot.length)
+        made = imported(inputs, load_map(folder / MAP), straight_point(robot))
         told_of += [f"check: {text}" for text in implausible_values(robot, made.table.rows)]
         from ..pages.import_figure import draw
 

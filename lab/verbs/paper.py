@@ -152,7 +152,7 @@ class PaperReport:
 def bending_states(robot: Robot) -> Condition:
     """The 35 states of Fig. 5: spine lengths (slow) by pressures (fast), three chambers inflated."""
     length, pressure = (a.ravel() for a in np.meshgrid(SPINE_LENGTHS, PRESSURES, indexing="ij"))
-    chambers = np.zeros((length.size, len(robot.chambers.azimuths_deg)))
+    chambers = np.zeros((length.size, len(robot.actuators.azimuths_deg)))
     chambers[:, PRESSURISED] = pressure[:, None]
     return conditions(robot, length, chambers)
 

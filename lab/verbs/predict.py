@@ -21,8 +21,8 @@ from model.prediction import NORMAL_95, Prediction, Predictor
 from model.prediction.campaign import ASKED, predict_campaign
 from model.prediction.inverse import REACHED, Reached, inverse, limits_of
 from model.robot import Robot
-from protocols.experiment import Plan
-from protocols.parameters import Parameters, RobotFacts
+from protocols.parameters import RobotFacts
+from protocols.planned import planned_rows
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
@@ -155,52 +155,16 @@ def table_states(path: Path) -> Columns:
 def protocol_states(protocol: str, settings: list[str], robot_path: Path) -> Columns:
     """The states that a protocol will read, as its plan has them; raises ConfigError for one that inflates nothing."""
     robot = _robot(robot_path)
-    count = len(robot.chambers.azimuths_deg)
+    count = len(robot.actuators.azimuths_deg)
     facts = RobotFacts(count, tuple((c,) for c in range(1, count + 1)), robot.tip_mass, robot.spine is not None)
     _, parameters, plan = protocol_plan(protocol, settings, facts)
-    rows = list(_read_states(plan, parameters, count))
-    if not rows:
+    rows = planned_rows(plan, parameters, count)
+    if not any(row[name] for row in rows for name in row if re.fullmatch(r"p\d+", name)):
         raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
-def _read_states(plan: Plan, parameters: Parameters, chambers: int) -> list[dict[str, Any]]:
-    asked = parameters.model_dump()
-    same = {name: float(asked[name]) for name in ("tip_mass", "roll_deg") if isinstance(asked.get(name), (int, float))}
-    rows: list[dict[str, Any]] = []
-    trial, time, spine, vacuum = 0, 0.0, 0.0, 0.0
-    before = np.zeros(chambers)
-    for step in plan.steps:
-        ask = step.ask
-        time += step.seconds
-        if ask.spine_length is not None:
-            trial, spine, before = trial + 1, ask.spine_length, np.zeros(chambers)
-            vacuum = ask.vacuum or 0.0
-        if not ask.pressures or not ask.pressure_rate:
-            continue
-        if len(ask.pressures) > chambers:
-            raise ConfigError(
-                f"protocol {plan.protocol}: inflates chamber {len(ask.pressures)}, the robot has {chambers}: set chambers"
-            )
-        pressure = np.zeros(chambers)
-        pressure[: len(ask.pressures)] = ask.pressures
-        change = float(np.abs(pressure - before).max())
-        falls = bool(pressure.sum() < before.sum()) or _still_down(rows, trial, change)
-        rows.append(
-            {
-                "trial": max(trial, 1), "branch": "unload" if falls else "load", "t": time, "rate": ask.pressure_rate,
-                "hold": max(step.seconds - change / ask.pressure_rate, 0.0), "spine_length": spine,
-                **({"vacuum": vacuum} if vacuum else {}), **same,
-                **{f"p{c + 1}": float(p) for c, p in enumerate(pressure)},
-            }
-        )  # fmt: skip
-        before = pressure
-    return rows
-
-
-def _still_down(rows: Sequence[Mapping[str, Any]], trial: int, change: float) -> bool:
-    """Whether a state at the pressure of the one before it belongs to the way down as well."""
-    return bool(rows) and not change and rows[-1]["trial"] == trial and rows[-1]["branch"] == "unload"
+    told = [
+        name for name in rows[0] if name not in ("step", "repeat", "protocol") and (name != "vacuum" or robot.spine)
+    ]
+    return {name: np.array([row[name] for row in rows]) for name in told}
 
 
 def prediction_rows(states: Columns, found: Prediction) -> list[dict[str, Any]]:
@@ -251,14 +215,14 @@ def _robot(path: Path) -> Robot:
 
 
 def _demand_columns(robot: Robot, states: Columns) -> None:
-    count = len(robot.chambers.azimuths_deg)
+    count = len(robot.actuators.azimuths_deg)
     if not any(re.fullmatch(r"p\d+", name) for name in states):
         raise ConfigError(f"the table has no pressures: give columns p1 .. p{count}, in Pa")
 
 
 def _pressures(robot: Robot, states: Columns) -> Array:
     n = len(states["spine_length"])
-    count = len(robot.chambers.azimuths_deg)
+    count = len(robot.actuators.azimuths_deg)
     return np.stack([np.asarray(states.get(f"p{c}", np.zeros(n)), float) for c in range(1, count + 1)], axis=1)
 
 

@@ -14,6 +14,7 @@ from rich.table import Table as Sheet
 from recordings.campaign.info import info as summary
 from recordings.campaign.replay import Comparison, replay_states
 from recordings.campaign.replay import compare as hold_against
+from recordings.events import Request
 from recordings.file.player import play as played
 from recordings.file.reader import Recording
 
@@ -43,6 +44,9 @@ def info(file: Path, as_json: bool) -> int:
         f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
     )
     out.print(f"attached: {', '.join(s.attachments)}")
+    for request in s.requests:
+        place = f", trial {request.trial} state {request.step}" if request.trial else ""
+        out.print(f"{request.t:.1f} s{place}: {said(request)}")
     for topic, quantities in s.sensors.items():
         for name, q in quantities.items():
             out.print(f"{topic} {name}: {q.least:.6g} .. {q.greatest:.6g}, mean {q.mean:.6g}{unit_text(q.unit)}")
@@ -58,6 +62,13 @@ def info(file: Path, as_json: bool) -> int:
             f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
         )
     return 0 if s.complete else 3
+
+
+def said(request: Request) -> str:
+    """A request as a person reads it."""
+    if request.kind == "note":
+        return f"note ({request.by}): {request.text}"
+    return f"{request.kind} {'done, ' if request.done else ''}asked for by {request.by}"
 
 
 def _times(count: int) -> str:

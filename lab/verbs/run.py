@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import copy
 import json
+import shlex
+import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +22,13 @@ from protocols.errors import BadProtocol, Stopped
 from protocols.experiment import Plan, Trials
 from protocols.parameters import Parameters, RobotFacts
 from protocols.registry import Experiment
+from protocols.steering import Steering
 from recordings.campaign.journal import Journal
+from recordings.campaign.labels import labels
+from recordings.campaign.labels import metadata as metadata_of
 from recordings.campaign.resumed import metadata as campaign
-from recordings.errors import RecordingError
+from recordings.errors import BadMessage, RecordingError
+from recordings.events import Request
 from recordings.file.writer import Recorder
 from recordings.trials import Table
 
@@ -32,9 +38,13 @@ from ..files.config import ConfigError, Source, check, load, parse_yaml, read_ya
 from ..files.inputs import same_body
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
+from ..live.about import PLAN
+from ..live.beside import shown_beside
 from ..rig.assembly import Rig
 from ..rig.checked import last
+from ..rig.current import announce
 from ..rig.interrupts import Interrupts
+from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import problems, wiring
 from ..rig.losses import newly_lost
 from ..rig.provenance import provenance
@@ -51,6 +61,8 @@ class Job:
     plan: Plan
     rig: RigFile
     rig_path: Path
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """What the person says of it."""
 
     @property
     def protocol_yaml(self) -> str:
@@ -168,18 +180,24 @@ def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> i
     """Print the steps, the duration and the limits; connects to nothing."""
     j = job(protocol, rig_path, settings)
     p = j.plan
+    speed = j.rig.clock.speed
     if as_json:
-        steps = [{"label": s.label, "seconds": round(s.seconds, 2)} for s in p.steps]
-        print(json.dumps({"protocol": p.protocol, "seconds": p.seconds, "limits": p.limits, "steps": steps}, indent=1))
+        print(json.dumps({**plan_dict(p), "clock_speed": speed, "host_seconds": p.seconds / speed}, indent=1))
         return 0
     for i, step in enumerate(p.steps, 1):
         out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
-    speed = j.rig.clock.speed
-    fast = f" on a rig at {speed:g} times real speed" if speed != 1 else ""
-    out.print(f"{len(p.steps)} steps, about {clock(p.seconds / speed)}{fast}{'; at most:' if p.limits else ''}")
+    fast = f" (its clock runs at {speed:g} times real speed)" if speed != 1 else ""
+    times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours{fast}"
+    out.print(f"{len(p.steps)} steps, {times}{'; at most:' if p.limits else ''}", soft_wrap=True)
     for key, value in p.limits.items():
         out.print(f"  {key} {value:g}")
     return 0
+
+
+def plan_dict(p: Plan) -> dict[str, Any]:
+    """A plan as JSON has it, printed and in the recording."""
+    steps = [{"label": s.label, "seconds": round(s.seconds, 2)} for s in p.steps]
+    return {"protocol": p.protocol, "seconds": p.seconds, "limits": p.limits, "steps": steps}
 
 
 @dataclass(frozen=True)
@@ -193,12 +211,25 @@ class Outcome:
     lost: dict[str, int]
     safe: bool
     error: Exception | None = None
+    asked: bool = False
+    """A person asked to end, be it that the run was over by then."""
 
 
 def run(
-    protocol: str | None, rig_path: Path, settings: list[str], folder: Path | None, as_json: bool, resume: Path | None
+    protocol: str | None,
+    rig_path: Path,
+    settings: list[str],
+    folder: Path | None,
+    as_json: bool,
+    resume: Path | None,
+    watched: bool = False,
+    said: Sequence[tuple[str, str]] = (),
 ) -> int:
-    """Run a protocol or resume a run, print what came out, and return the exit code."""
+    """Run a protocol or resume a run, print what came out, and return the exit code. `said`: labels, name and text."""
+    try:
+        own_labels = labels(said)
+    except BadMessage as e:
+        raise ConfigError(str(e)) from e
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("give a protocol, or a run with --resume")
@@ -208,30 +239,40 @@ def run(
             "--resume continues with the protocol, settings and folder of the run: do not give them again"
         )
     j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, own)
+    j = replace(j, labels={**(broken.labels if broken is not None else {}), **own_labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, j.experiment.needs, quiet=as_json)
         if isinstance(none := last(rig_path, j.rig), str) and not as_json:
             out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
-        result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken)
+        result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken, watched)
     lost = result.lost
+    again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
     for text in rig.notices:
         err.print(f"warning: {text}")
     if as_json:
         print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
-                          "safe": result.safe}, indent=1))  # fmt: skip
+                          "safe": result.safe, "resume": again}, indent=1))  # fmt: skip
     else:
         out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
         for topic, n in lost.items():
             out.print(f"  lost on {topic}: {n} samples")
         if not result.safe:
             err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
+        if again is not None:
+            out.print(f"go on with: {again}", soft_wrap=True)
     if result.error is not None and not isinstance(result.error, Stopped):
         raise result.error
     if result.error is not None or not result.safe:
         return 1
     return 3 if lost else 0
+
+
+def resume_command(file: Path, rig_path: Path, own: Path | None = None) -> str:
+    """What to type, as the shell takes it, to go on with a run that ended before its plan did."""
+    words = ["lab", "run", *([str(own)] if own is not None else []), "--resume", str(file), "--rig", str(rig_path)]
+    return shlex.join(words)
 
 
 def job_again(broken: Broken, rig_path: Path, own: Path | None = None) -> Job:
@@ -263,9 +304,18 @@ def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
         raise failures[0]
 
 
-def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | None = None) -> Outcome:
+def execute(
+    rig: Rig,
+    j: Job,
+    folder: Path,
+    screen: Screen,
+    broken: Broken | None = None,
+    watched: bool = False,
+    steering: Steering | None = None,
+) -> Outcome:
     """Run the experiment (or what is left of a broken one) on an opened rig: record, conclude, and land safe whatever
-    happens."""
+    happens. `steering`: by which a program asks something of the run, as keys at a terminal do."""
+    steering = Steering() if steering is None else steering
     started = time.time_ns()
     file = folder / f"{j.experiment.name}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started / 1e9))}.mcap"
     if file.exists():
@@ -275,27 +325,45 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
     journal = Journal.begin(file, j.experiment.name) if broken is None else Journal.reopen(broken.journal)
     if broken is not None:
         journal.recording(file, finished + 1)
+    begun, begun_wall_ns = rig.clock.now(), time.time_ns()
     recorder = Recorder(
         file,
-        start_wall_ns=started - round(rig.clock.now() * 1e9),
+        start_wall_ns=begun_wall_ns - round(begun * 1e9),
         attachments={
             "rig.yaml": j.rig_path.read_bytes(),
             "robot.yaml": j.rig.robot.read_bytes(),
             "protocol.yaml": j.protocol_yaml.encode(),
+            PLAN: json.dumps(plan_dict(j.plan)).encode(),
         }
         | ({"protocol.py": j.experiment.source.read_bytes()} if j.experiment.source is not None else {}),
-        metadata=provenance(rig.identities) | campaign(journal.campaign, journal.path.name, finished + 1) | _checked(j),
+        metadata=provenance(rig.identities)
+        | campaign(journal.campaign, journal.path.name, finished + 1)
+        | _checked(j)
+        | metadata_of(j.labels),
         chambers=rig.chambers.count,
         markers=markers,
         sensors=tuple(rig.sensors.values()),
-        start=rig.clock.now(),
+        start=begun,
     )
     lost_before = rig.lost()
     error: Exception | None = None
     outcome = "completed"
-    with journal, screen, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
+    announce(j.rig_path, file)
+
+    def keep(kind: str, by: str, text: str, done: bool, trial: int, step: int) -> None:
+        with contextlib.suppress(RecordingError):  # a file that fails ends the run by itself
+            recorder.request(Request(rig.clock.now(), kind, by, text, done, trial, step))
+
+    with (
+        journal,
+        screen,
+        Interrupts(screen.say, rig.actuators.pulse) as interrupts,
+        steering.of_run(keep, interrupts.finish, screen.say),
+        _shown(file, screen, watched, steering),
+        _keys(steering, screen) as asked,
+    ):
         rig.stop_now = lambda: interrupts.now
-        bench = rig.bench(recorder, screen, interrupts.stopping, j.experiment.needs)
+        bench = rig.bench(recorder, screen, interrupts.stopping, j.experiment.needs, steering, asked)
         trials = Trials(bench, j.plan, journal, finished)
         rig.record_to(recorder)
         try:
@@ -314,7 +382,32 @@ def execute(rig: Rig, j: Job, folder: Path, screen: Screen, broken: Broken | Non
             _note_lost(recorder, topic, lost_before.get(topic, 0), n)
         lost = _finish(recorder, outcome, str(error or ""), report)
     rows = (*(broken.table if broken is not None else ()), *trials.rows)
-    return Outcome(file, outcome, Table(rows), lost, report, error)
+    return Outcome(file, outcome, Table(rows), lost, report, error, interrupts.stopping())
+
+
+@contextlib.contextmanager
+def _keys(steering: Steering, screen: Screen) -> Iterator[Callable[[], contextlib.AbstractContextManager[object]]]:
+    """Keys at the terminal ask something of the run, where there is one and a person looks at it; yields what lends the
+    terminal to somebody who asks that person a question."""
+    if screen.quiet or not sys.stdin.isatty():
+        yield contextlib.nullcontext
+        return
+    screen.say(HELP)
+    with Keys(sys.stdin.fileno(), Line(steering, screen.say, screen.typed)) as keys:
+        yield keys.lent
+
+
+@contextlib.contextmanager
+def _shown(file: Path, screen: Screen, watched: bool, steering: Steering) -> Iterator[None]:
+    """The page beside the run, where it is wanted; a run goes on without one that cannot be."""
+    with contextlib.ExitStack() as beside:
+        if watched:
+            try:
+                page = shown_beside(file, browser=sys.stdout.isatty(), ask=steering.ask)
+                screen.say(f"watch it at {beside.enter_context(page)}")
+            except OSError as e:
+                screen.say(f"no page: {e}")
+        yield
 
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:

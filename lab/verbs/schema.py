@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from model.robot import Robot
 
 from ..files.all_protocols import found_protocols
+from ..files.campaign_file import CampaignFile
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 from ..imports.map_file import Map
@@ -19,12 +20,13 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schema(name: str) -> int:
-    """Print the schema of rig.yaml, robot.yaml, map.yaml or the file of a protocol; raises ConfigError for another name."""
+    """Print the schema of a file, or of a protocol's file; raises ConfigError for another name."""
     protocols = found_protocols()
     known: dict[str, type[BaseModel]] = {
         "rig": RigFile,
         "robot": Robot,
         "map": Map,
+        "campaign": CampaignFile,
         **{n: p.parameters for n, p in protocols.usable.items()},
     }
     if name in protocols.broken:

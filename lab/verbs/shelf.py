@@ -3,37 +3,56 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
 from rich.table import Table as Sheet
 
+from recordings.campaign.labels import split
 from recordings.campaign.shelf import runs as recorded
+from recordings.errors import BadMessage
 
 from ..console import clock, out
 from ..files.config import ConfigError
 
 
-def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: bool) -> int:
-    """List them, oldest first; `spine` in m."""
+def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: bool, where: Sequence[str] = ()) -> int:
+    """List them, oldest first; `spine` in m; `where`: KEY=VALUE of labels."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: is not a folder")
     try:
         datetime.fromisoformat(since or "2000-01-01")
     except ValueError:
         raise ConfigError(f"--since {since}: write a date or time like 2025-03-01 or 2025-03-01T14:00") from None
-    found = recorded(folder, since=since, protocol=protocol, spine=spine)
+    try:
+        said = [split(text) for text in where]
+    except BadMessage as e:
+        raise ConfigError(f"--where {e}") from e
+    found = recorded(folder, since=since, protocol=protocol, spine=spine, where=said)
     if as_json:
         print(json.dumps([run.to_dict() for run in found], indent=1))
         return 0
     sheet = Sheet()
-    for column in ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost"):
+    for column in (
+        "recording",
+        "start (UTC)",
+        "duration",
+        "protocol",
+        "spine, cm",
+        "states",
+        "outcome",
+        "lost",
+        "notes",
+        "labels",
+    ):
         sheet.add_column(column)
     for run in found:
         spines = ", ".join(f"{100 * length:g}" for length in run.spines)
         states = f"{run.rows} of {run.states}"
+        notes, labels = str(run.notes or ""), ", ".join(f"{k}={v}" for k, v in run.labels.items())
         sheet.add_row(run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol, spines, states,
-                      run.outcome, str(run.lost))  # fmt: skip
+                      run.outcome, str(run.lost), notes, labels)  # fmt: skip
     out.print(sheet)
     for run in found:
         if run.outcome == "unreadable":

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from model.effects.laws import actuation, measurement, structure, surroundings
+from model.effects.laws import actuation, measurement, structure, surroundings, tendons
 from model.effects.spec import STAGES, EffectSpec
 from model.errors import BadEffect
 
@@ -17,7 +17,7 @@ GROUP = "softlab.effects"
 
 # Laws on one quantity act in this order: what happens first on the way from gauge to reading comes first.
 CATALOGUE: Mapping[str, EffectSpec] = MappingProxyType(
-    {s.id: s for s in (*actuation.SPECS, *structure.SPECS, *surroundings.SPECS, *measurement.SPECS)}
+    {s.id: s for s in (*actuation.SPECS, *tendons.SPECS, *structure.SPECS, *surroundings.SPECS, *measurement.SPECS)}
 )
 
 

@@ -1,7 +1,7 @@
 """From the quantities to rods: sections, actuation, loads and boundary as rows of the solver.
 
-The baseline is that of `model.section`: volume-mixed modulus over the spine, second moments of the annulus, chamber
-forces and moments at the tip alone. Equation numbers in docs/explanations/effects.md.
+The baseline is that of `model.section`: volume-mixed modulus over the spine, chamber forces and moments at the tip alone.
+Equation numbers in docs/explanations/effects.md.
 """
 
 from __future__ import annotations
@@ -12,40 +12,34 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from model.body import annulus_second_moment
 from model.effects import layout as at
 from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine, moduli
-from model.section import annulus_second_moment, body_area, body_second_moment
 
 Array = NDArray[np.float64]
 ZERO = np.zeros((1, 1))
 
+FAR_AWAY = 1e4
+"""m to where a spring is fixed that pulls with the same force wherever the tip is, to 1 in 10^4."""
 CONTACT_WIDTH = 2e-3
 """m over which the obstacle's force sets in: skin and mounting give a little."""
-INNER, OUTER = at.ELEMENTS, at.ELEMENTS + at.ELEMENT_WIDTH
-_TIED = {at.BEND: {1: 1.0, 2: 2.0}, at.STRETCH: {1: 1.0}, at.SERIES + 1: {1: 0.5}}
-TIED = {
-    **{
-        part + column: {part + column + k: factor for k, factor in others.items()}
-        for part in (INNER, OUTER)
-        for column, others in _TIED.items()
-    },
-    at.BASE_COMPLIANCE: {at.BASE_COMPLIANCE + 1: 1.0},
-}
-"""Column -> columns that are always so many times as large: sections are round, G J is 2 G I with the modulus of bending."""
 
 
 class RodColumns:
     """Rods of n states, one array (v or 1, n or 1) for each column of a row that is not 0, v variants.
 
-    A column that no variant changes is computed once for all of them; those of `TIED` come with the one that they follow.
+    A column that no variant changes is computed once for all of them; those that are tied come with the one that they follow.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, layout: at.Layout) -> None:
+        self.layout = layout
         self._of: dict[int, Array] = {}
 
     def __getitem__(self, column: int) -> Array:
-        return self._of.get(column, ZERO)
+        leader, factor = self.layout.follows.get(column, (column, 1.0))
+        found = self._of.get(leader, ZERO)
+        return found if factor == 1.0 else factor * found
 
     def __setitem__(self, column: int, values: Array | float) -> None:
         self._of[column] = np.atleast_2d(values)
@@ -55,11 +49,11 @@ class RodColumns:
         self._of[column] = self[column] + values
 
     def rows(self, states: int) -> Array:
-        """(states, WIDTH) of a single variant."""
-        out = np.zeros((states, at.WIDTH))
+        """(states, layout.width) of a single variant."""
+        out = np.zeros((states, self.layout.width))
         for column, values in self._of.items():
             out[:, column] = values[0]
-            for other, factor in TIED.get(column, {}).items():
+            for other, factor in self.layout.tied.get(column, {}).items():
                 out[:, other] = factor * values[0]
         return out
 
@@ -72,20 +66,33 @@ class RodColumns:
             out[:, :, i] = (differences[column] / by).T
         return changed, out
 
+    def length(self, part: int) -> Array:
+        """(v or 1, n or 1) m of one part of the body."""
+        return np.asarray(sum(self[self.layout.elements[e] + at.LENGTH] for e in self.layout.of_part[part]))
 
-def directions(changed: Sequence[int]) -> Array:
-    """(a, WIDTH) rods whose columns `changed` grow by 1 each, with what follows them."""
-    out = np.zeros((len(changed), at.WIDTH))
+    def mean(self, part: int, column: int) -> Array:
+        """A stiffness of a part: that of a uniform one which is as compliant; where the part is empty, its first element's."""
+        own = [self.layout.elements[e] for e in self.layout.of_part[part]]
+        if len(own) == 1:
+            return self[own[0] + column]
+        long = self.length(part)
+        compliant = sum(self[e + at.LENGTH] / self[e + column] for e in own)
+        return np.where(long > 0, long / np.where(long > 0, compliant, 1.0), self[own[0] + column])
+
+
+def directions(layout: at.Layout, changed: Sequence[int]) -> Array:
+    """(a, layout.width) rods whose columns `changed` grow by 1 each, with what follows them."""
+    out = np.zeros((len(changed), layout.width))
     for row, column in zip(out, changed, strict=True):
         row[column] = 1.0
-        for other, factor in TIED.get(column, {}).items():
+        for other, factor in layout.tied.get(column, {}).items():
             row[other] = factor
     return out
 
 
 def rod_columns(q: Quantities, shear: ShearSpine) -> RodColumns:
     """Rods of all states and variants."""
-    out = RodColumns()
+    out = RodColumns(q.layout)
     _sections(q, shear, out)
     _actuation(q, out)
     _loads(q, out)
@@ -94,48 +101,58 @@ def rod_columns(q: Quantities, shear: ShearSpine) -> RodColumns:
 
 
 def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
-    robot = q.robot
-    area, second = body_area(robot), body_second_moment(robot)
-    ratio = robot.shear_modulus / robot.youngs_modulus
-    body = q.body_modulus
-    inner = np.clip(q.spine_length, 0.0, q.length)
-    out[INNER + at.LENGTH] = inner
-    out[OUTER + at.LENGTH] = q.length - inner
-    modulus, sideways = body, ratio * body
-    bend, axial, lateral = body * second, body * area, ratio * body * area
-    if robot.spine is not None:
-        spine, spine_shear, _ = moduli(q, shear)
-        core = math.pi * robot.spine.radius**2
-        core_second = annulus_second_moment(robot.spine.radius)
-        modulus = (area * body + core * spine) / (area + core)
-        sideways = (area * ratio * body + core * spine_shear) / (area + core)
-        blend = q.area_moments
-        bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
-        axial = modulus * area + blend * (body * area + (1 - q.spine_sliding) * spine * core - modulus * area)
-        lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
-    share = silicone_share(q, bend)
-    for element, parts in ((INNER, (bend, axial, lateral, share)), (OUTER, (body * second, body * area, None, 1.0))):
-        stiff, pull, side, silicone = parts
-        across = ratio * body * area if side is None else side
-        out[element + at.BEND] = stiff
-        out[element + at.STRETCH] = across
-        out[element + at.STRETCH + 2] = pull
-        # The silicone's share of the section softens, the spine's stays linear or does so in part.
-        soft = silicone + q.spine_softening * (1 - silicone)
-        out[element + at.SERIES] = soft * q.bend_softening * robot.outer_radius**2
+    ratio = q.robot.shear_modulus / q.robot.youngs_modulus
+    spine = np.clip(q.spine_length, 0.0, q.length)
+    edges = q.body.edges / q.robot.length
+    for element, piece, part in zip(q.layout.elements, q.layout.pieces, q.layout.parts, strict=True):
+        low, high = edges[piece] * q.length, edges[piece + 1] * q.length
+        within = np.clip(spine, low, high) - low if len(q.body) > 1 else spine
+        out[element + at.LENGTH] = within if part == at.INNER else high - low - within
+        area, second = q.body.area[piece], q.body.second[piece]
+        softening = q.bend_softening * q.body.outer_radius[piece] ** 2
+        if part == at.INNER:
+            bend, axial, lateral = with_spine(q, shear, area, second)
+            silicone = silicone_share(q, area, second, bend)
+            # The silicone's share of the section softens, the spine's stays linear or does so in part.
+            soft = silicone + q.spine_softening * (1 - silicone)
+        elif element + at.BEND in q.layout.follows:
+            continue
+        else:
+            bend, axial, lateral = q.body_modulus * second, q.body_modulus * area, ratio * q.body_modulus * area
+            soft = np.ones((1, 1))
+        out[element + at.BEND] = bend
+        out[element + at.STRETCH] = lateral
+        out[element + at.STRETCH + 2] = axial
+        out[element + at.SERIES] = soft * softening
         out[element + at.SERIES + 1] = soft * q.strain_softening
 
 
-def silicone_share(q: Quantities, bend: Array) -> Array:
-    """(v, n) share of the bending stiffness `bend` (N m^2) of the part with spine that is the silicone's.
+def with_spine(q: Quantities, shear: ShearSpine, area: float, second: float) -> tuple[Array, Array, Array]:
+    """Bending (N m^2), axial and lateral stiffness (N) of a section of the body (m^2, m^4) with spine, if there is one."""
+    body, ratio = q.body_modulus, q.robot.shear_modulus / q.robot.youngs_modulus
+    if q.robot.spine is None:
+        return body * second, body * area, ratio * body * area
+    spine, spine_shear, _ = moduli(q, shear)
+    core = math.pi * q.robot.spine.radius**2
+    core_second = annulus_second_moment(q.robot.spine.radius)
+    modulus = (area * body + core * spine) / (area + core)
+    sideways = (area * ratio * body + core * spine_shear) / (area + core)
+    blend = q.area_moments
+    bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
+    axial = modulus * area + blend * (body * area + (1 - q.spine_sliding) * spine * core - modulus * area)
+    lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
+    return bend, axial, lateral
+
+
+def silicone_share(q: Quantities, area: float, second: float, bend: Array) -> Array:
+    """(v, n) share of the bending stiffness `bend` (N m^2) of a section with spine that is the silicone's.
 
     Mixed by volume, silicone brings in its share of the volume; as a composite all of itself.
     """
     if q.robot.spine is None:
         return np.ones((1, 1))
-    area, core = body_area(q.robot), math.pi * q.robot.spine.radius**2
-    volume = area / (area + core)
-    out: Array = (volume + q.area_moments * (1 - volume)) * q.body_modulus * body_second_moment(q.robot) / bend
+    volume = area / (area + math.pi * q.robot.spine.radius**2)
+    out: Array = (volume + q.area_moments * (1 - volume)) * q.body_modulus * second / bend
     return out
 
 
@@ -144,54 +161,68 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
 
     With azimuth az + c s (1 + g s / L) the internal moment of actuation at s is the one at the base turned so far. The
     tip carries that at s = L, and the difference is a rest curvature, expanded to third order in s over an element.
-    A cut across the body meets the pressure at right angles however the chambers lean, so there is no torque.
+    A cut across the body meets the pressure at right angles however the chambers lean, so there is no torque. Where chambers
+    are wider or farther off the axis than at the tip, or end, the difference in moment and force is one of rest, too, and all
+    of it for tendons: what they press on their guides keeps their pull along the arc.
 
     Gas in a bent chamber also presses on its longer outer wall, with P A kappa a length, away from the centre of the bend.
     Where the body takes that up (share w), what is left of the gas on any part of it is P A e3(s) at its ends: each section
     is stretched by P A along its own tangent, as by a rest strain w P A / EA, and no thrust at the tip bends it.
     """
-    push = q.pressure * q.area_factor * q.robot.chambers.area
-    arm = q.robot.chambers.path_radius
+    push = q.pressure * q.area_factor
     azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]
-    total = push.sum(axis=-1)
-    mx, my = arm * (np.sin(azimuth) * push).sum(-1), -arm * (np.cos(azimuth) * push).sum(-1)
-    out[at.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * total
-    if q.thrust_on_walls.any():
-        for element in (INNER, OUTER):
-            out.add(element + at.REST_STRAIN + 2, q.thrust_on_walls * total / out[element + at.STRETCH + 2])
+    force, mx, my = _wrench(push, azimuth, q.body.tip_area, q.body.path_radius[-1])
+    out[at.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
     out[at.TIP_MOMENT] = mx
     out[at.TIP_MOMENT + 1] = my
-    if not q.twist.any():
+    same = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
+            for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
+    if q.thrust_on_walls.any() or not all(same):
+        for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
+            own = (push * q.body.chamber_area[piece]).sum(axis=-1)
+            taken = own - (1 - q.thrust_on_walls) * force
+            out.add(element + at.REST_STRAIN + 2, taken / out[element + at.STRETCH + 2])
+    if not q.twist.any() and all(same):
         return
     bottom = np.zeros((1, 1))
-    for element in (INNER, OUTER):
+    for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
         long = out[element + at.LENGTH]
         stiff = out[element + at.BEND]
         growth = q.twist_growth / q.length
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
-        # cos(a0 + a1 x + a2 x^2) - 1 and the sine about a0 to third order in x.
+        _, x, y = _wrench(push, azimuth, q.body.chamber_area[piece], q.body.path_radius[piece])
+        # cos(a0 + a1 x + a2 x^2) and the sine about a0 to third order in x; less what the tip carries.
         c, s = np.cos(a0), np.sin(a0)
-        cosine = (c - 1, -s * a1, -s * a2 - c * a1**2 / 2, -c * a1 * a2 + s * a1**3 / 6)
+        cosine = (c, -s * a1, -s * a2 - c * a1**2 / 2, -c * a1 * a2 + s * a1**3 / 6)
         sine = (s, c * a1, c * a2 - s * a1**2 / 2, -s * a1 * a2 - c * a1**3 / 6)
         for power in range(4):
             column = element + (at.REST_CURVATURE if power == 0 else at.RISE + 3 * (power - 1))
-            out.add(column, (cosine[power] * mx - sine[power] * my) / stiff)
-            out.add(column + 1, (sine[power] * mx + cosine[power] * my) / stiff)
+            carried = (mx, my) if power == 0 else (0.0, 0.0)
+            out.add(column, (cosine[power] * x - sine[power] * y - carried[0]) / stiff)
+            out.add(column + 1, (sine[power] * x + cosine[power] * y - carried[1]) / stiff)
         bottom = bottom + long
+
+
+def _wrench(push: Array, azimuth: Array, area: Array, path_radius: float) -> tuple[Array, Array, Array]:
+    """Force (v, n) N and moments (v, n) N m about x and y of pressures times area factors (v, n, actuators) on areas, m^2."""
+    pushes = push * area
+    mx, my = (np.sin(azimuth) * pushes).sum(-1), -(np.cos(azimuth) * pushes).sum(-1)
+    return pushes.sum(axis=-1), path_radius * mx, path_radius * my
 
 
 def _loads(q: Quantities, out: RodColumns) -> None:
     gravity = np.array(q.robot.gravity)
-    area = body_area(q.robot)
     for k in range(3):
         out[at.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.tip_load[:, k] + q.tip_force[..., k]
-        for element in (INNER, OUTER):
-            out[element + at.LOAD + k] = q.density * area * gravity[k]
+        for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
+            if element + at.LOAD + k not in q.layout.follows:
+                out[element + at.LOAD + k] = q.density * q.body.weight_area[piece] * gravity[k]
     for j in range(2):
         spring = at.SPRINGS + j * at.SPRING_WIDTH
         out[spring + j] = 1.0
         out[spring + at.SPRING_STIFFNESS] = q.tether
+    _payload(q, out)
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
     c, s = np.cos(q.plane_turn), np.sin(q.plane_turn)
     out[wall] = c * q.plane_direction[0] - s * q.plane_direction[1]
@@ -200,15 +231,29 @@ def _loads(q: Quantities, out: RodColumns) -> None:
     out[wall + at.SPRING_ORIGIN] = q.plane_distance
     out[wall + at.SPRING_SOFTNESS] = CONTACT_WIDTH
     # Back along the body from the tip, which the chambers stretch and bend: y'' = k + F y / EI, k = M / EI.
-    bent = [out[at.TIP_MOMENT + k] / out[OUTER + at.BEND] for k in range(2)]
+    last = q.layout.elements[-1]
+    bent = [out[at.TIP_MOMENT + k] / out[last + at.BEND] for k in range(2)]
     push = out[at.TIP_FORCE + 2]
-    back = q.plane_lever * (1 + push / out[OUTER + at.STRETCH + 2])
+    back = q.plane_lever * (1 + push / out[last + at.STRETCH + 2])
     turned = (bent[0] ** 2 + bent[1] ** 2) * back**2
-    x = push / out[OUTER + at.BEND] * back**2
+    x = push / out[last + at.BEND] * back**2
     side = back**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turned / 12)
     out[wall + at.SPRING_ARM] = -side * bent[1]
     out[wall + at.SPRING_ARM + 1] = side * bent[0]
     out[wall + at.SPRING_ARM + 2] = back * (1 - turned / 6)
+
+
+def _payload(q: Quantities, out: RodColumns) -> None:
+    """Weight at a point beside the tip that turns with it: a soft spring to a point far below, through an arm."""
+    spring = at.SPRINGS + 3 * at.SPRING_WIDTH
+    gravity = np.array(q.robot.gravity)
+    size = float(np.linalg.norm(gravity))
+    down = gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    for k in range(3):
+        out[spring + k] = down[k]
+        out[spring + at.SPRING_ARM + k] = -q.payload_place[..., k]
+    out[spring + at.SPRING_STIFFNESS] = q.payload * size / FAR_AWAY
+    out[spring + at.SPRING_ORIGIN] = FAR_AWAY
 
 
 def _boundary(q: Quantities, out: RodColumns) -> None:
@@ -218,7 +263,7 @@ def _boundary(q: Quantities, out: RodColumns) -> None:
     out[at.BASE_RELIEF] = q.base_relief
     out[at.BASE_STIFFENING] = q.base_stiffening
     bottom = np.zeros((1, 1))
-    for element in (INNER, OUTER):
+    for element in q.layout.elements:
         long = out[element + at.LENGTH]
         for k in range(3):
             # Linear along the arc: 1 at mid-length, 1 + growth at the tip.

@@ -29,6 +29,10 @@ USED = 5e3
 """Pa; a chamber that never reads more within a trial is taken as vented."""
 VENTED = 1e3
 """Pa; a state that reads less in all chambers is a state of rest."""
+PAUSE = 3600.0
+"""s without a reading, after which a robot may have been mounted anew."""
+MOST_RESTARTS = 0.5
+"""Of the trials; where more begin at an earlier t than the one before ended, t counts from the beginning of each trial."""
 TIP = ("x", "y", "z")
 TURN = ("rx", "ry", "rz")
 """Orientation channels: rotation vector (rad, base frame) from the baseline's orientation to the tip's."""
@@ -55,6 +59,9 @@ class Design:
     """(n,) Pa/s, magnitude."""
     hold: Array
     """(n,) s; 0 = read while ramping."""
+    sitting: NDArray[np.int64]
+    """(n,) counts the times that work began anew, with the robot perhaps mounted anew: t starts again, or nothing was read for
+    longer than `PAUSE`."""
     progress: Array
     """(n,) part of the campaign that has passed, 0 to 1: by time where it is known throughout, else by trials."""
     spine_length: Array
@@ -136,6 +143,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         t=_numbers(columns, "t", np.nan, n),
         rate=np.abs(_numbers(columns, "rate", RATE, n)),
         hold=_numbers(columns, "hold", HOLD, n),
+        sitting=_sittings(_numbers(columns, "t", np.nan, n), trial),
         progress=_progress(_numbers(columns, "t", np.nan, n), trial, ~stiffness),
         spine_length=spine_length,
         vacuum=vacuum,
@@ -148,6 +156,19 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         deflection=np.where(stiffness, _numbers(columns, "deflection", 0.0, n), 0.0),
         channels=observed,
     )
+
+
+def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) from times (n,) s; all 0 where they are not known, or count from the beginning of each trial."""
+    numbers = np.unique(trial)
+    spans = np.array([(t[trial == k][0], t[trial == k][-1]) for k in numbers])
+    if len(numbers) < 2 or not np.isfinite(spans).all():
+        return np.zeros(len(t), np.int64)
+    between = spans[1:, 0] - spans[:-1, 1]
+    if np.mean(between < 0) > MOST_RESTARTS:
+        return np.zeros(len(t), np.int64)
+    count = np.concatenate([[0], np.cumsum((between < 0) | (between > PAUSE))])
+    return np.asarray(count[np.searchsorted(numbers, trial)], np.int64)
 
 
 def _progress(t: Array, trial: NDArray[np.int64], own: Flags) -> Array:
@@ -227,7 +248,7 @@ def _usual(vacuum: Array) -> float:
 
 
 def _pressures(robot: Robot, columns: Columns, stiffness: Flags) -> Array:
-    n, chambers = len(stiffness), len(robot.chambers.azimuths_deg)
+    n, chambers = len(stiffness), len(robot.actuators.azimuths_deg)
     names = [f"p{i}" for i in range(1, chambers + 1)]
     extra = [name for name in columns if re.fullmatch(r"p\d+", name) and name not in names]
     if extra:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
-from model.effects.compose import INNER, OUTER, RodColumns, directions, rod_columns
+from model.effects.compose import RodColumns, directions, rod_columns
 from model.effects.design import Columns, Design, with_rest
-from model.effects.history import DRIVES, REST, drive, history_of, loading_path
+from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, rest_columns
 from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction
 from model.effects.observation import Noise, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
@@ -26,7 +26,6 @@ from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import sources
 from model.errors import BadCondition
 from model.robot import Robot
-from model.rods import Solution
 
 Array = NDArray[np.float64]
 
@@ -57,6 +56,10 @@ class _At:
     remembers: bool
     predicted: Array
     """(1, observations)."""
+    settled: bool
+    """Whether every state without a result has no equilibrium, and was not given up."""
+    asked: frozenset[int]
+    """Sources whose laws are applied though all their sizes are zero."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +100,11 @@ class ForwardModel:
         catalogue: Mapping[str, EffectSpec] = CATALOGUE,
         area_factor: float | None = None,
         plane_direction: Array | None = None,
+        every_law: bool = False,
     ) -> None:
-        """`area_factor` is what area = 0 means: by default the robot's, its mean over the states with area "one".
+        """`every_law`: laws are applied also where all their sizes are zero, to see that they do nothing there.
+
+        `area_factor` is what area = 0 means: by default the robot's, its mean over the states with area "one".
 
         `plane_direction` (2,) is the way sideways to the plane that may be touched: by default the robot's, or where the
         campaign bends to. Raises `BadRobot` for an effect in robot.yaml that neither the project nor `catalogue` knows.
@@ -106,6 +112,7 @@ class ForwardModel:
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         self.robot, self.design, self.area, self.catalogue = robot, design, area, catalogue
+        self._every_law = every_law
         self._full, self._rest_of = with_rest(design)
         self._moved_rows = np.flatnonzero(~design.stiffness)
         self._in_bare = np.flatnonzero(~self._full.stiffness)
@@ -114,6 +121,11 @@ class ForwardModel:
             self._full, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated)
         )
         self._fixed = fixed_laws(robot, catalogue)
+        rank = {id: k for k, id in enumerate({**CATALOGUE, **catalogue})}
+        places: dict[int | str, int] = {id: rank.get(id, len(rank)) for id in self._fixed}
+        places |= {i: rank.get(s.spec.id, len(rank)) for i, s in enumerate(self._table.sources)}
+        # the sort is stable: tolerances stay behind effects, in their own order
+        self._order = sorted(places, key=places.__getitem__)
         self._nominal = nominal_values(robot, self._table.infos)
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
         self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
@@ -134,14 +146,16 @@ class ForwardModel:
             for k, p in enumerate(self._table.infos)
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         }
-        self._start: Solution | None = None
+        self._start: Solved | None = None
         self._points: tuple[_At, ...] = ()
         if plane_direction is None:
             plane_direction = obstacle_direction(robot)
+        self._layout = self._baseline.layout
+        self._rest_columns = rest_columns(self._layout)
         nominal = self._rows(rod_columns(self._baseline, self._shear))
-        self._steps = integration_steps(nominal)
-        first = solve(nominal, self._arcs, self._steps, inside=False)
-        self._start = first.solution
+        self._steps = integration_steps(self._layout, nominal)
+        first = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
+        self._start = first
         tips = first.result[: self._moved_rows.size]
         side = (
             tips[first.converged[: self._moved_rows.size], :2].sum(axis=0)
@@ -178,9 +192,12 @@ class ForwardModel:
             raise BadCondition(f"parameter source {source!r}: not in this model, which has {', '.join(known)}")
         return found
 
-    def predict(self, theta: Array) -> Array:
-        """(observations,) at parameters (p,); NaN where a state has no equilibrium."""
-        return self._solved(self._checked(theta)).predicted[0].copy()
+    def predict(self, theta: Array, trial: bool = False) -> Array:
+        """(observations,) at parameters (p,); NaN where a state has no equilibrium.
+
+        In a `trial` also where its load would have to be followed to find it, at a thousand times the cost.
+        """
+        return self._solved(self._checked(theta), trial=trial).predicted[0].copy()
 
     def shapes(self, theta: Array, arcs: Array) -> Array:
         """Backbones (n, k, 3) m at parameters (p,) and arc lengths (k,) m, base frame, as motion capture would read them.
@@ -189,7 +206,7 @@ class ForwardModel:
         """
         here = self._solved(self._checked(theta))
         final = here.final
-        along = solve(final.rows, np.asarray(arcs, float), final.steps, final.solution, inside=False)
+        along = solve(self._layout, final.rows, np.asarray(arcs, float), final.steps, final, inside=False)
         read = self._readings(here.quantities, along.result[None], self._table.at(here.theta))
         return read.markers[0, : len(self.design)]
 
@@ -208,7 +225,10 @@ class ForwardModel:
         """
         theta = self._checked(theta)
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
-        here = self._solved(theta, bool(self._memory_sizes & set(wanted)))
+        here = self._asked(
+            self._solved(theta, bool(self._memory_sizes & set(wanted))),
+            frozenset(self._table.source_index(self.parameters[k].slot) for k in wanted),
+        )
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
         of_row = self._table.of_row[list(slots)][:, self.observations.row]
         place = np.full(len(self.parameters) + 1, len(wanted))
@@ -222,11 +242,10 @@ class ForwardModel:
         """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa; what the robot
         remembers stays."""
         spread = self._table.at(self._nominal)
-        q = self._quantities(spread)
-        q.pressure = q.pressure + np.pad(change, ((0, len(self._full) - len(change)), (0, 0)))
+        q = self._quantities(spread, np.pad(change, ((0, len(self._full) - len(change)), (0, 0))))
         built = self._rows(rod_columns(q, self._shear))
         own = slice(0, self._moved_rows.size)
-        moved = solve(built, self._arcs, self._steps, self._start, inside=False).take(own)
+        moved = solve(self._layout, built, self._arcs, self._steps, self._start, inside=False).take(own)
         here = self._solved(self._nominal)
         still = self._read(here.quantities, here.bare.take(own).result[None], spread)
         return np.asarray(self._read(q, moved.result[None], spread)[0] - still[0])
@@ -246,66 +265,97 @@ class ForwardModel:
             )
         return np.clip(values, self._low, self._high)
 
-    def _laws(self, spread: Spread) -> Iterator[tuple[Law, Callable[[], Values]]]:
-        """Every law and what makes its values, first the robot's own that are not varied."""
-        for law, values in self._fixed:
-            yield law, partial(dict, values)
-        for i, source in enumerate(self._table.sources):
-            yield source.spec.law, partial(self._table.values, i, spread)
+    def _laws(self, spread: Spread, asked: frozenset[int] = frozenset()) -> Iterator[tuple[Law, Callable[[], Values]]]:
+        """Every law and what makes its values, in the order of the catalogue, the robot's own that are not varied among them;
+        those of size zero that are `asked` alone."""
+        for known in self._order:
+            if isinstance(known, str):
+                law, values = self._fixed[known]
+                yield law, partial(dict, values)
+            elif self._every_law or known in asked or not self._table.idle(known, spread):
+                yield self._table.sources[known].spec.law, partial(self._table.values, known, spread)
 
-    def _quantities(self, spread: Spread) -> Quantities:
-        """All laws before the rod."""
+    def _quantities(self, spread: Spread, more: Array | None = None, asked: frozenset[int] = frozenset()) -> Quantities:
+        """All laws before the rod; `more` (full, chambers) Pa is what is read beyond the table."""
         q = Quantities(**vars(self._baseline))
-        for law, values in self._laws(spread):
+        if more is not None:
+            q.pressure = q.pressure + more
+        for law, values in self._laws(spread, asked):
             if law.before is not None:
                 law.before(q, values())
         return q
 
-    def _solved(self, theta: Array, moving: bool = False) -> _At:
-        """`moving`: what drives memory is wanted even where nothing remembers."""
+    def _solved(self, theta: Array, moving: bool = False, trial: bool = False) -> _At:
+        """`moving`: what drives memory is wanted even where nothing remembers. `trial`: see `predict`."""
         points = self._points  # another thread may put others in its place
-        same = [bool(np.array_equal(point.theta, theta)) for point in points]
-        here = points[same.index(True)] if any(same) else self._solve(theta)
+        same = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
+        here = points[same.index(True)] if any(same) else self._solve(theta, trial)
         if moving and not here.bare.inside:
             bare = look_inside(here.bare)
             here = replace(here, bare=bare, driven=self._drive(here.built, bare.result[None]))
-        others = [point for point, known in zip(points, same, strict=True) if not known]
-        self._points = (here, *others)[:KEPT]
+        self._keep(here)
         return here
 
-    def _solve(self, theta: Array) -> _At:
+    def _keep(self, here: _At) -> None:
+        others = [p for p in self._points if not np.array_equal(p.theta, here.theta)]
+        self._points = (here, *others)[:KEPT]
+
+    def _asked(self, here: _At, sources: frozenset[int]) -> _At:
+        """The same point with laws by which it is to be differentiated: one of size zero does nothing, but says where and how it
+        would act."""
+        spread = self._table.at(here.theta)
+        asked = here.asked | frozenset(s for s in sources if self._table.idle(s, spread))
+        if asked == here.asked:
+            return here
+        q = self._quantities(spread, asked=asked)
+        built = rod_columns(q, self._shear)
+        bare = replace(here.bare, rows=self._rows(built))
+        rows = bare.rows[: self._moved_rows.size].copy()
+        if here.remembers:
+            rows[:, self._rest_columns] += by_element(self._layout, here.rest[0, self._moved_rows])
+        here = replace(here, quantities=q, built=built, bare=bare, final=replace(here.final, rows=rows), asked=asked)
+        self._keep(here)
+        return here
+
+    def _solve(self, theta: Array, trial: bool) -> _At:
         spread = self._table.at(theta)
         q = self._quantities(spread)
         built = rod_columns(q, self._shear)
-        remembers = any(theta[k] for k in self._memory_sizes) or any(law.path is not None for law, _ in self._fixed)
-        bare = solve(self._rows(built), self._arcs, self._steps, self._start, remembers)
+        remembers = any(theta[k] for k in self._memory_sizes) or any(
+            law.path is not None for law, _ in self._fixed.values()
+        )
+        bare = solve(self._layout, self._rows(built), self._arcs, self._steps, self._start, remembers, trial)
         final = bare.take(slice(0, self._moved_rows.size))
         driven = rest = np.zeros((1, len(self._full), DRIVES))
         if remembers:
             driven = self._drive(built, bare.result[None])
             rest = self._memory(q, built, driven, spread)
             rows = final.rows.copy()
-            rows[:, REST] += rest[0, self._moved_rows]
-            final = solve(rows, self._arcs, final.steps, final.solution, inside=False)
+            rows[:, self._rest_columns] += by_element(self._layout, rest[0, self._moved_rows])
+            final = solve(self._layout, rows, self._arcs, final.steps, final, False, trial)
+            # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
+            final.result[~bare.converged[: len(final.rows)]] = np.nan
         predicted = self._read(q, final.result[None], spread)
-        return _At(theta.copy(), q, built, bare, driven, rest, final, remembers, predicted)
+        settled = not trial or bool(bare.converged.all() and final.converged.all())
+        return _At(theta.copy(), q, built, bare, driven, rest, final, remembers, predicted, settled, frozenset())
 
     def _rows(self, built: RodColumns) -> Array:
-        """(m, WIDTH) rods of one variant that are solved."""
+        """(m, layout.width) rods of one variant that are solved."""
         return built.rows(len(self._full))[self._in_bare]
 
     def _drive(self, built: RodColumns, results: Array) -> Array:
         """(v, full, DRIVES) from results (v, m, columns)."""
         n = len(self._full)
-        lengths = [
-            np.broadcast_to(built[part + at.LENGTH], (len(built[part + at.LENGTH]), n)) for part in (INNER, OUTER)
-        ]
+        own = (built.length(part) for part in (at.INNER, at.OUTER))
+        lengths = [np.broadcast_to(long, (len(long), n)) for long in own]
         return drive([long[:, self._in_bare] for long in lengths], results, self._in_bare, n)
 
-    def _memory(self, q: Quantities, built: RodColumns, driven: Array, spread: Spread) -> Array:
+    def _memory(
+        self, q: Quantities, built: RodColumns, driven: Array, spread: Spread, asked: frozenset[int] = frozenset()
+    ) -> Array:
         """(v, full, DRIVES) rest curvature and strain of all laws with memory."""
         history = history_of(q, self._path, built, driven)
-        for law, values in self._laws(spread):
+        for law, values in self._laws(spread, asked):
             if law.path is not None:
                 law.path(history, values())
         return history.rest
@@ -322,7 +372,7 @@ class ForwardModel:
         for b, moved in zip(batches, self._moved(here, batches), strict=True):
             slope = self.observations.pick(moved)
             if b.reads:
-                read = self._read(b.quantities, here.final.result[None], b.spread)
+                read = self._read(b.quantities, here.final.result[None], b.spread, here.asked)
                 slope = slope + (read - here.predicted) / b.by_row[:, self.observations.row]
             out[[slots.index(k) for k in b.slots]] = slope
         return out
@@ -343,7 +393,7 @@ class ForwardModel:
         q, built = here.quantities, here.built
         moves = any(law.before is not None for law in laws)
         if moves:
-            q = self._quantities(spread)
+            q = self._quantities(spread, asked=here.asked)
             built = rod_columns(q, self._shear)
         changed, change = built.changes(here.built, by_row)
         remembers = any(law.path is not None for law in laws)
@@ -353,20 +403,25 @@ class ForwardModel:
     def _moved(self, here: _At, batches: Sequence[_Beside]) -> list[Array]:
         """(v, full, channels) of each batch: derivatives of readings by what the slots do to rods, in the parameters' units."""
         rests = self._rests(here, batches)
-        changed = sorted({c for b in batches for c in b.columns} | {c for r in rests if r is not None for c in REST})
+        changed = sorted(
+            {c for b in batches for c in b.columns} | {c for r in rests if r is not None for c in self._rest_columns}
+        )
         by_column = np.zeros((len(self._full), len(changed), self.observations.channels))
         if changed:
             spread = self._table.at(here.theta)
 
             def every(results: Array) -> Array:
-                return self.observations.every(self._readings(here.quantities, results, spread))[:, self._moved_rows]
+                return self.observations.every(self._readings(here.quantities, results, spread, here.asked))[
+                    :, self._moved_rows
+                ]
 
             by_column[self._moved_rows] = _by_columns(here.final, changed, every)
         out = []
         for b, rest in zip(batches, rests, strict=True):
             moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
             if rest is not None:
-                moved = moved + rest @ by_column[:, [changed.index(c) for c in REST]]
+                remembered = by_column[:, [changed.index(c) for c in self._rest_columns]]
+                moved = moved + by_element(self._layout, rest) @ remembered
             out.append(moved.swapaxes(0, 1))
         return out
 
@@ -389,7 +444,7 @@ class ForwardModel:
             elif not b.remembers and not (here.remembers and b.moves):
                 out.append(None)
                 continue
-            rest = self._memory(b.quantities, b.built, driven, b.spread)
+            rest = self._memory(b.quantities, b.built, driven, b.spread, here.asked)
             out.append(((rest - here.rest) / b.by_row[..., None]).swapaxes(0, 1))
         return out
 
@@ -397,14 +452,14 @@ class ForwardModel:
         """(slots, full) the value of the parameter that each row takes for a slot; 1 where it takes none."""
         return np.append(per_parameter, 1.0)[self._table.of_row]
 
-    def _read(self, q: Quantities, results: Array, spread: Spread) -> Array:
+    def _read(self, q: Quantities, results: Array, spread: Spread, asked: frozenset[int] = frozenset()) -> Array:
         """(v, observations) from results (v, moved, columns) of the solver."""
-        return self.observations.of(self._readings(q, results, spread))
+        return self.observations.of(self._readings(q, results, spread, asked))
 
-    def _readings(self, q: Quantities, results: Array, spread: Spread) -> Readings:
+    def _readings(self, q: Quantities, results: Array, spread: Spread, asked: frozenset[int] = frozenset()) -> Readings:
         """What instruments read of results (v, moved, columns): all laws after the rod."""
         r = readings(q, self._shear, self._every_row(results))
-        for law, values in self._laws(spread):
+        for law, values in self._laws(spread, asked):
             if law.after is not None:
                 law.after(r, values())
         return r
@@ -426,4 +481,4 @@ def _by_columns(solved: Solved, changed: Sequence[int], made_of: Callable[[Array
     """(n, a, outputs) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
     made = made_of(nudged(solved, NUDGE))
     by_motion = ((made[1:] - made[0]) / NUDGE).swapaxes(0, 1)
-    return np.asarray(differentiate(solved, directions(changed)) @ by_motion)
+    return np.asarray(differentiate(solved, directions(solved.layout, changed)) @ by_motion)

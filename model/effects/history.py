@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects import layout as at
-from model.effects.compose import INNER, OUTER, RodColumns, silicone_share
+from model.effects.compose import RodColumns, silicone_share
 from model.effects.design import Design
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
@@ -25,18 +25,30 @@ from model.rotation import multiply
 Array = NDArray[np.float64]
 Order = NDArray[np.int64]
 
+CELLS = 12
+"""Along the body, for what it remembers from one spine length to the next."""
+PAUSE = 300.0
+"""s between trials whose times are not known."""
 SHORTEST = 1e-4
 """m; a part shorter than this has no curvature to speak of."""
 
 DRIVES = 8
 """Curvature x, y, z (1/m) and axial strain of the part with spine, then of the part beyond it."""
 
-REST = [
-    at.ELEMENTS + part * at.ELEMENT_WIDTH + column
-    for part in range(2)
-    for column in (*range(at.REST_CURVATURE, at.REST_CURVATURE + 3), at.REST_STRAIN + 2)
-]
-"""Columns of a rod to which memory adds, in the order of the drive."""
+OF_PART = DRIVES // 2
+
+
+def rest_columns(layout: at.Layout) -> list[int]:
+    """Columns of a rod to which memory adds, element by element in the order of the drive of a part."""
+    each = (*range(at.REST_CURVATURE, at.REST_CURVATURE + 3), at.REST_STRAIN + 2)
+    return [element + column for element in layout.elements for column in each]
+
+
+def by_element(layout: at.Layout, rest: Array) -> Array:
+    """What memory adds to `rest_columns` (.., columns), from what it adds to the parts (.., DRIVES), as much all along each."""
+    parts = rest.reshape(*rest.shape[:-1], 2, OF_PART)
+    out: Array = parts[..., list(layout.parts), :].reshape(*rest.shape[:-1], len(layout.parts) * OF_PART)
+    return out
 
 
 @dataclass(frozen=True)
@@ -135,6 +147,22 @@ class History:
         """(v, n, DRIVES) drive less what follows it with the relaxation time (s)."""
         return self.path.lag(self.drive, time)
 
+    def extremes(self, rate: Array) -> Array:
+        """(v, n, DRIVES) largest plus least value, 0 between them, that each part of the body has come to in the campaign so
+        far; they fade at `rate` (v, 1) 1/s. Kept by places on the body, whatever the spine's length was then."""
+        q = self.quantities
+        edges = np.linspace(0.0, 1.0, CELLS + 1) * np.asarray(q.length)[..., None]
+        covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)
+        n, v = self.drive.shape[1], max(len(self.drive), len(covered), len(rate))
+        drive, covered, rates = (
+            np.array(np.broadcast_to(x, shape), order="C")
+            for x, shape in ((self.drive, (v, n, DRIVES)), (covered, (v, n, CELLS)), (rate[:, 0], (v,)))
+        )
+        p, out = self.path, np.zeros((v, n, DRIVES))
+        pause = np.where(np.isfinite(p.stay), p.stay, PAUSE)
+        _extremes(drive, covered, q.design.roll, p.after, pause + p.ramp + p.hold, rates, out)
+        return out
+
     def sliding(self, drive: Array, yields: Array) -> Array:
         """See Path."""
         return self.path.sliding(drive, yields)
@@ -144,11 +172,12 @@ def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> Hi
     """What laws with memory see of rods of n states that are driven so (v, n, DRIVES); nothing is remembered yet."""
     n = driven.shape[1]
     bend, stretch = (
-        np.stack(np.broadcast_arrays(rods[INNER + k], rods[OUTER + k], np.empty((1, n)))[:2], axis=-1)
+        np.stack(np.broadcast_arrays(*(rods.mean(p, k) for p in (at.INNER, at.OUTER)), np.empty((1, n)))[:2], axis=-1)
         for k in (at.BEND, at.STRETCH + 2)
     )
     silicone = np.ones((len(bend), n, DRIVES))
-    silicone[..., : DRIVES // 2] = silicone_share(q, rods[INNER + at.BEND])[..., None]
+    held = silicone_share(q, q.body.mean_area, q.body.mean_second, rods.mean(at.INNER, at.BEND))
+    silicone[..., :OF_PART] = held[..., None]
     return History(q, path, driven, bend, stretch, silicone, np.zeros((1, n, DRIVES)))
 
 
@@ -162,8 +191,8 @@ def drive(lengths: Sequence[Array], results: Array, places: Order, states: int) 
     out = np.zeros((max(len(results), *map(len, lengths)), states, DRIVES))
     for part, (long, start, end) in enumerate(zip(lengths, (base, joint), (joint, tip), strict=True)):
         bent = rotation_vector(multiply(start * CONJUGATE, end)) / np.maximum(long, SHORTEST)[..., None]
-        out[:, places, 4 * part : 4 * part + 3] = np.where(long[..., None] > SHORTEST, bent, 0.0)
-        out[:, places, 4 * part + 3] = np.where(long > SHORTEST, results[..., at.STRAIN + part], 0.0)
+        out[:, places, OF_PART * part : OF_PART * part + 3] = np.where(long[..., None] > SHORTEST, bent, 0.0)
+        out[:, places, OF_PART * part + 3] = np.where(long > SHORTEST, results[..., at.STRAIN + part], 0.0)
     return np.nan_to_num(out, copy=False)
 
 
@@ -210,3 +239,34 @@ def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], 
                 for c in range(wide):
                     state[j, c] /= size
                     out[v, after[k], c] += state[j, c] / count
+
+
+@numba.njit(cache=True)
+def _extremes(drive: Array, covered: Array, roll: Array, after: Order, passed: Array, rate: Array, out: Array) -> None:
+    """Extremes of each cell's curvature and strain, in the body's own frame; a part gets the mean over its cells."""
+    cells = covered.shape[2]
+    top, least = np.zeros((cells, 4)), np.zeros((cells, 4))
+    now, turned = np.zeros(4), np.zeros(4)
+    for v in range(drive.shape[0]):
+        top[:], least[:] = 0.0, 0.0
+        for k in range(after.size):
+            row = after[k]
+            kept, c, s = np.exp(-rate[v] * passed[k]), np.cos(roll[row]), np.sin(roll[row])
+            inside = 0.0
+            for j in range(cells):
+                inside += covered[v, row, j]
+            for j in range(cells):
+                share = covered[v, row, j]
+                for i in range(4):
+                    now[i] = share * drive[v, row, i] + (1.0 - share) * drive[v, row, 4 + i]
+                now[0], now[1] = c * now[0] + s * now[1], c * now[1] - s * now[0]
+                for i in range(4):
+                    top[j, i] = max(top[j, i] * kept, now[i])
+                    least[j, i] = min(least[j, i] * kept, now[i])
+                    turned[i] = top[j, i] + least[j, i]
+                turned[0], turned[1] = c * turned[0] - s * turned[1], c * turned[1] + s * turned[0]
+                for i in range(4):
+                    if inside > 0.0:
+                        out[v, row, i] += share / inside * turned[i]
+                    if inside < cells:
+                        out[v, row, 4 + i] += (1.0 - share) / (cells - inside) * turned[i]

@@ -1,12 +1,17 @@
 """How one rod of the forward model is laid out as a row of numbers, and what comes back as columns of a result.
 
-A row is one of `model.rods` with two elements (base to the spine's end, and from there to the tip), three springs at
-the tip and every kind of term; only its rest strain is counted from an unstretched section. A change of parameters is a
-row of the same layout.
+A row is one of `model.rods` with four springs at the tip and every kind of term; only its rest strain is counted from an
+unstretched section. Each piece of the body is two elements, one that holds the spine and one beyond its end, either of them
+empty; without spine only the first piece is. A change of parameters is a row of the same layout.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from model.body import Body
 from model.rods import Form
 from model.rods.columns import (
     BASE_COMPLIANCE,
@@ -33,13 +38,90 @@ from model.rods.columns import (
     TIP_MOMENT,
 )
 
-FORM = Form(elements=2, springs=3, full=True)
+SPRING_COUNT = 4
 SPRINGS, SPRING_WIDTH = HEAD, SPRING
-ELEMENTS, ELEMENT_WIDTH, WIDTH = FORM.head, FORM.block, FORM.width
+ELEMENTS, ELEMENT_WIDTH = HEAD + SPRING * SPRING_COUNT, Form(1, full=True).block
 
 TIP, ORIENTATION, JOINT, BASE, STRAIN, MARKERS = 0, 3, 7, 11, 15, 17
 """Columns of a result: tip (m), quaternions of the tip, of the spine's end and of the base, mean axial strain of the
-two elements, then positions (m) at the arc lengths asked for. All in the base frame."""
+two parts, then positions (m) at the arc lengths asked for. All in the base frame."""
+
+INNER, OUTER = 0, 1
+"""Parts of the body: from the base to the spine's end, and from there to the tip."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which elements the rod of one robot has, base to tip."""
+
+    pieces: tuple[int, ...]
+    """The piece of the body that each belongs to."""
+    parts: tuple[int, ...]
+    """INNER or OUTER."""
+    tied: Mapping[int, Mapping[int, float]]
+    """Column -> columns that are always so many times as large: sections are round, and silicone without spine is the same
+    all along the body."""
+
+    @cached_property
+    def form(self) -> Form:
+        """That of the rods."""
+        return Form(elements=len(self.pieces), springs=SPRING_COUNT, full=True)
+
+    @property
+    def width(self) -> int:
+        """Columns of a row."""
+        return self.form.width
+
+    @cached_property
+    def follows(self) -> Mapping[int, tuple[int, float]]:
+        """Column that is tied -> the one that it follows, and how many times that it is."""
+        return {other: (column, factor) for column, others in self.tied.items() for other, factor in others.items()}
+
+    @cached_property
+    def elements(self) -> tuple[int, ...]:
+        """First column of each element."""
+        return tuple(ELEMENTS + ELEMENT_WIDTH * e for e in range(len(self.pieces)))
+
+    @cached_property
+    def of_part(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Numbers of the elements of the inner and of the outer part."""
+        inner, outer = (tuple(e for e, part in enumerate(self.parts) if part == own) for own in (INNER, OUTER))
+        return inner, outer
+
+
+UNIFORM = Layout((0, 0), (INNER, OUTER), {})
+"""A body of one piece, nothing tied."""
+
+
+def layout_of(body: Body, spine: bool) -> Layout:
+    """Elements of a body of k pieces: 2 k with spine, k + 1 without."""
+    order = [(k, part) for k in range(len(body)) for part in (INNER, OUTER) if spine or part == OUTER or k == 0]
+    pieces, parts = zip(*order, strict=True)
+    first = ELEMENTS + ELEMENT_WIDTH * order.index((0, OUTER))
+    tied: dict[int, dict[int, float]] = {first + BEND: {}, first + STRETCH: {}, first + STRETCH + 2: {}}
+    tied |= {first + SERIES: {}, first + SERIES + 1: {}, **{first + LOAD + k: {} for k in range(3)}}
+    for e, (piece, part) in enumerate(order):
+        own, twisting = ELEMENTS + ELEMENT_WIDTH * e, float(body.polar[piece] / body.second[piece])
+        if part == INNER:
+            tied[own + BEND] = {own + BEND + 1: 1.0, own + BEND + 2: twisting}
+            tied[own + STRETCH] = {own + STRETCH + 1: 1.0}
+            tied[own + SERIES + 1] = {own + SERIES + 2: 0.5}
+            continue
+        bend, axial = (float(x[piece] / x[0]) for x in (body.second, body.area))
+        strained = float(body.outer_radius[piece] / body.outer_radius[0]) ** 2
+        tied[first + BEND] |= {own + BEND: bend, own + BEND + 1: bend, own + BEND + 2: bend * twisting}
+        tied[first + STRETCH] |= {own + STRETCH: axial, own + STRETCH + 1: axial}
+        tied[first + STRETCH + 2] |= {own + STRETCH + 2: axial}
+        tied[first + SERIES] |= {own + SERIES: strained}
+        tied[first + SERIES + 1] |= {own + SERIES + 1: 1.0, own + SERIES + 2: 0.5}
+        if body.weight_area[0] > 0:
+            weight = float(body.weight_area[piece] / body.weight_area[0])
+            for k in range(3):
+                tied[first + LOAD + k] |= {own + LOAD + k: weight}
+    tied[BASE_COMPLIANCE] = {BASE_COMPLIANCE + 1: 1.0}
+    clean = {c: {o: f for o, f in others.items() if o != c} for c, others in tied.items()}
+    return Layout(pieces, parts, {c: others for c, others in clean.items() if others})
+
 
 __all__ = [
     "BASE",
@@ -51,17 +133,20 @@ __all__ = [
     "DEAD_FORCE",
     "ELEMENTS",
     "ELEMENT_WIDTH",
-    "FORM",
+    "INNER",
     "JOINT",
     "LENGTH",
     "LOAD",
+    "Layout",
     "MARKERS",
     "ORIENTATION",
+    "OUTER",
     "REST_CURVATURE",
     "REST_STRAIN",
     "RISE",
     "SERIES",
     "SPRINGS",
+    "SPRING_COUNT",
     "SPRING_ARM",
     "SPRING_DIRECTION",
     "SPRING_ORIGIN",
@@ -73,5 +158,6 @@ __all__ = [
     "TIP",
     "TIP_FORCE",
     "TIP_MOMENT",
-    "WIDTH",
+    "UNIFORM",
+    "layout_of",
 ]

@@ -56,13 +56,15 @@ def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterab
                 )
 
 
-def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})) -> list[tuple[Law, Values]]:
-    """Laws and values (1, 1) of the robot's effects that are not in `catalogue`; raises as `stated_effects`."""
-    return [
-        (spec.law, values_of(robot.effects[id], spec))
+def fixed_laws(
+    robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})
+) -> dict[str, tuple[Law, Values]]:
+    """Laws and values (1, 1) of the robot's effects that are not in `catalogue`, by id; raises as `stated_effects`."""
+    return {
+        id: (spec.law, values_of(robot.effects[id], spec))
         for id, spec in stated_effects(robot, catalogue).items()
         if id not in catalogue
-    ]
+    }
 
 
 def values_of(stated: Mapping[str, Stated], spec: EffectSpec) -> dict[str, Array]:

@@ -70,6 +70,11 @@ class Spread:
     chosen: tuple[int, ...] = ()
     """The slots that have a variant."""
 
+    @cached_property
+    def used(self) -> frozenset[int]:
+        """The slots that differ from zero somewhere, or have a variant."""
+        return frozenset((*np.flatnonzero(self.base.any(axis=1)).tolist(), *self.chosen))
+
     def slot(self, k: int) -> Array:
         """(v, n), or (1, n) where no variant has another value."""
         if self.there is None or k not in self.chosen:
@@ -106,9 +111,23 @@ class ParameterTable:
         first = self.first_slot[source]
         return {p.name: spread.slot(first + i) for i, p in enumerate(self.sources[source].spec.parameters)}
 
+    def idle(self, source: int, spread: Spread) -> bool:
+        """Whether all sizes of a source are zero, so that its law changes nothing."""
+        return spread.used.isdisjoint(self.size_slots[source])
+
+    @cached_property
+    def size_slots(self) -> list[list[int]]:
+        """The slots of each source that are sizes."""
+        every = [(first, source.spec.parameters) for first, source in zip(self.first_slot, self.sources, strict=True)]
+        return [[first + i for i, p in enumerate(own) if p.role == "size"] for first, own in every]
+
     def source_of(self, slot: int) -> Source:
         """The source a slot belongs to."""
-        return self.sources[int(np.searchsorted(self.first_slot, slot, side="right")) - 1]
+        return self.sources[self.source_index(slot)]
+
+    def source_index(self, slot: int) -> int:
+        """The place of that source among `sources`."""
+        return int(np.searchsorted(self.first_slot, slot, side="right")) - 1
 
     @cached_property
     def first_slot(self) -> list[int]:
@@ -166,7 +185,16 @@ def _copies(design: Design, source: Source) -> list[tuple[str, int | None, NDArr
         return [(f"[spine_length={x:g}]", None, (rounded == x) & moved) for x in np.unique(rounded[moved])]
     if source.scope == "mount":
         turned = np.round(np.degrees(design.roll))
-        return [(f"[roll={x:g} deg]", None, (turned == x) & ~design.stiffness) for x in mounts(design)[1:]]
+        found = mounts(design)
+        several = len({roll for roll, _ in found}) < len(found)
+        return [
+            (
+                f"[roll={roll:g} deg{f', sitting {sitting + 1}' if several else ''}]",
+                None,
+                (turned == roll) & (design.sitting == sitting) & ~design.stiffness,
+            )
+            for roll, sitting in found[1:]
+        ]
     if source.scope == "repeat":
         numbers = np.unique(design.repeat[~design.stiffness])
         return [(f"[repeat={k}]", None, (design.repeat == k) & ~design.stiffness) for k in numbers]

@@ -44,7 +44,7 @@ def prove(robot: Robot, specs: Iterable[EffectSpec]) -> None:
 
 def _tried(robot: Robot, design: Design, spec: EffectSpec) -> tuple[Array, Array]:
     """Readings at zero and at the plausible size; derivatives are taken too, in many variants at once."""
-    forward = ForwardModel(robot, design, catalogue={spec.id: spec})
+    forward = ForwardModel(robot, design, catalogue={spec.id: spec}, every_law=True)
     theta = np.zeros(len(forward.parameters))
     zero = forward.predict(theta)
     theta[forward.index(spec.id)] = [
@@ -56,7 +56,7 @@ def _tried(robot: Robot, design: Design, spec: EffectSpec) -> tuple[Array, Array
 
 def _campaign(robot: Robot) -> Columns:
     """Two spine lengths, one chamber up and down, tip and orientation read."""
-    n, chambers = len(PRESSURES), len(robot.chambers.azimuths_deg)
+    n, chambers = len(PRESSURES), len(robot.actuators.azimuths_deg)
     lengths = (0.0, 0.5 * robot.length) if robot.spine is not None else (0.0,)
     columns: dict[str, NDArray[np.generic]] = {
         "trial": np.repeat(np.arange(1, len(lengths) + 1), n),

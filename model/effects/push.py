@@ -8,15 +8,14 @@ the axis.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from model.body import annulus_second_moment
+from model.effects.compose import with_spine
 from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine, moduli
 from model.rods.beam import bending_compliance, shear_compliance
-from model.section import annulus_second_moment, body_area, body_second_moment
 
 Array = NDArray[np.float64]
 
@@ -46,38 +45,35 @@ def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
 
 def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
     """(v, n) m/N of the body, its root's give included."""
-    robot = q.robot
     long, inner = q.length, np.clip(q.spine_length, 0.0, q.length)
-    area, second = body_area(robot), body_second_moment(robot)
-    ratio = robot.shear_modulus / robot.youngs_modulus
-    plain, plain_side = q.body_modulus * second, ratio * q.body_modulus * area
-    stiff, side = plain, plain_side
-    if robot.spine is not None:
-        within, across, _ = moduli(q, shear)
-        core, core_second = math.pi * robot.spine.radius**2, annulus_second_moment(robot.spine.radius)
-        share = area / (area + core)
-        mixed = (share * q.body_modulus + (1 - share) * within) * second
-        mixed_side = (share * ratio * q.body_modulus + (1 - share) * across) * area
-        stiff = mixed + q.area_moments * (plain + within * core_second - mixed)
-        side = mixed_side + q.area_moments * (plain_side + across * core - mixed_side)
-    edges = (0.0, inner, long)
-    bending = bending_compliance(edges, (stiff, plain))
-    held = _pull(q, inner, stiff, plain) / bending**2
-    sheared = shear_compliance(edges, (side, plain_side))
+    drawn = q.body.edges / q.robot.length
+    ratio = q.robot.shear_modulus / q.robot.youngs_modulus
+    edges: list[Array] = [np.zeros((1, 1))]
+    stiff, side = [], []
+    for k, (area, second) in enumerate(zip(q.body.area, q.body.second, strict=True)):
+        within, _, across = with_spine(q, shear, area, second)
+        edges += [np.clip(inner, edges[-1], drawn[k + 1] * long), drawn[k + 1] * long]
+        stiff += [within, q.body_modulus * second]
+        side += [across, ratio * q.body_modulus * area]
+    bending = bending_compliance(edges, stiff)
+    held = _pull(q, edges, stiff) / bending**2
+    sheared = shear_compliance(edges, side)
     out: Array = 1 / (1 / (bending + sheared + q.clamp_root * long**2) + held)
     return out
 
 
-def _pull(q: Quantities, inner: Array, stiff: Array, plain: Array) -> Array:
+def _pull(q: Quantities, edges: list[Array], stiff: list[Array]) -> Array:
     """(v, n) integral of N slope^2 ds for the slope that 1 N at the end gives; N grows from the tip's mass to the base."""
     down, long = q.robot.gravity[2], q.length
-    line = q.density * body_area(q.robot) * down
-    at_joint = (long * inner - inner**2 / 2) / stiff
-    total: Array = np.zeros((1, 1))
-    for x, weight in zip(POINTS, WEIGHTS, strict=True):
-        low, high = x * inner, inner + x * (long - inner)
-        slope_low = (long * low - low**2 / 2) / stiff
-        slope_high = at_joint + (long * (high - inner) - (high**2 - inner**2) / 2) / plain
-        pull_low, pull_high = (line * (long - s) + q.design.tip_mass * down for s in (low, high))
-        total = total + weight * (inner * pull_low * slope_low**2 + (long - inner) * pull_high * slope_high**2)
-    return total
+    line = [q.density * down * area for area in np.repeat(q.body.weight_area, 2)]
+    parts = list(zip(edges[:-1], edges[1:], stiff, line, strict=True))
+    beyond: Array = sum((w * (b - a) for a, b, _, w in parts), np.zeros((1, 1))) + q.design.tip_mass * down
+    total, slope = np.zeros((1, 1)), np.zeros((1, 1))
+    for low, high, bending, weight in parts:
+        for x, share in zip(POINTS, WEIGHTS, strict=True):
+            s = low + x * (high - low)
+            here = slope + (long * (s - low) - (s**2 - low**2) / 2) / bending
+            total = total + share * (high - low) * (beyond - weight * (s - low)) * here**2
+        slope = slope + (long * (high - low) - (high**2 - low**2) / 2) / bending
+        beyond = beyond - weight * (high - low)
+    return np.asarray(total)

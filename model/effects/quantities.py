@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.body import Body, body_of
 from model.effects.design import Design
+from model.effects.layout import Layout, layout_of
 from model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -22,6 +24,10 @@ class Quantities:
     """What the baseline takes as given; shapes (v, n) unless said otherwise, v and n possibly 1."""
 
     robot: Robot
+    body: Body
+    """The robot's body, its pieces as drawn."""
+    layout: Layout
+    """Of its rods."""
     design: Design
     pressure: Array
     """(v, n, chambers) Pa gauge in the chambers."""
@@ -69,6 +75,10 @@ class Quantities:
     """Share 0..1 of the spine's part of a section that does as the silicone does."""
     tip_force: Array
     """(v, n, 3) N at the tip, base frame, besides the tip mass."""
+    payload: Array
+    """kg at the tip besides the tip mass that is known."""
+    payload_place: Array
+    """(v, n, 3) m from the tip to its centre, tip frame."""
     tether: Array
     """N/m, holds the tip sideways to where it hangs unloaded."""
     plane_stiffness: Array
@@ -110,9 +120,11 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
     def each(value: float) -> Array:
         return np.full((1, 1), value)
 
-    chambers = np.deg2rad(robot.chambers.azimuths_deg)
+    chambers, body = np.deg2rad(robot.actuators.azimuths_deg), body_of(robot)
     return Quantities(
         robot=robot,
+        body=body,
+        layout=layout_of(body, robot.spine is not None),
         design=design,
         pressure=design.pressure[None],
         area_factor=np.broadcast_to(area_factor[None, :, None], (1, n, chambers.size)),
@@ -137,6 +149,8 @@ def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array)
         strain_softening=each(0.0),
         spine_softening=each(0.0),
         tip_force=np.zeros((1, 1, 3)),
+        payload=each(0.0),
+        payload_place=np.zeros((1, 1, 3)),
         tether=each(0.0),
         plane_stiffness=each(0.0),
         plane_distance=each(1.0),

@@ -25,6 +25,8 @@ STRAIN_POINTS = 3
 """An element; strains change little along it."""
 NEAR_MARGIN = 0.02
 """Margin to buckling with which a solution is trusted that began at a trusted one close by."""
+PARTS = (2, 6)
+"""Into how many the way from rods nearby is cut where it is too far in one."""
 FAR = math.cos(0.5 * 0.8)
 """Cosine of half the angle (0.8 rad) by which its tip may have turned since."""
 
@@ -33,8 +35,9 @@ FAR = math.cos(0.5 * 0.8)
 class Solved:
     """Equilibria of n rows."""
 
+    layout: at.Layout
     rows: Array
-    """(n, WIDTH)."""
+    """(n, layout.width)."""
     arcs: Array
     """(k,) m."""
     steps: Steps
@@ -53,28 +56,39 @@ class Solved:
     def take(self, keep: slice) -> Solved:
         """Some of the rows, of which no more is asked than tip and markers."""
         part = self.solution.take(keep)
-        return Solved(self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
+        return Solved(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
 
 
-def integration_steps(rows: Array) -> Steps:
-    """(n, 2) integration steps of the elements of nominal rows.
+def integration_steps(layout: at.Layout, rows: Array) -> Steps:
+    """(n, elements) integration steps of the elements of nominal rows.
 
     They stay the same while parameters change, so that results are smooth in the parameters.
     """
-    length = rows[:, [at.ELEMENTS + at.LENGTH, at.ELEMENTS + at.ELEMENT_WIDTH + at.LENGTH]]
+    length = rows[:, [element + at.LENGTH for element in layout.elements]]
     share = length / length.sum(axis=1, keepdims=True)
     return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
 
-def solve(rows: Array, arcs: Array, steps: Steps, start: rod.Solution | None = None, inside: bool = True) -> Solved:
-    """Solve rows (n, WIDTH); `arcs` (k,) m get positions, `start` is the solution of rows nearby."""
-    rods = full_rods(rows)
+def solve(
+    layout: at.Layout,
+    rows: Array,
+    arcs: Array,
+    steps: Steps,
+    start: Solved | None = None,
+    inside: bool = True,
+    trial: bool = False,
+) -> Solved:
+    """Solve rows (n, layout.width); `arcs` (k,) m get positions, `start` are rows nearby.
+
+    With `start`, a `trial` gives up rods whose load would have to be followed from zero.
+    """
+    rods = full_rods(layout, rows)
     method = replace(METHOD, steps=steps)
-    solution = rod.solve(rods, method) if start is None else _go_on(rods, steps, start)
+    solution = rod.solve(rods, method) if start is None else _go_on(layout, rows, steps, start, trial)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
-    solved = Solved(rows, arcs, steps, solution, result, False)
+    solved = Solved(layout, rows, arcs, steps, solution, result, False)
     if inside or len(arcs):
         _fill_stations(solved, inside)
     return replace(solved, inside=inside)
@@ -89,8 +103,9 @@ def look_inside(solved: Solved) -> Solved:
 
 def _fill_stations(solved: Solved, inside: bool) -> None:
     """Fill the results that are not at the tip, in one pass."""
-    rods, result = full_rods(solved.rows), solved.result
-    places = _places(rods, solved.arcs, base=True)
+    layout, result = solved.layout, solved.result
+    rods = full_rods(layout, solved.rows)
+    places = _places(layout, rods, solved.arcs, base=True)
     marked = places.shape[1]
     if inside:
         within, weights = rod.gauss_points(rods, STRAIN_POINTS)
@@ -100,38 +115,69 @@ def _fill_stations(solved: Solved, inside: bool) -> None:
     result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
     result[:, at.MARKERS :] = found.position[:, 2:marked].reshape(len(result), 3 * len(solved.arcs))
     if inside:
-        strain = found.strain[:, marked:].reshape(len(result), at.FORM.elements, STRAIN_POINTS)
-        result[:, at.STRAIN : at.STRAIN + 2] = strain @ weights
+        strain = found.strain[:, marked:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
+        shares = _shares(layout, rods)
+        result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
 
-def _go_on(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
-    """Solve from a solution close by; a tip that turned far may have snapped, and is solved from nothing."""
-    found = rod.solve(rods, replace(METHOD, steps=steps, least_margin=NEAR_MARGIN), start=start)
-    turned = np.abs(np.sum(found.orientation * start.orientation, axis=1)) < FAR
-    if not turned.any():
-        return found
-    again = rod.solve(rods[turned], replace(METHOD, steps=steps[turned]))
-    found.values[turned], found.memory[turned] = again.values, again.memory
-    status = found.status.copy()
-    status[turned] = again.status
-    return replace(found, status=status)
+def _go_on(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool) -> rod.Solution:
+    """Solve from a solution close by. Where that misleads, from nothing, by way of rods in between, or as the load grows."""
+    rods = full_rods(layout, rows)
+    found = _nearby(rods, steps, start.solution)
+    left = _open(found)
+    if left.size:
+        left = _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left], follow=False)))
+    for parts in PARTS:
+        if not left.size:
+            break
+        here = start.solution.take(left)
+        for k in range(1, parts + 1):
+            between = start.rows[left] + k / parts * (rows[left] - start.rows[left])
+            here = _nearby(full_rods(layout, between), steps[left], here)
+        left = _put(found, left, here)
+    if left.size and not trial:
+        _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left])))
+    return found
+
+
+def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
+    """Solve from solutions close by; FAILED where one is not to be trusted, or the tip turned so far that it may have snapped."""
+    found = rod.solve(rods, replace(METHOD, steps=steps, least_margin=NEAR_MARGIN, follow=False), start=start)
+    turned = ~(np.abs(np.sum(found.orientation * start.orientation, axis=1)) >= FAR)
+    found.status[turned] = rod.Status.FAILED
+    return found
+
+
+def _open(found: rod.Solution) -> NDArray[np.intp]:
+    """Rods without a solution."""
+    return np.flatnonzero(found.status > rod.Status.SOLVED_IN_STEPS)
+
+
+def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDArray[np.intp]:
+    """Take over what was found of some rods; which of them are still open."""
+    into.values[rows], into.memory[rows], into.status[rows] = found.values, found.memory, found.status
+    return rows[_open(found)]
 
 
 def differentiate(solved: Solved, directions: Array) -> Array:
-    """(n, a, motions) derivatives of the results along `directions` (a, WIDTH) of the rows.
+    """(n, a, motions) derivatives of the results along `directions` (a, layout.width) of the rows.
 
     Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
     and the strains, in this order.
     """
-    rods = full_rods(solved.rows)
+    rods = full_rods(solved.layout, solved.rows)
     own = int(solved.inside)
-    places = _places(rods, solved.arcs, base=False)[:, 1 - own :]
+    places = _places(solved.layout, rods, solved.arcs, base=False)[:, 1 - own :]
     method = replace(METHOD, steps=solved.steps)
     d = rod.sensitivities(
         rods, solved.solution, directions[None], method, arc_lengths=places, strain=solved.inside, attached=own
     )
     marked = d.position[:, :, own:].reshape(len(rods), len(directions), 3 * len(solved.arcs))
-    within = (d.base_rotation, d.turn[:, :, 0], d.strain) if solved.inside else ()
+    within = (
+        (d.base_rotation, d.turn[:, :, 0], d.strain @ _shares(solved.layout, rods).swapaxes(1, 2))
+        if solved.inside
+        else ()
+    )
     return np.concatenate([d.tip, d.rotation, marked, *within], axis=-1)
 
 
@@ -154,16 +200,27 @@ def nudged(solved: Solved, step: float) -> Array:
     return out
 
 
-def full_rods(rows: Array) -> rod.Rods:
-    """Rods in the full form, from rows (n, WIDTH)."""
+def full_rods(layout: at.Layout, rows: Array) -> rod.Rods:
+    """Rods in the full form, from rows (n, layout.width)."""
     values = np.array(rows, order="C")
-    for element in range(at.FORM.elements):
-        values[:, at.ELEMENTS + element * at.ELEMENT_WIDTH + at.REST_STRAIN + 2] += 1.0
-    return rod.Rods(at.FORM, values)
+    for element in layout.elements:
+        values[:, element + at.REST_STRAIN + 2] += 1.0
+    return rod.Rods(layout.form, values)
 
 
-def _places(rods: rod.Rods, arcs: Array, base: bool) -> Array:
+def _shares(layout: at.Layout, rods: rod.Rods) -> Array:
+    """(n, 2, elements) of the length of the inner and of the outer part; of an empty part its first element."""
+    length = rods.field("length")
+    out = np.zeros((len(rods), 2, layout.form.elements))
+    for part, own in enumerate(layout.of_part):
+        whole = length[:, own].sum(axis=1)
+        out[:, part, own[0]] = whole == 0
+        out[:, part, own] += length[:, own] / np.where(whole > 0, whole, 1.0)[:, None]
+    return out
+
+
+def _places(layout: at.Layout, rods: rod.Rods, arcs: Array, base: bool) -> Array:
     """(n, 1 + k or 2 + k) m: the base, the spine's end and the arc lengths, these no farther than the tip."""
-    inner = rods.field("length")[:, :1]
+    inner = rods.field("length")[:, layout.of_part[at.INNER]].sum(axis=1, keepdims=True)
     given = np.minimum(arcs[None, :], rods.whole_length[:, None])
     return np.concatenate([np.zeros_like(inner), inner, given] if base else [inner, given], axis=1)

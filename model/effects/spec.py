@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from model.errors import BadEffect
 
 if TYPE_CHECKING:
+    from model.effects.design import Design
     from model.effects.history import History
     from model.effects.quantities import Quantities
     from model.effects.readings import Readings
+    from model.robot import Robot
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Array]
@@ -96,6 +98,8 @@ class EffectSpec:
     """Whether a robot has a little of it without it being worth a name; False where it is there or it is not."""
     exact: bool = False
     """Whether its law is geometry, with no unknown function of the state in it: a turned camera is turned in every state."""
+    shown: Callable[[Robot, Design], bool] | None = None
+    """Whether states like these can show it at all; a diagnosis leaves it out where they cannot. Absent: any state can."""
 
     def __post_init__(self) -> None:
         if not self.id.isidentifier():

@@ -19,7 +19,8 @@ from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
 Scope = Literal["all", "trial", "spine_length", "push", "mount", "repeat", "campaign"]
-"""push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll but the most usual;
+"""push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll and sitting but the most
+usual;
 repeat: each repeat of the sweep; campaign: all of it, but another campaign's is another."""
 Group = Literal["effect", "calibration", "nuisance"]
 
@@ -151,7 +152,7 @@ MOUNT = (
     Source(_tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE)), "nuisance", "mount"),
     Source(_tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3)), "nuisance", "mount"),
 )
-"""A robot that is mounted anew, rolled, stands a little differently."""
+"""A robot that is mounted anew, rolled or on another day, stands a little differently."""
 REPEATS = (
     Source(_tolerance("repeat_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE / 2)), "nuisance", "repeat"),
     Source(_tolerance("repeat_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.2e-3)), "nuisance", "repeat"),
@@ -186,10 +187,12 @@ def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
     return replace(source, spec=replace(source.spec, parameters=made))
 
 
-def mounts(design: Design) -> np.ndarray:
-    """Roll (deg) of each mounting, that of most states first."""
-    roll, count = np.unique(np.round(np.degrees(design.roll[~design.stiffness])), return_counts=True)
-    return roll[np.argsort(-count, kind="stable")]
+def mounts(design: Design) -> list[tuple[float, int]]:
+    """Roll (deg) and sitting of each mounting, that of most states first."""
+    own = ~design.stiffness
+    both = np.column_stack([np.round(np.degrees(design.roll[own])), design.sitting[own]])
+    found, count = np.unique(both, axis=0, return_counts=True)
+    return [(float(roll), int(sitting)) for roll, sitting in found[np.argsort(-count, kind="stable")]]
 
 
 def sources(

@@ -78,8 +78,9 @@ def _observed(robot: Robot, columns: Columns) -> Columns:
 
 def _parts(forward: ForwardModel, values: Array) -> tuple[Array, Array, Array]:
     """Tips (v, n, 3), turns (v, n, 3) and markers (v, n, k, 3) of values (v, observations)."""
-    every = values.reshape(len(values), len(forward.design), -1)
-    return every[..., :3], every[..., 3:6], every[..., 6:].reshape(*every.shape[:2], -1, 3)
+    v, n = len(values), len(forward.design)
+    every = values.reshape(v, n, values.shape[1] // n)
+    return every[..., :3], every[..., 3:6], every[..., 6:].reshape(v, n, every.shape[2] // 3 - 2, 3)
 
 
 def _turns(vector: Array, slope: Array) -> Array:

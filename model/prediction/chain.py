@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from model.effects import layout as at
 from model.effects import solver
 from model.effects.catalogue import CATALOGUE
-from model.effects.compose import INNER, OUTER, rod_columns
-from model.effects.history import REST, Path, drive, history_of
+from model.effects.compose import rod_columns
+from model.effects.history import Path, by_element, drive, history_of, rest_columns
 from model.effects.nominal import TOLERANCES, obstacle_direction, stated_effects, values_of
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
@@ -108,7 +108,7 @@ class Chain:
         if self.remembers:
             result = self._with_memory(s, values, arcs)
         else:
-            result = solved(rod_columns(q, self._shear).rows(len(s))).result(arcs)
+            result = solved(q.layout, rod_columns(q, self._shear).rows(len(s))).result(arcs)
         return _read(self._after(q, result[None], values))
 
     def slopes(self, s: States, values: Values, arcs: Array, varied: Varied) -> tuple[Read, Slopes]:
@@ -119,7 +119,7 @@ class Chain:
         built, moved = rod_columns(q, self._shear), rod_columns(beside, self._shear)
         by = np.broadcast_to(varied.by[:, None], (len(varied.by), len(s)))
         changed, change = moved.changes(built, by)
-        equilibria = solved(built.rows(len(s)))
+        equilibria = solved(q.layout, built.rows(len(s)))
         result = equilibria.result(arcs)
         here = self._after(q, result[None], values)
         motion = equilibria.motion(arcs, changed, change) * varied.by[:, None, None]
@@ -132,7 +132,7 @@ class Chain:
     def _quantities(self, s: States, values: Values) -> Quantities:
         q = baseline(self.robot, s.design, s.area_factor[0], self._direction)
         q.pressure, q.spine_length, q.tabulated_length = s.pressure, s.spine_length, s.spine_length
-        chambers = len(self.robot.chambers.azimuths_deg)
+        chambers = len(self.robot.actuators.azimuths_deg)
         q.area_factor = np.broadcast_to(s.area_factor[..., None], (*s.area_factor.shape, chambers))
         for law, own in self._laws(values):
             if law.before is not None:
@@ -155,17 +155,18 @@ class Chain:
         both = self._quantities(with_rest(s), values)
         columns = rod_columns(both, self._shear)
         rows = columns.rows(2 * n)
-        bare = solver.solve(rows, np.zeros(0), solver.integration_steps(rows))
-        lengths = [np.broadcast_to(columns[part + at.LENGTH], (1, 2 * n)) for part in (INNER, OUTER)]
+        layout = both.layout
+        bare = solver.solve(layout, rows, np.zeros(0), solver.integration_steps(layout, rows))
+        lengths = [np.broadcast_to(columns.length(part), (1, 2 * n)) for part in (at.INNER, at.OUTER)]
         driven = drive(lengths, bare.result[None], np.arange(2 * n), 2 * n)
         history = history_of(both, _path(s), columns, driven)
         for law, own in self._laws(values):
             if law.path is not None:
                 law.path(history, own)
         final = rows[:n].copy()
-        final[:, REST] += history.rest[0, :n]
+        final[:, rest_columns(layout)] += by_element(layout, history.rest[0, :n])
         start = bare.take(slice(0, n))
-        return solver.solve(final, arcs, start.steps, start.solution, inside=False).result
+        return solver.solve(layout, final, arcs, start.steps, start, inside=False).result
 
     def _differences(self, s: States, values: Values, arcs: Array, varied: Varied) -> tuple[Read, Slopes]:
         here = self.read(s, values, arcs)

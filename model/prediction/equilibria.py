@@ -18,17 +18,15 @@ from model.rotation import from_vector, multiply
 
 Array = NDArray[np.float64]
 
-FURTHER = [at.ELEMENTS + e * at.ELEMENT_WIDTH + k for e in range(at.FORM.elements) for k in range(at.SERIES, BLOCK)]
-"""Columns of hyperelastic and graded sections."""
-
 
 @dataclass(frozen=True)
 class Equilibria:
     """Solved rods, and their rows in the full layout."""
 
+    layout: at.Layout
     rods: rod.Rods
     rows: Array
-    """(n, WIDTH)."""
+    """(n, layout.width)."""
     method: rod.Fast
     solution: rod.Solution
 
@@ -51,9 +49,9 @@ class Equilibria:
         n = len(self.rods)
         if not changed:
             return np.zeros((change.shape[1], n, 6 + 3 * len(arcs)))
-        along, places = directions(changed)[None], self._places(arcs)
+        along, places = directions(self.layout, changed)[None], self._places(arcs)
         # In the full form also where the rods have a plainer one: one kind of derivative to compile.
-        d = rod.sensitivities(full_rods(self.rows), self.solution, along, self.method, arc_lengths=places)
+        d = rod.sensitivities(full_rods(self.layout, self.rows), self.solution, along, self.method, arc_lengths=places)
         marked = d.position.reshape(n, len(changed), 3 * len(arcs))
         return np.asarray((change @ np.concatenate([d.tip, d.rotation, marked], axis=-1)).swapaxes(0, 1))
 
@@ -61,18 +59,20 @@ class Equilibria:
         return np.minimum(arcs[None, :], self.rods.whole_length[:, None])
 
 
-def solved(rows: Array) -> Equilibria:
-    """Solve rows (n, WIDTH)."""
+def solved(layout: at.Layout, rows: Array) -> Equilibria:
+    """Solve rows (n, layout.width)."""
     used = set(np.flatnonzero(rows.any(axis=0)).tolist())
-    stiffness = {at.SPRINGS + k * at.SPRING_WIDTH + at.SPRING_STIFFNESS for k in range(at.FORM.springs)}
-    springs, full = bool(used & stiffness), bool(used & set(FURTHER))
-    form = rod.Form(at.FORM.elements, at.FORM.springs if springs else 0, full)
-    dropped = {*(() if springs else range(HEAD, at.ELEMENTS)), *(() if full else FURTHER)}
-    kept = np.array([k for k in range(at.WIDTH) if k not in dropped])
+    stiffness = {at.SPRINGS + k * at.SPRING_WIDTH + at.SPRING_STIFFNESS for k in range(at.SPRING_COUNT)}
+    # Columns of hyperelastic and graded sections.
+    further = {element + k for element in layout.elements for k in range(at.SERIES, BLOCK)}
+    springs, full = bool(used & stiffness), bool(used & further)
+    form = rod.Form(layout.form.elements, at.SPRING_COUNT if springs else 0, full)
+    dropped = {*(() if springs else range(HEAD, at.ELEMENTS)), *(() if full else further)}
+    kept = np.array([k for k in range(layout.width) if k not in dropped])
     rods = rod.Rods(form, np.ascontiguousarray(rows[:, kept]))
     rods.field("rest_strain")[..., 2] += 1.0
-    method = rod.Fast(DIVISIONS, METHOD.close, steps=integration_steps(rows))
-    return Equilibria(rods, rows, method, rod.solve(rods, method))
+    method = rod.Fast(DIVISIONS, METHOD.close, steps=integration_steps(layout, rows))
+    return Equilibria(layout, rods, rows, method, rod.solve(rods, method))
 
 
 def moved_by(result: Array, motion: Array) -> Array:

@@ -82,7 +82,7 @@ def limits_of(
     `groups`: chambers that share a regulator, each by itself unless given; chambers in none stay vented. `spine`: lengths
     (m), all from 0 to the longest in robot.yaml's table of moduli unless given.
     """
-    count = len(robot.chambers.azimuths_deg)
+    count = len(robot.actuators.azimuths_deg)
     own = tuple(tuple(g) for g in groups) if groups is not None else tuple((c,) for c in range(1, count + 1))
     flat = [c for g in own for c in g]
     if not flat or len(set(flat)) < len(flat) or not all(1 <= c <= count for c in flat):
@@ -138,7 +138,7 @@ class _Search:
 
     def __init__(self, at: Predictor, limits: Limits, wanted: Array, weight: Array) -> None:
         self._at, self._limits, self._wanted, self._weight = at, limits, wanted, weight
-        count = len(at.robot.chambers.azimuths_deg)
+        count = len(at.robot.actuators.azimuths_deg)
         self._member = np.zeros((len(limits.groups), count))
         for g, chambers in enumerate(limits.groups):
             self._member[g, [c - 1 for c in chambers]] = 1.0

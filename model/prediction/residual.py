@@ -98,5 +98,5 @@ def residual_of(robot: Robot) -> LearntResidual | None:
 
 
 def _directions(robot: Robot) -> Array:
-    azimuth = np.radians(robot.chambers.azimuths_deg)
+    azimuth = np.radians(robot.actuators.azimuths_deg)
     return np.column_stack([np.cos(azimuth), np.sin(azimuth), np.ones(len(azimuth))])

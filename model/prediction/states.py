@@ -46,6 +46,7 @@ def design_of(condition: Condition, vacuum: float = NOMINAL_VACUUM, rate: float 
         t=np.full(n, np.nan),
         rate=np.full(n, rate),
         hold=np.full(n, hold),
+        sitting=np.zeros(n, np.int64),
         progress=np.full(n, 0.5),
         spine_length=condition.spine_length,
         vacuum=np.full(n, vacuum),

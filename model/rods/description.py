@@ -46,7 +46,7 @@ _PER_ELEMENT = {
     "load": (columns.LOAD, 3),
 }
 _FURTHER = {"series": (columns.SERIES, 3), "curvature_rise": (columns.RISE, 9)}
-MOST_SPRINGS = 3
+MOST_SPRINGS = 4
 BASIC = ("rest_curvature", "load", "tip_force", "tip_moment", "dead_force", "dead_moment")
 """Fields that every method knows, besides lengths and stiffnesses."""
 
@@ -162,6 +162,21 @@ class Rods:
                 f"arc_lengths: {arcs[i, j]:g} m of rod {i} must lie between 0 and its length {self.whole_length[i]:g} m"
             )
         return np.ascontiguousarray(np.minimum(arcs, self.whole_length[:, None]))
+
+    def shares(self, i: int, edges: ArrayLike) -> Array:
+        """(k, elements) of the k stretches between `edges` (k + 1,) m of rod `i`, how much of each lies in each element: for
+        methods with elements of their own.
+
+        >>> from model.rods import Form, rods
+        >>> rods(Form(elements=2), 1, length=[0.1, 0.3], bend_stiffness=1.0, stretch_stiffness=1.0).shares(0, [0.0, 0.2, 0.4])
+        array([[0.5, 0.5],
+               [0. , 1. ]])
+        """
+        cut = np.asarray(edges, float)
+        ends = np.concatenate([[0.0], np.cumsum(self.field("length")[i])])
+        low, high = np.maximum(cut[:-1, None], ends[None, :-1]), np.minimum(cut[1:, None], ends[None, 1:])
+        out: Array = np.maximum(high - low, 0.0) / np.diff(cut)[:, None]
+        return out
 
     def refuse_terms(self, method: str, *further: str) -> None:
         """Raise `BadCondition` where a field is used that `method` does not know: one that is neither BASIC nor `further`."""

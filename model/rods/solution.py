@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +82,7 @@ class Solution:
         """(n,) share 0..1 of all loads up to which the rod's own equilibrium was followed."""
         return self.values[:, AT_LOAD]
 
-    @cached_property
+    @property
     def converged(self) -> Mask:
         """(n,) True where the rod is in equilibrium to the method's tolerance *and* on its own branch: it was solved
         directly with a margin to buckling, or its loads were followed from zero without a snap. Converged says nothing of

@@ -21,12 +21,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import conditions
 from model.robot import Robot
+
+if TYPE_CHECKING:
+    from model.rods import Rods
 
 Array = NDArray[np.float64]
 
@@ -84,3 +88,17 @@ class Forward(Protocol):
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """Readings of the states; `parameters` name -> how far from the robot as it is described, in the name's unit, 0 for
         a name that is missing."""
+
+
+def rods_at(robot: Robot, states: States, parameters: Mapping[str, float]) -> Rods:
+    """The rod of each state with its loads, the area factor 1 + `area.excess` times robot.yaml's: for simulators of rods.
+
+    Raises `BadCondition`.
+    """
+    from model.section import rods_of  # the compiler comes with it
+
+    factor, excess = robot.area_factor, 1.0 + parameters.get("area.excess", 0.0)
+    larger = {k: v * excess for k, v in factor.items()} if isinstance(factor, Mapping) else factor * excess
+    s = states
+    at = conditions(robot, s.spine_length, s.pressure, s.tip_mass, s.roll, s.force)
+    return rods_of(robot.model_copy(update={"area_factor": larger}), at)

@@ -19,11 +19,10 @@ import elastica as ea
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import conditions
 from model.robot import Robot
 from model.rods import Rods
-from model.section import body_area, rods_of
-from model.simulators import Readings, States
+from model.section import body_mass
+from model.simulators import Readings, States, rods_at
 
 Array = NDArray[np.float64]
 
@@ -51,11 +50,9 @@ class PyElastica:
 
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """One relaxation a state; NaN for a state that does not come to rest."""
-        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
-        rods = rods_of(self._robot, at)
-        push = 1.0 + parameters.get("area.excess", 0.0)
-        density = self._robot.density * body_area(self._robot) / (np.pi * RADIUS**2)
-        return Readings(np.array([relaxed(rods, i, push, density, self._elements) for i in range(len(states))]))
+        rods = rods_at(self._robot, states, parameters)
+        density = body_mass(self._robot) / self._robot.length / (np.pi * RADIUS**2)
+        return Readings(np.array([relaxed(rods, i, density, self._elements) for i in range(len(states))]))
 
 
 class _Loads(ea.NoForces):  # type: ignore[misc]
@@ -79,33 +76,31 @@ class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping): 
     """A clamped rod with loads and damping."""
 
 
-def relaxed(rods: Rods, i: int, push: float, density: float, elements: int = ELEMENTS) -> Array:
-    """(3,) m, the tip of rod `i` at rest, its tip force and moment times `push`; NaN where it does not rest."""
-    lengths = rods.field("length")[i]
-    total = float(lengths.sum())
+def relaxed(rods: Rods, i: int, density: float, elements: int = ELEMENTS) -> Array:
+    """(3,) m, the tip of rod `i` at rest; NaN where it does not rest."""
+    total = float(rods.whole_length[i])
     rod = ea.CosseratRod.straight_rod(
         elements, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), total, RADIUS, density,
         youngs_modulus=1e6, shear_modulus=1e6 / 3,
     )  # fmt: skip
     edges = np.linspace(0.0, total, elements + 1)
-    inner = _share_within(edges, float(lengths[0]))
-    middle = 0.5 * (edges[1:] + edges[:-1])
+    within = rods.shares(i, edges)
+    between = rods.shares(i, 0.5 * (edges[1:] + edges[:-1]))
     for k in range(3):
-        rod.shear_matrix[k, k] = _in_series(rods.field("stretch_stiffness")[i, :, k], inner)
-        bend = _in_series(rods.field("bend_stiffness")[i, :, k], _share_within(middle, float(lengths[0])))
+        rod.shear_matrix[k, k] = 1.0 / (within @ (1.0 / rods.field("stretch_stiffness")[i, :, k]))
+        bend = 1.0 / (between @ (1.0 / rods.field("bend_stiffness")[i, :, k]))
         rod.bend_matrix[k, k] = (elements - 1) / elements * bend
+        rod.rest_kappa[k] = elements / (elements - 1) * (between @ rods.field("rest_curvature")[i, :, k])
+        rod.rest_sigma[k] = within @ (rods.field("rest_strain")[i, :, k] - (k == 2))
     weight = np.zeros((3, elements + 1))
-    below, above = rods.field("load")[i]
-    each = total / elements * (inner * below[:, None] + (1.0 - inner) * above[:, None])
+    each = total / elements * (within @ rods.field("load")[i]).T
     weight[:, :-1] += 0.5 * each
     weight[:, 1:] += 0.5 * each
     weight[:, -1] += rods.field("dead_force")[i]
     system = _System()
     system.append(rod)
     system.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
-    system.add_forcing_to(rod).using(
-        _Loads, weight, push * rods.field("tip_force")[i], push * rods.field("tip_moment")[i]
-    )
+    system.add_forcing_to(rod).using(_Loads, weight, rods.field("tip_force")[i], rods.field("tip_moment")[i])
     system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=DAMPING, time_step=TIME_STEP)
     system.finalize()
     stepper = ea.PositionVerlet()
@@ -119,13 +114,3 @@ def relaxed(rods: Rods, i: int, push: float, density: float, elements: int = ELE
             if speed < AT_REST:
                 return np.asarray(rod.position_collection[:, -1].copy())
     return np.full(3, np.nan)
-
-
-def _share_within(edges: Array, end: float) -> Array:
-    """Share of each element between `edges` that lies below `end`."""
-    return np.clip((end - edges[:-1]) / np.diff(edges), 0.0, 1.0)
-
-
-def _in_series(stiffness: Array, inner: Array) -> Array:
-    """Stiffness of elements of which a share is the inner part."""
-    return np.asarray(1.0 / (inner / stiffness[0] + (1.0 - inner) / stiffness[1]))

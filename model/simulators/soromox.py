@@ -25,11 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from soromox.systems import PCS, LinkSpec
 
-from model.condition import conditions
 from model.robot import Robot
 from model.rods import Rods
-from model.section import rods_of
-from model.simulators import Readings, States
+from model.simulators import Readings, States, rods_at
 
 Array = NDArray[np.float64]
 
@@ -64,31 +62,27 @@ class SoRoMoX:
 
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """Newton's method for each state; NaN where it finds no equilibrium."""
-        at = conditions(self._robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
-        rods = rods_of(self._robot, at)
-        push = 1.0 + parameters.get("area.excess", 0.0)
-        return Readings(np.array([self._at_rest(rods, i, push) for i in range(len(states))]))
+        rods = rods_at(self._robot, states, parameters)
+        return Readings(np.array([self._at_rest(rods, i) for i in range(len(states))]))
 
-    def _at_rest(self, rods: Rods, i: int, push: float) -> Array:
+    def _at_rest(self, rods: Rods, i: int) -> Array:
         """(3,) m, the tip of rod `i` in equilibrium."""
-        total = float(rods.field("length")[i].sum())
-        edges = np.linspace(0.0, total, self._segments + 1)
-        inner = np.clip((float(rods.field("length")[i][0]) - edges[:-1]) / np.diff(edges), 0.0, 1.0)
-        stretch, bend = rods.field("stretch_stiffness")[i], rods.field("bend_stiffness")[i]
-        each = [1.0 / (inner / k[0] + (1.0 - inner) / k[1]) for k in (*bend.T[list(ORDER)], *stretch.T[list(ORDER)])]
-        below, above = rods.field("load")[i]
-        stiffness, load = np.array(each).T, inner[:, None] * below + (1.0 - inner[:, None]) * above
-        key = np.concatenate([stiffness.ravel(), load.ravel()]).tobytes()
+        total = float(rods.whole_length[i])
+        within = rods.shares(i, np.linspace(0.0, total, self._segments + 1))
+        compliance = [1.0 / rods.field(name)[i][:, list(ORDER)] for name in ("bend_stiffness", "stretch_stiffness")]
+        stiffness, load = 1.0 / (within @ np.hstack(compliance)), within @ rods.field("load")[i]
+        rest = within @ np.hstack([rods.field(name)[i][:, list(ORDER)] for name in ("rest_curvature", "rest_strain")])
+        key = np.concatenate([stiffness.ravel(), load.ravel(), rest.ravel()]).tobytes()
         if key not in self._models:
-            self._models[key] = _model(total, stiffness, load)
+            self._models[key] = _model(total, stiffness, load, rest)
         follower = np.concatenate([rods.field("tip_moment")[i][list(ORDER)], rods.field("tip_force")[i][list(ORDER)]])
         dead = jnp.asarray(rods.field("dead_force")[i])
-        tip, left = _solved(self._models[key], jnp.asarray(push * follower), dead, jnp.asarray(total))
+        tip, left = _solved(self._models[key], jnp.asarray(follower), dead, jnp.asarray(total))
         return np.asarray(tip) if float(left) < AT_REST else np.full(3, np.nan)
 
 
-def _model(length: float, stiffness: Array, load: Array) -> Any:
-    """SoRoMoX' rod; its density is what makes each segment as heavy as `load` (N, 3) N/m."""
+def _model(length: float, stiffness: Array, load: Array, rest: Array) -> Any:
+    """SoRoMoX' rod of N segments with this stiffness and rest strain (N, 6), its density as heavy as `load` (N, 3) N/m."""
     heaviest = load[int(np.argmax(np.linalg.norm(load, axis=1)))]
     size = float(np.linalg.norm(heaviest))
     gravity = heaviest / size if size else np.array([0.0, 0.0, 1.0])
@@ -96,9 +90,9 @@ def _model(length: float, stiffness: Array, load: Array) -> Any:
     links = [
         LinkSpec.circular(
             length=each, radius=RADIUS, density=max(float(w @ gravity), LEAST_WEIGHT) / (np.pi * RADIUS**2),
-            reference_strain=[0.0, 0.0, 0.0, 1.0, 0.0, 0.0], stiffness=jnp.diag(jnp.asarray(each * k)),
+            reference_strain=u.tolist(), stiffness=jnp.diag(jnp.asarray(each * k)),
         )
-        for k, w in zip(stiffness, load, strict=True)
+        for k, w, u in zip(stiffness, load, rest, strict=True)
     ]  # fmt: skip
     return PCS.from_links(links, gravity=jnp.asarray(gravity), base_pose=jnp.asarray(UPRIGHT))
 

@@ -6,13 +6,16 @@ import csv
 import os
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadTable, MissingPackage, MissingStream
+from ..events import Request
 from ..file.clocks import aligned, has_stamp
 from ..file.reader import Recording
 from ..messages import STREAMS
@@ -29,6 +32,8 @@ Columns = dict[str, NDArray[Any]]
 def export_streams(recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv") -> list[Path]:
     """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all and the trials to one `.mat`; returns the files.
 
+    What people asked of the run, notes among it, is in `requests` where there is any.
+
     Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) tells
     when they were taken by its clock. Raises `MissingPackage` when Parquet is asked for without pyarrow.
 
@@ -44,6 +49,11 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: S
         table = table_of(recording)
         if len(table):
             structures["trials"] = {name: table[name] for name in table.columns}
+        if recording.requests:
+            structures["requests"] = {
+                name: values.astype(object) if values.dtype.kind == "U" else values
+                for name, values in _requests(recording).items()
+            }
         return [write_mat(structures, folder / f"{recording.path.stem}.mat")]
     write = _write_csv if form == "csv" else _parquet_writer()
     written = []
@@ -52,7 +62,16 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: S
             path = folder / f"{_stem(topic)}.{form}"
             write(_columns(recording, topic), path)
             written.append(path)
+    if recording.requests:
+        written.append(folder / f"requests.{form}")
+        write(_requests(recording), written[-1])
     return written
+
+
+def _requests(recording: Recording) -> Columns:
+    """What people asked of the run: one row a request."""
+    asked = recording.requests
+    return {field.name: np.array([getattr(one, field.name) for one in asked]) for field in fields(Request)}
 
 
 def _stem(topic: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..events import Request
 from ..file.clocks import ClockModel, clocks
 from ..file.counts import counted
 from ..file.reader import Recording
@@ -60,6 +61,8 @@ class Info:
     """Of the instruments that stamp their samples, by topic."""
     metadata: dict[str, dict[str, str]]
     """Records given by whoever recorded: versions, git state, and so on."""
+    requests: list[Request]
+    """What people asked of the run while it went on, and what of it was carried out; notes among them."""
     sensors: dict[str, dict[str, Quantity]]
     """Of sensors of the lab's own: topic -> name -> what was measured."""
 
@@ -115,6 +118,7 @@ def info(path: str | os.PathLike[str]) -> Info:
         attachments={name: len(data) for name, data in recording.attachments.items()},
         clocks=clocks(recording),
         metadata=metadata,
+        requests=recording.requests,
         sensors={topic: _quantities(recording, topic) for topic in recording.streams if of_sensor(topic)},
     )
 

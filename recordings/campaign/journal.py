@@ -8,6 +8,7 @@ the pressures before (hysteresis, creep), so one that was broken off is done aga
     {"recording": "bending-20250101-120000.mcap", "first_trial": 1}
     {"trial": 1, "step": 1}
     {"trial": 1, "done": 5}                             so many states were read
+    {"trial": 2, "skipped": 3}                          a person left it out; so many had been read
 """
 
 from __future__ import annotations
@@ -39,12 +40,14 @@ class Progress:
     recordings: tuple[tuple[str, int], ...]
     done: dict[int, int]
     """Trial -> states that were read in it."""
+    skipped: frozenset[int] = frozenset()
+    """Trials that a person left out; they are not done again."""
 
     @property
     def finished(self) -> int:
-        """Trials 1 to this one are done."""
+        """Trials 1 to this one are done, or left out."""
         count = 0
-        while count + 1 in self.done:
+        while count + 1 in self.done or count + 1 in self.skipped:
             count += 1
         return count
 
@@ -86,6 +89,10 @@ class Journal:
         """A trial is finished; so many states were read in it."""
         self._append({"trial": trial, "done": states})
 
+    def skipped(self, trial: int, states: int) -> None:
+        """A person left a trial out, in which so many states had been read."""
+        self._append({"trial": trial, "skipped": states})
+
     def _append(self, line: dict[str, object]) -> None:
         try:
             os.write(self._fd, json.dumps(line).encode() + b"\n")
@@ -118,6 +125,7 @@ def read(path: Path) -> Progress:
     campaign, protocol = "", ""
     recordings: list[tuple[str, int]] = []
     done: dict[int, int] = {}
+    skipped: set[int] = set()
     try:
         for line in _lines(path):
             if "journal" in line:
@@ -127,15 +135,19 @@ def read(path: Path) -> Progress:
             elif "recording" in line:
                 recordings.append((str(line["recording"]), _whole(line["first_trial"])))
                 done = {trial: states for trial, states in done.items() if trial < recordings[-1][1]}
+                skipped = {trial for trial in skipped if trial < recordings[-1][1]}
             elif "done" in line:
                 done[_whole(line["trial"])] = _whole(line["done"])
+            elif "skipped" in line:
+                _whole(line["skipped"])
+                skipped.add(_whole(line["trial"]))
     except (ValueError, KeyError, TypeError) as error:
         raise BadJournal(
             f"{path}: a line cannot be understood ({repr(error)[:200]}); without it the run cannot be resumed"
         ) from error
     if not campaign or not recordings:
         raise BadJournal(f"{path}: does not name a campaign and a recording; it is not the journal of a run")
-    return Progress(campaign, protocol, tuple(recordings), done)
+    return Progress(campaign, protocol, tuple(recordings), done, frozenset(skipped))
 
 
 def _lines(path: Path) -> Iterator[dict[str, int | str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,8 @@ class Replayed:
     number: int
     row: TrialRow | None
     reason: str
+    repeats: int = 0
+    """Number of the state that this one repeats; 0: of none."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,27 @@ def table_of(recording: Recording) -> Table:
     1
     """
     recording.need(events.STATE.topic, events.TRIAL.topic)
-    return Table(tuple(event.row for event in recording.trials), units=units_of(recording))
+    return _table(recording, [(event.number, event.repeats, event.row) for event in recording.trials])
+
+
+def _table(recording: Recording, read: Sequence[tuple[int, int, TrialRow]]) -> Table:
+    """Of all rows that were read, each with the number of its state and of the one that it repeats, those that count: of a
+    state that was read again the last one, and none of a trial that a person left out. The table's warnings say so."""
+    again = {repeats for _, repeats, _ in read if repeats}
+    skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
+    rows = [(number, row) for number, _, row in read if row.trial not in skipped]
+    doubts = [
+        f"trial {trial}: was skipped by a person; the {n} states read in it are left out"
+        for trial in sorted(skipped)
+        if (n := sum(row.trial == trial for *_, row in read))
+    ]
+    doubts += [
+        f"trial {row.trial} step {row.step}: was read again at a person's request; the last reading counts"
+        for number, row in rows
+        if number in again
+    ]
+    kept = tuple(row for number, row in rows if number not in again)
+    return Table(kept, warnings=tuple(doubts), units=units_of(recording))
 
 
 def units_of(recording: Recording) -> dict[str, str]:
@@ -100,9 +123,10 @@ def replay_states(recording: Recording) -> list[Replayed]:
         try:
             row = conclude(looked, event.state, looked.average)
         except NotSettled as error:
-            out.append(Replayed(event.number, None, str(error)))
+            out.append(Replayed(event.number, None, str(error), event.repeats))
             continue
-        out.append(Replayed(event.number, row, "" if row else "the recording ends before the reading does"))
+        why = "" if row else "the recording ends before the reading does"
+        out.append(Replayed(event.number, row, why, event.repeats))
     return out
 
 
@@ -113,7 +137,8 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
     (1,)
     """
     recording = Recording.open(path, truncated=truncated)
-    return Table(tuple(again.row for again in replay_states(recording) if again.row is not None))
+    read = replay_states(recording)
+    return _table(recording, [(again.number, again.repeats, again.row) for again in read if again.row is not None])
 
 
 def compare(recording: Recording, states: list[Replayed] | None = None) -> Comparison:

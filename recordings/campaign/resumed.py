@@ -50,15 +50,18 @@ def merged(recordings: Sequence[Recording]) -> Table:
     """
     parts = sorted(recordings, key=lambda recording: (first_trial(recording), _begin(recording)))
     rows: list[TrialRow] = []
+    doubts: list[str] = []
     shift = 0.0
     for number, recording in enumerate(parts):
         if number:
             before = parts[number - 1]
             shift = max((recording.start_wall_ns - parts[0].start_wall_ns) / 1e9, shift + _end(before))
             rows = [row for row in rows if row.trial < first_trial(recording)]
-        rows += [replace(row, t=row.t + shift) if shift else row for row in table_of(recording)]
+        table = table_of(recording)
+        rows += [replace(row, t=row.t + shift) if shift else row for row in table]
+        doubts += table.warnings
     units = {column: unit for recording in parts for column, unit in units_of(recording).items()}
-    return Table(tuple(rows), units=units)
+    return Table(tuple(rows), warnings=tuple(doubts), units=units)
 
 
 def _begin(recording: Recording) -> int:

@@ -7,9 +7,11 @@ size or time of change differ, and the whole index is made anew when it is missi
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import sqlite3
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,9 +21,10 @@ from ..errors import RecordingError
 from ..file.reader import Recording
 from ..json_text import read_json
 from .info import info
+from .labels import MOST, labels_of
 
 INDEX = ".recordings.sqlite"
-VERSION = 1
+VERSION = 3
 LONGEST = 1_000_000
 """Bytes of a text in the index."""
 TOLERANCE = 0.5e-3
@@ -30,9 +33,10 @@ TOLERANCE = 0.5e-3
 _TABLE = """CREATE TABLE runs (
     path TEXT PRIMARY KEY, size INTEGER NOT NULL, changed INTEGER NOT NULL,
     start TEXT NOT NULL, duration REAL NOT NULL, protocol TEXT NOT NULL, spines TEXT NOT NULL, outcome TEXT NOT NULL,
-    detail TEXT NOT NULL, states INTEGER NOT NULL, rows INTEGER NOT NULL, lost INTEGER NOT NULL, campaign TEXT NOT NULL
+    detail TEXT NOT NULL, states INTEGER NOT NULL, rows INTEGER NOT NULL, lost INTEGER NOT NULL, campaign TEXT NOT NULL,
+    labels TEXT NOT NULL, notes INTEGER NOT NULL
 )"""
-_COLUMNS = "path, size, changed, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign"
+_COLUMNS = "path, size, changed, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes"
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,10 @@ class Run:
     rows: int
     lost: int
     campaign: str
+    labels: Mapping[str, str]
+    """What a person said of it (see `labels`)."""
+    notes: int
+    """How many lines people wrote down while it went on."""
 
     @property
     def complete(self) -> bool:
@@ -65,16 +73,22 @@ class Run:
 
 
 def runs(
-    folder: str | os.PathLike[str], *, since: str = "", protocol: str = "", spine: float | None = None
+    folder: str | os.PathLike[str],
+    *,
+    since: str = "",
+    protocol: str = "",
+    spine: float | None = None,
+    where: Sequence[tuple[str, str]] = (),
 ) -> list[Run]:
     """The recordings below a folder, oldest first, after bringing the index up to date.
 
-    `since`: ISO date or time (UTC); `protocol`: its name; `spine`: a length (m) that was set in the run.
+    `since`: ISO date or time (UTC); `protocol`: its name; `spine`: a length (m) that was set in the run;
+    `where`: labels that it has, name and text.
     """
     folder = Path(folder)
-    for where in (folder / INDEX, folder / INDEX, None):
+    for place in (folder / INDEX, folder / INDEX, None):
         try:
-            with contextlib.closing(_opened(where)) as index:
+            with contextlib.closing(_opened(place)) as index:
                 _refresh(index, folder)
                 query = (
                     f"SELECT {_COLUMNS} FROM runs WHERE start >= ? AND (? = '' OR protocol = ?) ORDER BY start, path"
@@ -82,11 +96,12 @@ def runs(
                 out = [_run(row) for row in index.execute(query, (since, protocol, protocol))]
         except (sqlite3.DatabaseError, sqlite3.DataError, ValueError, TypeError, OverflowError):
             # An index that is damaged is of no use: it is made anew, in memory where the folder cannot be written.
-            if where is not None:
+            if place is not None:
                 with contextlib.suppress(OSError):
-                    where.unlink(missing_ok=True)
+                    place.unlink(missing_ok=True)
             continue
-        return [run for run in out if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)]
+        out = [run for run in out if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)]
+        return [run for run in out if all(run.labels.get(name) == text for name, text in where)]
     raise RecordingError(
         f"{folder / INDEX}: no index can be created, not even in memory; check the installation of SQLite"
     )
@@ -94,14 +109,16 @@ def runs(
 
 def _run(row: tuple[Any, ...]) -> Run:
     """A line of the index; ValueError or TypeError when it is none."""
-    path, size, _, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign = row
-    texts, counts = (path, start, protocol, outcome, detail, campaign), (size, states, rows, lost)
-    lengths = read_json(spines)
+    path, size, _, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes = row
+    texts, counts = (path, start, protocol, outcome, detail, campaign), (size, states, rows, lost, notes)
+    lengths, said = read_json(spines), read_json(labels)
+    if not isinstance(said, dict) or not all(isinstance(text, str) for text in said.values()):
+        raise TypeError(f"{path!r}: not a line of this index")
     if not (all(isinstance(t, str) for t in texts) and all(isinstance(n, int) for n in counts)):
         raise TypeError(f"{path!r}: not a line of this index")
     return Run(
         path, size, start, float(duration), protocol, tuple(float(x) for x in lengths), outcome, detail, states, rows,
-        lost, campaign,
+        lost, campaign, said, notes,
     )  # fmt: skip
 
 
@@ -153,11 +170,11 @@ def _refresh(index: sqlite3.Connection, folder: Path) -> None:
 def _entry(file: Path) -> tuple[Any, ...]:
     """What the index says of a file, from its start on; a file that cannot be read is listed as such."""
     try:
-        summary = info(file)
-        states = [event.state for event in Recording.open(file, truncated=True).states]
+        summary, recording = info(file), Recording.open(file, truncated=True)
+        states = [event.state for event in recording.states]
     except RecordingError as error:
         changed = datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="seconds")
-        return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "")
+        return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "", "{}", 0)
     lost = sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values())
     outcome = (summary.outcome if summary.finished else None) or "abrupt"
     protocols = ", ".join(sorted({state.protocol for state in states}))
@@ -174,4 +191,6 @@ def _entry(file: Path) -> tuple[Any, ...]:
         summary.rows,
         lost,
         campaign[:200],
+        json.dumps(dict(itertools.islice(labels_of(recording).items(), MOST))),
+        sum(request.kind == "note" for request in summary.requests),
     )

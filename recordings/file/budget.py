@@ -43,6 +43,10 @@ def largest_chunk(size: int) -> int:
     return max(SMALL_CHUNK, min(size, MAX_CHUNK))
 
 
+def _most(cost: Cost, size: int) -> int:
+    return min(int(cost.value[1] + cost.value[2] * size), MAX_TOTAL)
+
+
 @dataclass
 class Budget:
     """What is left for one pass over the file `name` of `size` bytes."""
@@ -51,7 +55,13 @@ class Budget:
     size: int
 
     def __post_init__(self) -> None:
-        self._left = {cost: min(int(cost.value[1] + cost.value[2] * self.size), MAX_TOTAL) for cost in Cost}
+        self._left = {cost: _most(cost, self.size) for cost in Cost}
+
+    def grow(self, size: int) -> None:
+        """The file has grown to `size` bytes, and may cost accordingly more."""
+        for cost in Cost:
+            self._left[cost] += max(0, _most(cost, size) - _most(cost, self.size))
+        self.size = max(size, self.size)
 
     def left(self, cost: Cost) -> int:
         """How much may still be taken."""
@@ -61,8 +71,7 @@ class Budget:
         """Count something before it is done; raises `Oversized` when it is more than is left."""
         self._left[cost] -= count
         if self._left[cost] < 0:
-            what, free, share = cost.value
-            most = min(int(free + share * self.size), MAX_TOTAL)
+            what, most = cost.value[0], _most(cost, self.size)
             raise Oversized(
                 f"{self.name}: claims to hold more than {most} {what}, the limit for a file of {self.size} bytes; it is "
                 "damaged or malicious"

@@ -37,7 +37,9 @@ class Played:
 
     def to_json(self) -> str:
         """One line; numbers that are none (NaN) are null."""
-        return json.dumps({"topic": self.topic, "t": self.t, "log_time": self.log_time, "fields": _plain(self.fields)})
+        return json.dumps(
+            {"topic": self.topic, "t": self.t, "log_time": self.log_time, "fields": plain_numbers(self.fields)}
+        )
 
 
 class Pace(Protocol):
@@ -111,12 +113,12 @@ def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
     return fields
 
 
-def _plain(value: Any) -> Any:
-    """JSON knows no NaN."""
+def plain_numbers(value: Any) -> Any:
+    """The value with None for every number that is none (NaN, infinite): JSON knows none such."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
+    if isinstance(value, list | tuple):
+        return [plain_numbers(item) for item in value]
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain_numbers(item) for key, item in value.items()}
     return value

@@ -17,9 +17,9 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import BadMessage, Damaged, Foreign, MissingStream, NotARecording, OtherVersion, Oversized, Truncated
-from ..events import EVENTS, EventType
-from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType, is_stream, message_name, stream_message
+from ..errors import Damaged, Foreign, MissingStream, NotARecording, Truncated
+from ..events import EVENTS, EventType, Request
+from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
 from ..states.rules import State
 from ..trials import TrialRow
 from . import protobuf_runtime
@@ -27,11 +27,9 @@ from .budget import Budget, Cost
 from .container import Contents, walk
 from .gather import find_channels, pick
 from .order import ordered
-from .samples import Samples
+from .samples import Samples, check_version, message_of, ours, version_of, written_name
 
-OF_ROBOT = ("setpoint", "measured", "markers")
-"""Arrays whose size is that of the robot."""
-SAID = (events.STATE.topic, events.TRIAL.topic, events.LOG.topic)
+SAID = (events.STATE.topic, events.TRIAL.topic, events.LOG.topic, events.REQUEST.topic)
 """Topics whose messages are texts that are taken apart."""
 COUNTERS = ("device_time", "frame")
 """Fields that count up at the instrument until it restarts."""
@@ -40,13 +38,8 @@ SHOWN = 12
 _LEVELS = {number: name.lower() for name, number in events.Log.Level.items()}
 
 
-def _message_name(topic: str) -> str | None:
-    """Full name of a topic's message; None for a topic that this software does not write."""
-    return events.EVENTS[topic].full_name if topic in events.EVENTS else message_name(topic)
-
-
 def _name(topic: str) -> str:
-    return f"{topic} ({_message_name(topic)}, protobuf)"
+    return f"{topic} ({written_name(topic)}, protobuf)"
 
 
 @dataclass(frozen=True)
@@ -56,6 +49,8 @@ class StateEvent:
     t: float
     number: int
     state: State
+    repeats: int = 0
+    """Number of the state that is read again; 0: of none."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +60,8 @@ class TrialEvent:
     t: float
     number: int
     row: TrialRow
+    repeats: int = 0
+    """Number of the state that was read again; 0: of none."""
 
 
 @dataclass(frozen=True)
@@ -175,10 +172,7 @@ class Recording:
         return tuple(topic for topic in dict.fromkeys(self.topics) if is_stream(topic) and self.knows(topic))
 
     def _ours(self, channel: Channel) -> bool:
-        """Whether a channel is as this software writes it; one whose schema was lost may be, and is damaged."""
-        schema = self.contents.schemas.get(channel.schema_id)
-        name = _message_name(channel.topic)
-        return channel.message_encoding == "protobuf" and name is not None and (schema is None or schema.name == name)
+        return ours(channel, self.contents.schemas.get(channel.schema_id))
 
     def _described(self) -> str:
         """The topics with their messages, for people."""
@@ -257,7 +251,7 @@ class Recording:
         listed = self._listed()
         for number in wanted:
             channel = self.contents.channels[number]
-            if is_stream(channel.topic) and self._ours(channel) and self._version(channel) == SCHEMA_VERSION:
+            if is_stream(channel.topic) and self._ours(channel) and version_of(channel) == SCHEMA_VERSION:
                 message = self._message(channel)
                 self._samples[number] = Samples(message, min(listed[number], self._unpacked // message.size))
         kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
@@ -320,48 +314,10 @@ class Recording:
 
     def _message(self, channel: Channel) -> MessageType:
         """The stream's message with the array sizes of this recording."""
-        try:
-            shapes = {
-                key.removeprefix("shape."): tuple(int(n) for n in text.split("x"))
-                for key, text in channel.metadata.items()
-                if key.startswith("shape.")
-            }
-        except ValueError as error:
-            raise Damaged(f"{self.path}: {channel.topic} has an invalid array shape: {error}") from error
-        if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
-            raise Oversized(f"{self.path}: {channel.topic} has arrays of shape {shapes}, limit {MAX_NUMBERS} numbers")
-        message = self._stream_message(channel)
-        usual = {field.name: field.shape for field in message.fields}
-        for name, shape in shapes.items():
-            like = usual.get(name, ())
-            # Chambers and markers are the robot's; everything else has the size that it has.
-            free = name in OF_ROBOT and len(shape) == len(like) and shape[1:] == like[1:]
-            if not free and shape != like:
-                raise OtherVersion(
-                    f"{self.path}: {channel.topic} has {name} of shape {shape}, this software reads {like}"
-                )
-        return message.sized(**shapes)
-
-    def _stream_message(self, channel: Channel) -> MessageType:
-        schema = self.contents.schemas.get(channel.schema_id)
-        if schema is None and channel.topic not in STREAMS:
-            raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-        units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
-        try:
-            return stream_message(channel.topic, b"" if schema is None else schema.data, units)
-        except BadMessage as error:
-            raise Damaged(f"{self.path}: {error}") from error
-
-    def _version(self, channel: Channel) -> str:
-        return channel.metadata.get("schema_version", SCHEMA_VERSION)
+        return message_of(channel, self.contents.schemas.get(channel.schema_id), str(self.path))
 
     def _check_version(self, channel: Channel) -> None:
-        version = self._version(channel)
-        if version != SCHEMA_VERSION:
-            raise OtherVersion(
-                f"{self.path}: {channel.topic} has schema version {version}, this software reads {SCHEMA_VERSION}; "
-                "use the version of the software named in the file's metadata"
-            )
+        check_version(channel, str(self.path))
 
     # -- events
     def events(self, event: EventType) -> list[tuple[int, Any]]:
@@ -385,26 +341,45 @@ class Recording:
     @property
     def states(self) -> list[StateEvent]:
         """What was asked for, in order."""
-        return [
-            StateEvent(m.t, m.number, replace(State.from_json(_text(m)), clipped=m.clipped))
-            for _, m in self.events(events.STATE)
-        ]
+        return [state_event(m) for _, m in self.events(events.STATE)]
 
     @property
     def trials(self) -> list[TrialEvent]:
         """What was concluded live, in order."""
-        return [
-            TrialEvent(m.t, m.number, replace(TrialRow.from_json(_text(m)), clipped=m.clipped))
-            for _, m in self.events(events.TRIAL)
-        ]
+        return [trial_event(m) for _, m in self.events(events.TRIAL)]
+
+    @property
+    def requests(self) -> list[Request]:
+        """What people asked of the run, and what of it was carried out, in order."""
+        return [request_event(m) for _, m in self.events(events.REQUEST)]
 
     @property
     def log(self) -> list[LogLine]:
         """The lines of /log, in order."""
-        return [
-            LogLine(log_time, _LEVELS.get(m.level, f"level {m.level}"), m.message)
-            for log_time, m in self.events(events.LOG)
-        ]
+        return [log_line(log_time, m) for log_time, m in self.events(events.LOG)]
+
+
+def state_event(m: Any) -> StateEvent:
+    """What a message of /state says; raises `BadMessage`, `Damaged`."""
+    return StateEvent(m.t, m.number, replace(State.from_json(_text(m)), clipped=m.clipped), m.repeats)
+
+
+def trial_event(m: Any) -> TrialEvent:
+    """What a message of /trial says; raises `BadTable`, `Damaged`."""
+    return TrialEvent(m.t, m.number, replace(TrialRow.from_json(_text(m)), clipped=m.clipped), m.repeats)
+
+
+def request_event(m: Any) -> Request:
+    """What a message of /request says; raises `Damaged`."""
+    try:
+        return Request(m.t, m.kind, m.by, m.text, m.done, m.trial, m.step)
+    except UnicodeDecodeError as error:
+        raise Damaged(f"a message of /request is not text ({error}); run `lab verify`") from error
+
+
+def log_line(log_time: int, m: Any) -> LogLine:
+    """What a message of /log says."""
+    return LogLine(log_time, _LEVELS.get(m.level, f"level {m.level}"), m.message)
 
 
 def _text(message: Any) -> str:

@@ -1,11 +1,79 @@
-"""One stream's samples, decoded batch by batch into one array."""
+"""A stream's channel: whether it is one that this software writes, how its messages are laid out in this file, and its samples,
+decoded batch by batch into one array."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from ..messages import MessageType
+from .. import events
+from ..errors import BadMessage, Damaged, OtherVersion, Oversized
+from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType, message_name, stream_message
+
+OF_ROBOT = ("setpoint", "measured", "markers")
+"""Arrays whose size is that of the robot."""
+
+
+def written_name(topic: str) -> str | None:
+    """Full name of a topic's message; None for a topic that this software does not write."""
+    return events.EVENTS[topic].full_name if topic in events.EVENTS else message_name(topic)
+
+
+def ours(channel: Channel, schema: Schema | None) -> bool:
+    """Whether a channel is as this software writes it; one whose schema was lost may be, and is damaged."""
+    name = written_name(channel.topic)
+    return channel.message_encoding == "protobuf" and name is not None and (schema is None or schema.name == name)
+
+
+def version_of(channel: Channel) -> str:
+    """Schema version of a channel's messages."""
+    return channel.metadata.get("schema_version", SCHEMA_VERSION)
+
+
+def check_version(channel: Channel, file: str) -> None:
+    """Raises `OtherVersion` for a channel of a version that this software does not read."""
+    version = version_of(channel)
+    if version != SCHEMA_VERSION:
+        raise OtherVersion(
+            f"{file}: {channel.topic} has schema version {version}, this software reads {SCHEMA_VERSION}; "
+            "use the version of the software named in the file's metadata"
+        )
+
+
+def message_of(channel: Channel, schema: Schema | None, file: str) -> MessageType:
+    """The message of a stream's channel with the array sizes of this file; raises `Damaged`, `Oversized`, `OtherVersion`."""
+    try:
+        shapes = {
+            key.removeprefix("shape."): tuple(int(n) for n in text.split("x"))
+            for key, text in channel.metadata.items()
+            if key.startswith("shape.")
+        }
+    except ValueError as error:
+        raise Damaged(f"{file}: {channel.topic} has an invalid array shape: {error}") from error
+    if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
+        raise Oversized(f"{file}: {channel.topic} has arrays of shape {shapes}, limit {MAX_NUMBERS} numbers")
+    message = _stream_message(channel, schema, file)
+    usual = {field.name: field.shape for field in message.fields}
+    for name, shape in shapes.items():
+        like = usual.get(name, ())
+        # Chambers and markers are the robot's; everything else has the size that it has.
+        free = name in OF_ROBOT and len(shape) == len(like) and shape[1:] == like[1:]
+        if not free and shape != like:
+            raise OtherVersion(f"{file}: {channel.topic} has {name} of shape {shape}, this software reads {like}")
+    return message.sized(**shapes)
+
+
+def _stream_message(channel: Channel, schema: Schema | None, file: str) -> MessageType:
+    if schema is None and channel.topic not in STREAMS:
+        raise Damaged(f"{file}: {channel.topic} names the schema {channel.schema_id}, which is missing")
+    units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
+    try:
+        return stream_message(channel.topic, b"" if schema is None else schema.data, units)
+    except BadMessage as error:
+        raise Damaged(f"{file}: {error}") from error
 
 
 class Samples:

@@ -245,8 +245,9 @@ class Recorder:
         ns = self._newest() if t is None else self._nanoseconds("/log", t)
         self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), name))
 
-    def state(self, t: float, state: State) -> int:
-        """Record what is asked for, before it is read; returns the state's number in this recording.
+    def state(self, t: float, state: State, repeats: int = 0) -> int:
+        """Record what is asked for, before it is read; returns the state's number in this recording. `repeats`: the number
+        of the state that is read again.
 
         Raises `BadMessage` when the state does not fit the number of chambers.
         """
@@ -258,12 +259,21 @@ class Recorder:
         with self._event_lock:
             self._states += 1
             number = self._states
-        self._event("/state", self._nanoseconds("/state", t), events.encode_state(t, number, state))
+        self._event("/state", self._nanoseconds("/state", t), events.encode_state(t, number, state, repeats))
         return number
 
-    def trial(self, t: float, number: int, row: TrialRow) -> None:
+    def trial(self, t: float, number: int, row: TrialRow, repeats: int = 0) -> None:
         """Record the row that was concluded for state `number`."""
-        self._event("/trial", self._nanoseconds("/trial", t), events.encode_trial(t, number, row))
+        self._event("/trial", self._nanoseconds("/trial", t), events.encode_trial(t, number, row, repeats))
+
+    def request(self, request: events.Request) -> None:
+        """Record what somebody asked of the run, or that it was carried out; from any thread."""
+        self._event("/request", self._nanoseconds("/request", request.t), events.encode_request(request))
+
+    def progress(self, t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> None:
+        """Record how much of the plan is done: steps, and s of rig time."""
+        payload = events.encode_progress(t, steps, steps_planned, seconds, seconds_planned)
+        self._event("/progress", self._nanoseconds("/progress", t), payload)
 
     def _newest(self) -> int:
         return max(entry.last for entry in self._topics.values())

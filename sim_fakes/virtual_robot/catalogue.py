@@ -18,6 +18,8 @@ class EffectInfo:
     sign: str = "both"
     catalogue: bool = True
     """False: a cause that the diagnosis has no name for."""
+    on_request: bool = False
+    """Drawn only where it is asked for: a plain sweep cannot show it, or sets made before it keep their cases."""
 
 
 _INFO = (
@@ -62,6 +64,24 @@ _INFO = (
     EffectInfo("force_bias", "the force sensor's zero moves when it is loaded", 0.1, "N"),
     EffectInfo("arm_compliance", "arm and probe give under the contact force", 5e-5, "m/N", "+"),
     EffectInfo("contact_offset", "a soft layer is squeezed before the probe meets the specimen", 0.001, "m", "+"),
+    EffectInfo(
+        "tendon_friction", "tendons slide along their guides with this coefficient", 0.5, "1", "+", on_request=True
+    ),
+    EffectInfo(
+        "chamber_gain", "cores of the mould stand off to one side, and not all alike", 0.1, "1", "+", on_request=True
+    ),
+    EffectInfo("chamber_order", "hoses of regulators are exchanged, from half on", 1.0, "1", "blend", on_request=True),
+    EffectInfo(
+        "tip_payload", "mass on a bracket beside the tip, and its cable along the body", 0.1, "kg", "+", on_request=True
+    ),
+    EffectInfo(
+        "rest_shape",
+        "fibres keep a share of their largest stretch, part of it for good",
+        0.05,
+        "1",
+        "+",
+        on_request=True,
+    ),
     EffectInfo("weak_chamber", "one chamber acts less than the others", 0.2, "1", "+", False),
     EffectInfo(
         "graded_modulus", "modulus rises along the body, base to tip, around its mean", 0.25, "1", "both", False

@@ -27,6 +27,12 @@ class Directions:
     """When the temperature steps, s."""
     bad_jam: int
     """Which jamming comes out soft, counted from 0."""
+    cores: tuple[float, float] = (0.0, 1.0)
+    """Angles towards which the mould's cores stand off, and of how unlike they are."""
+    payload: float = 0.0
+    """Angle of the bracket at the tip."""
+    hoses: tuple[int, ...] = (0, 2, 1)
+    """Whose hose each third of the chambers has."""
 
 
 def draw_directions(truth: RobotTruth, seed: int) -> Directions:
@@ -39,6 +45,8 @@ def draw_directions(truth: RobotTruth, seed: int) -> Directions:
     angles = rng.uniform(-np.pi, np.pi, 5)
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
+    wrong = ((1, 0, 2), (2, 1, 0), (0, 2, 1), (1, 2, 0), (2, 0, 1))
+    later = np.random.default_rng([seed, 2])
     return Directions(
         tether=float(angles[0]),
         tilt=float(angles[1]),
@@ -50,4 +58,7 @@ def draw_directions(truth: RobotTruth, seed: int) -> Directions:
         chamber=int(rng.choice([8, 0, 1])),
         step_time=float(rng.uniform(300.0, 1500.0)),
         bad_jam=int(rng.integers(1, 7)),
+        cores=(float(later.uniform(-np.pi, np.pi)), float(later.uniform(-np.pi, np.pi))),
+        payload=float(later.uniform(-np.pi, np.pi)),
+        hoses=wrong[int(later.integers(len(wrong)))],
     )

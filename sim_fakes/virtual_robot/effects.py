@@ -54,6 +54,11 @@ class Laws:
     force_bias: float = 0.0
     arm_compliance: float = 0.0
     contact_offset: float = 0.0
+    tendon_friction: float = 0.0
+    chamber_gain: float = 0.0
+    chamber_order: float = 0.0
+    tip_payload: float = 0.0
+    rest_shape: float = 0.0
     weak_chamber: float = 0.0
     graded_modulus: float = 0.0
     eccentric_spine: float = 0.0
@@ -67,7 +72,7 @@ class Laws:
     @property
     def history(self) -> bool:
         """True when the shape depends on the way it was reached, so that ramps must be walked in small steps."""
-        return bool(self.spine_slip or self.viscoelastic)
+        return bool(self.spine_slip or self.viscoelastic or self.tendon_friction or self.tip_payload or self.rest_shape)
 
 
 def laws(effects: Mapping[str, float] | Iterable[Effect]) -> Laws:
@@ -92,7 +97,7 @@ def draw_effect(rng: np.random.Generator, ids: Sequence[str] = ()) -> tuple[str,
 
     `ids` limits the choice; without it, all effects of the catalogue.
     """
-    names = tuple(ids) or tuple(info.id for info in _BY_ID.values() if info.catalogue)
+    names = tuple(ids) or tuple(info.id for info in _BY_ID.values() if info.catalogue and not info.on_request)
     info = _BY_ID[names[int(rng.integers(len(names)))]]
     if info.sign == "blend":
         return info.id, float(rng.uniform(0.6, 1.0)) * info.scale

@@ -11,6 +11,7 @@ Creep        strain = elastic + sum_k creep_k,   tau_k d(creep_k)/dt = a_k * ela
              (two Kelvin elements)
 Spine        linear, about its own rest strain
 Friction     sliders: moment K_j (u - x_j), |u - x_j| <= yield curvature of level j; the same for the axial strain
+Tendons      a fibre at the tendon's place that carries its tension, whatever the strain
 Viscosity    stress += c * K_linear * (strain - strain before), c = 1 / (exp(dt / settling time) - 1)
 """
 
@@ -43,9 +44,13 @@ class Sections(NamedTuple):
     silicone: Array
     """(n) Modulus of the silicone times its share of the annulus, Pa."""
     annulus: Array
-    """(4) Area, shear area * shear ratio (m^2), second moment, torsion constant (m^4)."""
+    """(n, 4) Area, shear area * shear ratio (m^2), second moment, torsion constant (m^4)."""
     fibres: Array
-    """(f, 3) x, y (m) and weight (m^2) of the silicone fibres."""
+    """(f, 3) x, y (m) and weight (m^2) of the silicone fibres at the base."""
+    scale: Array
+    """(n) Radii over those at the base."""
+    tendons: Array
+    """(n, 6) Stress that tendons bring in."""
     law: Array
     """(3) Yeoh share h, c1, c2."""
     rest: Array
@@ -116,27 +121,27 @@ def yeoh(e: float, modulus: float, h: float, c1: float, c2: float) -> tuple[floa
 def _silicone(s: Sections, k: int, e: Array, stress: Array, t: Array) -> None:
     """Stress and tangent of the silicone at elastic strain `e`."""
     m = s.silicone[k]
-    t[0] = t[1] = m * s.annulus[1]
-    t[8] = m * s.annulus[3]
+    t[0] = t[1] = m * s.annulus[k, 1]
+    t[8] = m * s.annulus[k, 3]
     stress[0] = t[0] * e[0]
     stress[1] = t[1] * e[1]
     stress[5] = t[8] * e[5]
     for i in range(2, 8):
         t[i] = 0.0
     if s.law[0] == 0.0:
-        t[2] = m * s.annulus[0]
-        t[5] = t[7] = m * s.annulus[2]
+        t[2] = m * s.annulus[k, 0]
+        t[5] = t[7] = m * s.annulus[k, 2]
         stress[2] = t[2] * e[2]
         stress[3] = t[5] * e[3]
         stress[4] = t[7] * e[4]
         return
     stress[2] = stress[3] = stress[4] = 0.0
     for f in range(s.fibres.shape[0]):
-        x = s.fibres[f, 0]
-        y = s.fibres[f, 1]
+        x = s.fibres[f, 0] * s.scale[k]
+        y = s.fibres[f, 1] * s.scale[k]
         sigma, slope = yeoh(e[2] + e[3] * y - e[4] * x, m, s.law[0], s.law[1], s.law[2])
-        sigma *= s.fibres[f, 2]
-        slope *= s.fibres[f, 2]
+        sigma *= s.fibres[f, 2] * s.scale[k] ** 2
+        slope *= s.fibres[f, 2] * s.scale[k] ** 2
         stress[2] += sigma
         stress[3] += sigma * y
         stress[4] -= sigma * x
@@ -237,12 +242,12 @@ def respond(
         for i in range(9):
             t[i] += brake * g[i]
         drag = (
-            m * s.annulus[1],
-            m * s.annulus[1],
-            m * s.annulus[0],
-            m * s.annulus[2],
-            m * s.annulus[2],
-            m * s.annulus[3],
+            m * s.annulus[k, 1],
+            m * s.annulus[k, 1],
+            m * s.annulus[k, 0],
+            m * s.annulus[k, 2],
+            m * s.annulus[k, 2],
+            m * s.annulus[k, 3],
         )
         for i in range(6):
             stress[i] += brake * drag[i] * elastic[i]
@@ -254,6 +259,8 @@ def respond(
         t[8] += brake * drag[5]
     if s.slips:
         _friction(s, hist, k, strain, stress, t, commit)
+    for i in range(6):
+        stress[i] += s.tendons[k, i]
     if commit:
         for i in range(6):
             hist.strain[k, i] = strain[i]

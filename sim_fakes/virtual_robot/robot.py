@@ -133,8 +133,7 @@ class VirtualRobot:
         if hands.probe and hands.mount != "robot" and not (isinstance(body, BareSpine) and not body.present):
             self._contacts = self.stand.contacts(chain, *hands.probe)
         if isinstance(body, Body):
-            pressure = float(np.mean(self.pneumatics.pressures))
-            sections = body.sections(self.spine, pressure, hands.roll, self.time, dt)
+            sections = body.sections(self.spine, self.pneumatics, hands.roll, self.time, dt)
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
             loads = body.loads(force, moment, hands.tip_mass, hands.roll, self._contacts)
         else:

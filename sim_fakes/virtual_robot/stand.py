@@ -73,8 +73,10 @@ class BareSpine:
         stiffness = np.array([shear, shear, e * area, 0.0, 0.0, e * inertia, 0.0, e * inertia, 2 * e * inertia])
         return Sections(
             silicone=np.zeros(n),
-            annulus=np.zeros(4),
+            annulus=np.zeros((n, 4)),
             fibres=np.zeros((0, 3)),
+            scale=np.ones(n),
+            tendons=np.zeros((n, 6)),
             law=np.zeros(3),
             rest=np.zeros((n, 6)),
             spine=np.tile(stiffness, (n, 1)),

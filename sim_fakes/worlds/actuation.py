@@ -134,3 +134,20 @@ def walls_but_the_cap(c: Chambers, x: Array) -> None:
 def walls_from_the_base(c: Chambers, x: Array) -> None:
     """Share x (1 - 0.2 a): hoses that end inside hand part of their thrust to the base."""
     c.on_walls += np.clip(x, 0, 1)[:, None] * (1 - 0.2 * c.body.along())
+
+
+# ------------------------------------------------------------------ on request
+def chambers_by_side(c: Chambers, x: Array) -> None:
+    """A (1 + x (1 - 2 |d| / pi)), d the angle to one side: the mould closes askew."""
+    off = np.angle(np.exp(1j * (c.azimuths[0] - c.body.lanes.places.other)))
+    factor = 1 + x[:, None] * (1 - 2 * np.abs(off) / np.pi)
+    c.areas.append(lambda p: factor)
+
+
+def hoses_exchanged(c: Chambers, x: Array) -> None:
+    """From 0.25 on: two of the regulators (9 1 2, 3 4 5, 6 7 8) feed one another's chambers."""
+    groups = [[8, 0, 1], [2, 3, 4], [5, 6, 7]]
+    stays = groups.pop({8: 0, 0: 1, 1: 2}[c.body.lanes.places.chamber])
+    order = np.arange(len(stays) + sum(map(len, groups)))
+    order[groups[0]], order[groups[1]] = groups[1], groups[0]
+    c.pressures.append(lambda p: np.where(x[:, None] > 0.25, p[:, order], p))

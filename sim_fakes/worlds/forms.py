@@ -117,6 +117,17 @@ FORMS: dict[str, dict[str, tuple[Change, float]]] = {
 """Law and plausible size (in its own unit) by effect and name of the form."""
 
 
+ON_REQUEST = {
+    c.id: c
+    for c in (
+        Cause("chamber_gain", "actuation", 0.1, actuation.chambers_by_side, "chambers", one_way=False),
+        Cause("chamber_order", "actuation", 1.0, actuation.hoses_exchanged, "chambers"),
+        Cause("tip_payload", "load", 0.1, loads.payload_on_a_rod, "body"),
+    )
+}
+"""Effects of the catalogue, one form each, that are drawn where they are asked for only."""
+
+
 @dataclass(frozen=True)
 class Physics:
     """The laws of one world, sorted by what they act on; sizes come in plausible scales."""

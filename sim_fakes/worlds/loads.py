@@ -141,3 +141,13 @@ def contact_foam(b: Body, x: Array) -> None:
         return 0.5 * d + 0.0125 * (1 - np.exp(-d / 0.025)), 0.5 + 0.5 * np.exp(-d / 0.025)
 
     _obstacle(b, law, x, _hat(b, 1.0), np.array([1.0, 0.0, 0.0]))
+
+
+# ------------------------------------------------------------------ tip_payload
+def payload_on_a_rod(b: Body, x: Array) -> None:
+    """x kg, 45 mm beyond the tip on a rod that goes on as the last segment does: two forces on its frames."""
+    weight = x[:, None] * b.gravity
+    share = (0.045 / b.h[:, -1])[:, None]
+    force = np.zeros((*b.nodes().shape, 3))
+    force[:, -1], force[:, -2] = (1 + share) * weight, -share * weight
+    b.fields.append(lambda shape: (force, np.zeros((*shape.r.shape, 3))))

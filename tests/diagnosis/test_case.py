@@ -94,3 +94,33 @@ def test_what_is_missing_is_said(rows: list[TrialRow], said: str) -> None:
 def test_a_table_that_cannot_be_used_is_refused_with_what_to_do(rows: list[TrialRow], said: str) -> None:
     with pytest.raises(BadCase, match=said):
         states(case(rows))
+
+
+def test_chambers_swept_one_after_another_in_a_trial_are_repeats_of_themselves() -> None:
+    rng = np.random.default_rng(5)
+    rows = []
+    for trial in (1, 2, 3):
+        step = 0
+        for chamber in (0, 3, 6):
+            for level in (0.0, 50e3, 100e3, 50e3, 0.0):
+                step += 1
+                pressure = np.zeros(9)
+                pressure[chamber] = level + 60.0 * rng.normal() * (level > 0)
+                branch = "unload" if step % 5 in (4, 0) else "load"
+                rows.append(
+                    TrialRow(
+                        trial,
+                        step,
+                        "bending",
+                        trial,
+                        branch,
+                        10.0 * len(rows),
+                        0.0,
+                        tuple(pressure.tolist()),
+                        tip=(-1e-6 * level, 1e-3 * chamber, 0.4),
+                    )  # fmt: skip
+                )
+    own, concerns = states(Measured(ROBOT, Table(tuple(rows))))
+    _, counts = np.unique(own.condition, return_counts=True)
+    assert set(counts.tolist()) <= {3, 6} and counts.sum() == 45
+    assert not any("no state was repeated" in text for text in concerns)

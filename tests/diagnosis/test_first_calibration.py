@@ -12,6 +12,9 @@ from diagnosis.data.first_calibration import calibrate_first
 from diagnosis.diagnose import diagnose
 from diagnosis.fit_effects import fit_effects
 from model.condition import conditions
+from model.effects.catalogue import CATALOGUE
+from model.effects.laws.actuation import orders
+from model.errors import BadEffect
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
@@ -90,6 +93,44 @@ def test_chambers_counted_the_other_way_round_are_found(case: Measured) -> None:
     first = calibrate_first(told.robot, states(told)[0])
     assert len(first.adjusted) == 1 and "the other way round" in first.adjusted[0].name
     assert first.robot.chambers.azimuths_deg == pytest.approx(ROBOT.chambers.azimuths_deg, abs=0.5)
+
+
+def exchanged(case: Measured, place: int) -> Measured:
+    """The same with hoses connected in another order than the robot.yaml of ROBOT says."""
+    made = by_groups(case, ROBOT)
+    order = np.argsort(orders(ROBOT.chambers.azimuths_deg)[place])
+    rows = [replace(r, pressures=tuple(r.pressures[i] for i in order)) for r in made.table.rows]
+    return replace(made, table=replace(made.table, rows=tuple(rows)))
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighed(case: Measured, place: int) -> None:
+    told = exchanged(case, place)
+    first = calibrate_first(told.robot, states(told)[0], ("chamber_order",))
+    assert first.robot.effects["chamber_order"]["which"].value == place - 2 and not first.adjusted
+    assert "hold the pressures of" in first.concern and "chamber_order" in first.sentence
+    assert first.robot.chambers == ROBOT.chambers
+    as_azimuth = calibrate_first(told.robot, states(told)[0])
+    assert not as_azimuth.order and as_azimuth.adjusted
+
+
+def test_chambers_in_another_order_are_named_and_those_in_order_are_no_hypothesis(case: Measured) -> None:
+    known = ("chamber_order", "chamber_azimuth")
+    options = replace(quick(), catalogue={id: CATALOGUE[id] for id in known})
+    found = diagnose(exchanged(case, 1), options)
+    assert found.attribute.verdict == "effect" and found.attribute.effects[0] == "chamber_order"
+    assert all(r.effects[0] == "chamber_order" for r in found.attribute.ranking)
+    assert "order" in found.detail["first_calibration"] and "chamber_order" in found.statement
+    usual = diagnose(by_groups(case, ROBOT), options)
+    assert not any("chamber_order" in r.effects for r in usual.attribute.ranking)
+
+
+def test_an_order_that_was_found_is_written_into_the_robot(case: Measured) -> None:
+    fitted = fit_effects(exchanged(case, 1), ["chamber_order"])
+    assert fitted.effects == ("chamber_order",) and fitted.robot.effects["chamber_order"]["which"].value == -1.0
+    assert fitted.fitted_mm < 1.0
+    with pytest.raises(BadEffect, match="no other order"):
+        fit_effects(by_groups(case, ROBOT), ["chamber_order"])
 
 
 def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:

@@ -27,7 +27,7 @@ class Valley:
             shapes=(False, True, False),
         )  # fmt: skip
 
-    def predict(self, theta: Array) -> Array:
+    def predict(self, theta: Array, trial: bool = False) -> Array:
         return self.linearise(theta)[0]
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:

@@ -26,3 +26,10 @@ def test_steps_of_2500_pa_are_states_of_their_own_where_40_kpa_is_the_most() -> 
     s = states(case([row(t, 1, 0.0, 2.5e3 * t) for t in range(2, 17)]))[0]
     assert len(np.unique(s.condition)) == 15
     assert len(np.unique(levels(s.highest, s.pressure_gap))) == 15
+
+
+def test_chambers_set_one_by_one_are_no_repeats_because_one_of_them_is_as_high() -> None:
+    settings = [(92e3, 20e3, 5e3), (92.3e3, 45e3, 5e3), (91.8e3, 20.4e3, 5.2e3), (40e3, 21e3, 40e3)]
+    rows = [replace(row(t, 1, 0.0, 0.0), pressures=(*p, *(0.0,) * 6)) for t, p in enumerate(settings, 1)]
+    a, b, again, other = states(case(rows))[0].condition.tolist()
+    assert a == again and len({a, b, other}) == 3

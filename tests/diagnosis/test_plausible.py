@@ -15,6 +15,7 @@ from model.condition import conditions
 from model.robot import Robot, load_robot
 from model.rods import FINE, solve
 from model.section import rods_of
+from model.stated import Stated
 from recordings.trials import TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
@@ -159,6 +160,17 @@ def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
     hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0,))]
     assert any("the wrong way" in text for text in implausible_values(ROBOT, hanging))
     assert implausible_values(LIMP, hanging) == ()
+
+
+def test_a_point_tracked_beyond_the_end_may_be_farther_away() -> None:
+    def beyond(r: TrialRow) -> TrialRow:
+        x, y, z = r.tip  # type: ignore[misc]
+        return replace(r, tip=(x, y, z + 0.5 * ROBOT.length))
+
+    rows = tuple(map(beyond, sweep(levels=(0.0, 60e3))))
+    stated = {"marker_offset": {"z": Stated(value=0.5 * ROBOT.length, unit="m")}}
+    assert "m from the base of a robot" in " ".join(implausible_values(ROBOT, rows))
+    assert implausible_values(ROBOT.model_copy(update={"effects": stated}), rows) == ()
 
 
 def test_a_level_body_that_sags_is_left_alone() -> None:

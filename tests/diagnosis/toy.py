@@ -75,7 +75,7 @@ class ToyForward:
         )
         self._square = IDS.index("ballooning")
 
-    def predict(self, theta: Array) -> Array:
+    def predict(self, theta: Array, trial: bool = False) -> Array:
         return self.linearise(theta)[0]
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:

@@ -39,13 +39,13 @@ def imported(given: Path, folder: str, out: Path) -> Table:
     return read_csv(out / "trials.csv")
 
 
-@pytest.mark.parametrize("folder", ["stiff_flop", "sopra_segment", "silicone_beam"])
+@pytest.mark.parametrize("folder", ["stiff_flop", "sopra_segment", "silicone_beam", "braided_module", "fabric_arm"])
 def test_each_robot_file_is_a_robot(folder: str) -> None:
     assert load(EXAMPLES / folder / "robot.yaml", Robot).spine is None
 
 
 def test_a_sensor_beside_the_axis_is_moved_back_to_the_body_s_end(tmp_path: Path) -> None:
-    sensor = np.array([0.014514, 0.0, 0.0145])
+    sensor = np.array([0.014514, 0.0, 0.0])
     glued = Rotation.from_rotvec([0.0, np.pi, 0.0])
     turn = Rotation.from_rotvec([0.5, 0.0, 0.0])
     end = np.array([0.001, -0.02, 0.045])
@@ -114,3 +114,75 @@ def test_the_beam_s_stiffness_rows_hold_what_the_weights_add_to_its_own_sag(tmp_
     assert len(tips) == 6 and sorted({(round(r.tip_mass or 0, 6), round(r.tip[0], 5)) for r in tips if r.tip}) == [
         (0.0, -0.006), (0.052, -0.016), (0.102, -0.026),
     ]  # fmt: skip
+
+
+def test_a_hand_s_force_is_turned_from_the_tip_s_axes_into_the_base_s(tmp_path: Path) -> None:
+    """Load1 rests; Load2 is bent a quarter about -x and pushed back along its tip, then along the sensor's x."""
+    files = tmp_path / "loads"
+    files.mkdir()
+    sensor, glued = np.array([0.014514, 0.0, 0.0]), Rotation.from_rotvec([0.0, np.pi, 0.0])
+    turn, end = Rotation.from_rotvec([np.pi / 2, 0.0, 0.0]), np.array([0.0, -0.03, 0.03])
+    for name, bent in (("Load1", False), ("Load2", True)):
+        data = np.zeros((120, 30))
+        data[:, 6] = 0.05 * np.arange(120)
+        data[:, 7:10], data[1:, 7] = 1.02, 1.02 + 0.8 * bent
+        data[:, 10:13] = [10.0, 6.0, -157.0]
+        data[:, 24:27] = [0.02, -0.07, 0.01]  # not zeroed
+        data[40:80, 26] -= 0.5 * bent
+        data[80:, 24] += 0.3 * bent
+        for i in range(120):
+            r, p = (turn, end) if bent and i else (Rotation.identity(), np.array([0, 0, 0.05]))
+            data[i, 17:20] = data[i, 10:13] + 1e3 * (p + r.apply(sensor) + [0.003, 0.002, 0.016])
+            data[i, 20:24] = (r * glued).as_quat(scalar_first=True)
+        savemat(files / f"{name}.mat", {name: data})
+    rest, calm, pushed, aside = imported(files, "stiff_flop_load", tmp_path / "case").rows
+    assert rest.tip == pytest.approx((0, 0, 0.05), abs=1e-9) and rest.tip_force == pytest.approx((0, 0, 0), abs=1e-12)
+    assert [r.trial for r in (rest, calm, pushed, aside)] == [1, 2, 2, 2]
+    for r, force in ((calm, (0, 0, 0)), (pushed, (0, 0.5, 0)), (aside, (0.3, 0, 0))):
+        assert r.pressures == pytest.approx((1e5, 1e5, 0, 0, 0, 0), abs=1e-6) and r.tip == pytest.approx(
+            tuple(end), abs=1e-9
+        )
+        assert r.tip_force == pytest.approx(force, abs=1e-9)
+
+
+def test_settings_in_no_order_are_trials_of_their_own_read_where_robot_yaml_says(tmp_path: Path) -> None:
+    levels = np.array([[102e3, 102.5e3, 101e3], [150e3, 110e3, 101e3], [120e3, 180e3, 130e3]])
+    tips = np.array([[0.001, -0.01, 0.066], [-0.02, -0.008, 0.060], [0.02, -0.04, 0.055]])
+    rows = np.hstack([np.repeat(levels, 120, axis=0), np.repeat(tips, 120, axis=0)])
+    np.savetxt(tmp_path / "p_rho_DataPoints_Dynamic.csv", rows, delimiter=",", fmt="%.6g")
+    table = imported(tmp_path / "p_rho_DataPoints_Dynamic.csv", "braided_module", tmp_path / "case")
+    assert [(r.trial, r.step, r.branch) for r in table] == [(1, 1, "load"), (2, 1, "load"), (3, 1, "load")]
+    assert table.rows[1].pressures == pytest.approx((48e3, 48e3, 7.5e3, 7.5e3, 0, 0), abs=1e-6)
+    assert [r.tip for r in table] == [pytest.approx(tuple(t - tips[0] + [0, 0, 0.044 + 0.010])) for t in tips]
+    assert main(["compare", str(tmp_path / "case")]) == 0
+
+
+def test_steps_up_and_down_are_load_and_unload_and_folders_are_read_together(tmp_path: Path) -> None:
+    turn, below = Rotation.from_rotvec([0.0, 0.4, 0.0]), np.array([0.0, 0.0, -0.010])
+    for day in ("Jan 10-3", "Jan 10-4"):
+        (tmp_path / day).mkdir()
+        data = np.zeros((1200, 38))
+        data[:, 0] = np.arange(1200) / 30
+        data[:, 4:7] = [0.9, 1.6, 2.3]
+        data[:, 17:20] = [0.01, -0.2, 0.56]
+        data[:, 24:27], data[:, 27:31] = [0.01, -0.2, 0.40], [0, 0, 0, 1]
+        for a in (1, 600):  # 10 s of 9 psi more, 10 s of the baseline, twice
+            data[a : a // 600 * 600 + 300, 4] += 9.0
+            data[a : a // 600 * 600 + 300, 24:27] += np.array([0.03, 0.002, 0.01]) + turn.apply(below) - below
+            data[a : a // 600 * 600 + 300, 27:31] = turn.as_quat()
+        np.savetxt(tmp_path / day / "data_collect_1.txt", data, delimiter=", ", fmt="%.8e")
+        (tmp_path / day / "readMe.txt").write_text("offset_1 37.21\nseg1 31.92 mm\n")
+    case, map_file = tmp_path / "case", EXAMPLES / "fabric_arm" / "map.yaml"
+    days = [str(tmp_path / day) for day in ("Jan 10-3", "Jan 10-4")]
+    assert main(["import", *days, "--map", str(map_file), "--out", str(case)]) == 0
+    rows = read_csv(case / "trials.csv").rows
+    assert [(r.trial, r.repeat, r.branch) for r in rows] == [
+        (t, t, b) for t in (1, 2) for b in ("load", "unload", "load", "unload")
+    ]
+    up, rest = rows[0], rows[1]
+    assert rest.tip == pytest.approx((0, 0, 0.095)) and rest.pressures == pytest.approx((0, 0, 0, 0), abs=1e-6)
+    assert up.tip == pytest.approx((0.03, -0.002, 0.085)) and up.pressures == pytest.approx((62052.8, 0, 0, 0), abs=0.1)
+    # cameras' z up, robot's z down: a turn about y is one about -y
+    assert up.orientation == pytest.approx(
+        tuple(Rotation.from_rotvec([0, -0.4, 0]).as_quat(scalar_first=True)), abs=1e-9
+    )

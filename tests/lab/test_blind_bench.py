@@ -24,6 +24,7 @@ from lab.blind.sweeps import BASE, MENU
 from lab.blind.truth import CLUTTER_SHARE, STAND_ONLY, Recipe
 from lab.blind.truth import draw as draw_truths
 from lab.blind.workers import Crew
+from lab.cli import main
 from lab.files.baseline import from_table
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
@@ -52,7 +53,7 @@ class Euler:
 
 SIMULATOR = Euler
 """
-NAMED = [e.id for e in list_effects() if e.catalogue and e.id not in STAND_ONLY]
+NAMED = [e.id for e in list_effects() if e.catalogue and not e.on_request and e.id not in STAND_ONLY]
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +115,20 @@ def test_settled_sets_leave_out_what_a_settled_reading_cannot_show() -> None:
 
 
 # ------------------------------------------------------------------ cases
+def test_some_effects_are_drawn_on_request_only() -> None:
+    asked = [e.id for e in list_effects() if e.on_request]
+    assert asked and not any(set(asked) & set(t.all_effects) for t in draw_truths(Recipe(100, 1, clutter=0.15)))
+    drawn = draw_truths(Recipe(8, 1, only=("single",), causes=tuple(asked[:2])))
+    assert {name for t in drawn for name in t.effects} == set(asked[:2])
+
+
+def test_a_cause_that_no_sweep_shows_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for cause in ("force_bias", "no_such"):
+        asked = ["blind", "make", str(tmp_path / "set"), "--n", "1", "--seed", "1", "--wire", "0", "--cause", cause]
+        assert main(asked) == 2
+        assert f"--cause {cause}: must be one of" in capsys.readouterr().err
+
+
 def test_a_tip_case_is_the_paper_s_own_data(small_set: Path) -> None:
     table = read_csv(small_set / "cases" / "0001" / "trials.csv")
     assert len(table) == 35 * 3 and set(table["branch"]) == {"load"} and "qw" not in table.columns
@@ -157,7 +172,7 @@ def test_a_set_is_not_made_over_another(small_set: Path) -> None:
 def test_a_diagnosis_is_given_what_it_asks_for_and_nothing_else(small_set: Path, tmp_path: Path) -> None:
     folder = SetFolder(small_set)
     for name, chosen in (("0001", 2), ("0002", 0)):
-        bench.answer(folder, asks, chosen, name)
+        bench.answer(folder, asks, bench.Further(chosen), name)
     rounds = json.loads((folder.answers("0001") / "rounds.json").read_text())
     assert [r["asked"] for r in rounds] == [[], ["unload"], ["unload", "tip_mass"]]
     given = [r["diagnosis"]["given"] for r in rounds]
@@ -208,7 +223,7 @@ def test_a_robot_of_three_chambers_bends_with_one_of_them(tmp_path: Path) -> Non
 
 def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> None:
     folder = SetFolder(small_set)
-    bench.answer(folder, breaks, 0, "0003")
+    bench.answer(folder, breaks, bench.Further(), "0003")
     rounds = json.loads((folder.answers("0003") / "rounds.json").read_text())
     found = answer_from("0003", rounds[0]["diagnosis"])
     assert found.verdict == "failed" and "no idea" in found.error

@@ -23,7 +23,7 @@ from lab.blind.worlds.truth import WorldRecipe, causes, draw, draw_robot
 from lab.cli import main
 from lab.files.config import ConfigError
 from recordings.table_file import read_csv
-from sim_fakes.worlds.forms import EFFECTS
+from sim_fakes.worlds.forms import EFFECTS, ON_REQUEST
 from sim_fakes.worlds.outside_held_out import HELD_OUT
 from sim_fakes.worlds.table import WORLDS
 
@@ -72,6 +72,15 @@ def test_held_out_causes_are_drawn_where_they_are_asked_for_only() -> None:
     assert not set(causes(False)) & set(HELD_OUT) and causes(True) == HELD_OUT
     recipe = WorldRecipe("bench", 20, 1, ("outside",), held_out=True)
     assert {ids[0] for _, ids in draw(recipe)} == set(HELD_OUT)
+
+
+def test_some_effects_are_drawn_on_request_only() -> None:
+    usual = draw(WorldRecipe("bench", 60, 1, ("clean",)))
+    assert not {ids[0] for _, ids in usual} & set(ON_REQUEST)
+    recipe = WorldRecipe("bench", 8, 1, ("clean", "cluttered"), causes=tuple(ON_REQUEST))
+    assert {ids[0] for _, ids in draw(recipe)} == set(ON_REQUEST)
+    robot, effects = draw_robot(recipe, 0, "clean", ("tip_payload",))
+    assert set(effects) == {"tip_payload"} and robot.present["tip_payload"] == effects["tip_payload"] >= 0.5
 
 
 def test_gas_loads_the_walls_of_every_robot_of_a_world_that_says_so_and_of_that_stratum() -> None:

@@ -1,13 +1,17 @@
-"""`lab export --mat` and `--crate`: what other programs read, tried with their own readers."""
+"""`lab export --mat`, `--crate` and `--arviz`: what other programs read, tried with their own readers."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import shutil
+import sys
 from pathlib import Path
 
+import arviz
+import numpy as np
 import pytest
-from diagnosed_case import campaign, folder
+from diagnosed_case import answered_once, campaign, folder
 from rocrate.rocrate import ROCrate
 from scipy.io import loadmat
 
@@ -66,3 +70,72 @@ def test_a_case_has_no_streams(
     assert words in capsys.readouterr().err
     assert main(["export", str(case / "robot.yaml"), "--crate", "--out", str(tmp_path)]) == 2
     assert "give recordings" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = answered_once(tmp_path_factory.getbasetemp() / "answered")
+    case = tmp_path_factory.mktemp("arviz") / "spine"
+    shutil.copytree(made.case, case)
+    shutil.copy(made.json, case / "diagnosis.json")
+    return case
+
+
+def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path) -> None:
+    assert main(["export", str(diagnosed), "--arviz", "--out", str(tmp_path / "a")]) == 0
+    assert main(["export", str(diagnosed), "--arviz", "--out", str(tmp_path / "b")]) == 0
+    opened, again = (arviz.from_netcdf(tmp_path / place / "spine.nc") for place in "ab")
+    said = json.loads((diagnosed / "diagnosis.json").read_text())
+    leading = next(r for r in said["attribute"]["ranking"] if r["parameters"])
+    posterior, evidence = opened.posterior, opened.evidence
+    assert set(posterior.data_vars) == set(leading["parameters"]) and posterior.sizes == {"chain": 4, "draw": 1000}
+    assert posterior.attrs["hypothesis"] == " + ".join(leading["effects"])
+    assert (
+        posterior.attrs["robot"]
+        and posterior.attrs["inference_library_version"]
+        and "no covariance" in posterior.attrs["drawn_from"]
+    )
+    for size in said["detail"]["sizes"]:
+        draws = posterior[size["name"]]
+        assert (
+            draws.attrs["units"] == size["unit"]
+            and float(draws.min()) >= size["low"]
+            and float(draws.max()) <= size["high"]
+        )
+        for quantile, stated in ((0.05, size["low90"]), (0.95, size["high90"])):
+            assert float(draws.quantile(quantile)) == pytest.approx(stated, abs=0.1 * size["sd"])
+        assert np.array_equal(draws, again.posterior[size["name"]])
+    assert arviz.summary(opened, var_names=list(leading["parameters"])).shape[0] == len(leading["parameters"])
+    for r in said["attribute"]["ranking"]:
+        row = evidence.sel(hypothesis=" + ".join(r["effects"]) or "none")
+        assert (float(row.probability), float(row.log_evidence)) == (r["probability"], r["log_evidence"])
+        assert {str(e) for e in evidence.effect.values if row.named.sel(effect=e) == 1} == set(r["effects"])
+        stated = {
+            str(n): float(row.value.sel(parameter=n))
+            for n in evidence.parameter.values
+            if np.isfinite(row.sd.sel(parameter=n))
+        }
+        assert stated == {n: v["value"] for n, v in r["parameters"].items()}
+    assert float(evidence.probability.sum()) <= 1 + 1e-9
+
+
+@pytest.mark.parametrize("lacking", ["xarray", "h5netcdf"])
+def test_arviz_without_its_library_says_what_to_install(
+    lacking: str, diagnosed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, lacking, None)
+    assert main(["export", str(diagnosed), "--arviz", "--out", str(tmp_path)]) == 2
+    assert "pip install 'softlab[arviz]'" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_what_was_not_diagnosed_has_no_probabilities(
+    case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(RECORDING), "--arviz", "--out", str(tmp_path)]) == 2
+    assert "--arviz takes case folders that were diagnosed" in " ".join(capsys.readouterr().err.split())
+    assert main(["export", str(case), "--arviz", "--out", str(tmp_path)]) == 2
+    assert "not a diagnosis/1 file" in " ".join(capsys.readouterr().err.split())
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    assert main(["export", str(bare), "--arviz", "--out", str(tmp_path)]) == 2
+    assert "first: lab diagnose" in " ".join(capsys.readouterr().err.split())

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import json
 import pickle
+import sys
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
+import pyarrow.parquet
 import pytest
 import yaml
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as Ros2Writer
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
 
 from lab.cli import main
-from lab.files.config import ConfigError
+from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
 from lab.imports.map_file import Plateaus, Source
 from lab.imports.plateaus import plateaus
+from model.robot import Robot
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -127,6 +133,7 @@ COLUMNS = {
         ({"columns": {k: v for k, v in COLUMNS.items() if k != "z"}}, "give the tip by x, y and z, or by points.tip"),
         ({"columns": COLUMNS, "constants": {"tip_mass": "3 kPa"}}, "tip_mass: '3 kPa' has the unit 'kPa'"),
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
+        ({"columns": COLUMNS, "forces": "tip"}, "forces: a sensor that turns with the tip needs an orientation"),
         ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "no pressure stands within 1 Pa for 0.5 s"),
         ({"columns": COLUMNS, "frame": {"x": "-x", "y": "y", "z": "-z"}}, "change the sign of z and of y"),
     ],
@@ -141,6 +148,45 @@ def test_what_a_map_says_wrong_is_told(
     assert main(["import", str(tmp_path / "a.csv"), "--map", str(map_file), "--out", str(tmp_path / "case")]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "case" / "trials.csv").exists()
+
+
+@pytest.mark.parametrize(("sensor", "told"), [((0.0, 0.0, 0.015), False), ((0.0, 0.0, 0.0), True)])
+def test_a_sensor_that_contradicts_the_turn_of_the_tip_is_noted(
+    sensor: tuple[float, float, float], told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Arcs towards four sides, read 15 mm beyond the end of the body."""
+    lines = ["p1,x,y,z,qw,qx,qy,qz"]
+    for i, towards in enumerate(np.radians([0, 0, 90, 180, 270, 45, 200, 310])):
+        theta, stretched = (0.0, LENGTH) if i == 0 else (0.2 + 0.12 * i, LENGTH * (1 + 0.01 * i))
+        turn = Rotation.from_rotvec([-theta * np.sin(towards), theta * np.cos(towards), 0.0])
+        across = stretched * (theta / 2) * np.sinc(theta / 2 / np.pi) ** 2
+        end = np.array([across * np.cos(towards), across * np.sin(towards), stretched * np.sinc(theta / np.pi)])
+        tip = end + turn.apply([0.0, 0.0, 0.015]) + [0.02, 0.0, 0.3]
+        lines.append(",".join(f"{v:.9g}" for v in (1e4 * i, *tip, *turn.as_quat(scalar_first=True))))
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    columns = {"p1": {"column": "p1"}} | {a: {"column": a} for a in "xyz"}
+    turned = {"columns": ["qw", "qx", "qy", "qz"], "order": "wxyz"}
+    map_file = write_map(
+        tmp_path / "map.yaml",
+        columns=columns,
+        constants={"p2": 0, "p3": 0},
+        orientation=turned,
+        sensor=list(sensor),
+        straight="first state",
+    )
+    assert main(["import", str(tmp_path / "a.csv"), "--map", str(map_file), "--out", str(tmp_path / "case")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert ("fit one arc to 0.0 mm for a sensor 15.0 mm beyond the end of the body, but to" in said) == told
+
+
+def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path) -> None:
+    lines = ["t,p1,p2,p3,x,y,z"] + [",".join(f"{v:.8g}" for v in (t, *p, *tip)) for _, t, p, tip, _ in sweep(1)]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    told = case(tmp_path / "a.csv", write_map(tmp_path / "a.yaml", columns=COLUMNS), tmp_path / "told")
+    up, down = ["load"] * 2, ["unload"]
+    assert told["branch"].tolist() == ["load", *up, *down, *(down + up + down) * 2]
+    stated = write_map(tmp_path / "b.yaml", columns=COLUMNS, constants={"branch": "load"})
+    assert set(case(tmp_path / "a.csv", stated, tmp_path / "stated")["branch"].tolist()) == {"load"}
 
 
 def test_a_file_of_objects_is_read_without_running_it(tmp_path: Path) -> None:
@@ -177,6 +223,106 @@ def test_arrays_and_topics_become_columns(tmp_path: Path) -> None:
     assert topics["/pressure.data.1"] == pytest.approx([0, 5, 15, 25, 35])  # between its own readings
 
 
+def matlab_hdf5(path: Path, arrays: dict[str, np.ndarray]) -> Path:
+    """A file as MATLAB's save(.., '-v7.3') lays it out: 512 bytes of its own, then HDF5 with dimensions in reverse order."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+
+        def put(name: str, array: np.ndarray, kind: str) -> h5py.Dataset:
+            made = file.create_dataset(name, data=array.T, compression="gzip" if array.ndim == 2 else None)
+            made.attrs["MATLAB_class"] = np.bytes_(kind)
+            return made
+
+        for name, array in arrays.items():
+            put(name, array, "double")
+        file.create_group("robot").attrs["MATLAB_class"] = np.bytes_("struct")
+        put("robot/tip", np.arange(12.0).reshape(4, 3), "double")
+        put("robot/seen", np.array([[1], [1], [0], [1]], np.uint8), "logical")
+        put("robot/name", np.array([[ord(c) for c in "arm1"]], np.uint16), "char")
+        put("robot/nothing", np.array([[0, 4]], np.uint64), "double").attrs["MATLAB_empty"] = 1
+        held = put("#refs#/a", np.arange(4.0)[:, None], "double")
+        cells = file.create_dataset("cells", data=np.array([[held.ref]], h5py.ref_dtype))
+        cells.attrs["MATLAB_class"] = np.bytes_("cell")
+        sparse = file.create_group("sparse")
+        sparse.attrs["MATLAB_class"], sparse.attrs["MATLAB_sparse"] = np.bytes_("double"), 4
+        sparse.create_dataset("data", data=np.arange(4.0))
+        file["elsewhere"] = h5py.ExternalLink("other.mat", "p")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64 HDF5 schema 1.00 .".ljust(124) + b"\x00\x02IM"
+    with open(path, "r+b") as raw:
+        raw.write(head)
+    return path
+
+
+def test_a_matlab_7_3_file_is_read_as_its_older_form(tmp_path: Path) -> None:
+    table = np.arange(8.0).reshape(4, 2)
+    both = {"t": np.arange(4.0)[:, None], "p": table}
+    matlab_hdf5(tmp_path / "other.mat", {"p": np.zeros((4, 1))})
+    new = read(matlab_hdf5(tmp_path / "new.mat", both), Source())
+    savemat(
+        tmp_path / "old.mat", both | {"robot": {"tip": np.arange(12.0).reshape(4, 3), "seen": np.array([1, 1, 0, 1])}}
+    )
+    old = read(tmp_path / "old.mat", Source())
+    assert new.form == "MATLAB 7.3" and set(new.names) == set(old.names)
+    assert all((new.numbers[n] == old.numbers[n]).all() for n in old.names)
+    assert new.numbers["p.2"].tolist() == [1, 3, 5, 7] and new.numbers["robot.tip.3"].tolist() == [2, 5, 8, 11]
+    deep = np.arange(24.0).reshape(2, 3, 4)
+    axes = read(matlab_hdf5(tmp_path / "deep.mat", {"m": deep}), Source(axes={"m": ("trial", "time", "point")}))
+    assert axes.numbers["m.2"].tolist() == deep[:, :, 1].ravel().tolist()
+
+
+def test_a_matlab_7_3_file_that_is_too_large_or_damaged_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "large.mat", "w", userblock_size=512) as file:
+        large = file.create_dataset("p", (10**6, 10**3), np.float64, chunks=(1000, 10), compression="gzip")
+        large.attrs["MATLAB_class"] = np.bytes_("double")
+    assert (tmp_path / "large.mat").stat().st_size < 10_000
+    with pytest.raises(ConfigError, match="unpacked it has 8000 MB, at most 500 MB are read"):
+        read(tmp_path / "large.mat", Source())
+    whole = matlab_hdf5(tmp_path / "whole.mat", {"p": np.arange(4000.0)[:, None]}).read_bytes()
+    (tmp_path / "half.mat").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ConfigError, match="is not a MATLAB 7.3 file"):
+        read(tmp_path / "half.mat", Source())
+
+
+def parquet(path: Path) -> Path:
+    """A sweep as a table of another program: kPa and mm, times of the clock, words."""
+    rows = sweep()
+    columns: dict[str, Any] = {"at": [np.datetime64("2026-03-01T12:00:00.000") + int(1e3 * t) for _, t, *_ in rows]}
+    columns |= {f"p{i}": np.array([p[i - 1] for _, _, p, _, _ in rows], np.float32) / 1e3 for i in (1, 2, 3)}
+    columns |= {a: [1e3 * tip[k] for *_, tip, _ in rows] for k, a in enumerate("xyz")}
+    columns |= {"branch": [b for *_, b in rows], "trial": np.array([n for n, *_ in rows], np.int64)}
+    pyarrow.parquet.write_table(pyarrow.table(columns), path, compression="zstd")
+    return path
+
+
+def test_a_parquet_table_becomes_a_case(tmp_path: Path) -> None:
+    columns: dict[str, Any] = {"t": {"column": "at"}, "trial": {"column": "trial"}}
+    columns |= {f"p{i}": {"column": f"p{i}", "unit": "kPa"} for i in (1, 2, 3)}
+    columns |= {a: {"column": a, "unit": "mm"} for a in "xyz"}
+    columns["branch"] = {"column": "branch", "values": {"auf": "load", "ab": "unload"}}
+    map_file = write_map(tmp_path / "map.yaml", columns=columns)
+    table = case(parquet(tmp_path / "run.parquet"), map_file, tmp_path / "case")
+    truth = sweep()
+    assert table["trial"].tolist() == [n for n, *_ in truth]
+    assert table["t"] == pytest.approx([t for _, t, *_ in truth])
+    assert table["p2"] == pytest.approx([p[1] for _, _, p, _, _ in truth], rel=1e-6)
+    assert np.column_stack([table[a] for a in "xyz"]) == pytest.approx(np.array([tip for *_, tip, _ in truth]))
+    assert table["branch"].tolist() == ["load", "load", "load", "unload"] * 6
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1 and nothing more")
+    with pytest.raises(ConfigError, match="is not a Parquet file"):
+        read(tmp_path / "bad.parquet", Source())
+
+
+@pytest.mark.parametrize(("name", "library"), [("a.mat", "h5py"), ("a.parquet", "pyarrow.parquet"), ("a.c3d", "c3d")])
+def test_a_reader_that_is_not_installed_is_named(
+    name: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    matlab_hdf5(tmp_path / name, {"p": np.ones((4, 2))})
+    monkeypatch.setitem(sys.modules, library, None)
+    map_file = write_map(tmp_path / "map.yaml", columns=COLUMNS)
+    assert main(["import", str(tmp_path / name), "--map", str(map_file), "--out", str(tmp_path / "case")]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"is read with {library}, which is not installed; pip install 'softlab[import]'" in told
+
+
 def test_a_ros_2_bag_is_read(tmp_path: Path) -> None:
     with open(tmp_path / "bag.mcap", "wb") as file:
         writer = Ros2Writer(file)
@@ -211,3 +357,21 @@ def test_headings(name: str, said: tuple[tuple[str, ...], str]) -> None:
     assert (heading(name).words, heading(name).unit) == said
 
     assert quantity(heading("Payload [g]")) == "tip_mass" and quantity(heading("colour")) is None
+
+
+def test_which_way_cameras_look_follows_from_how_chambers_bend(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, file, out = load(ROBOT, Robot), tmp_path / "far.csv", tmp_path / "map"
+    lines = ["P1 [kPa],P2 [kPa],P3 [kPa],Tip X [mm],Tip Y [mm],Tip Z [mm]"]
+    for chamber, azimuth in enumerate(np.radians(robot.actuators.azimuths_deg)):
+        for level in (0.0, 20.0, 40.0, 20.0, 0.0):
+            bent = 0.01 * level
+            x, y, z = -bent * np.cos(azimuth) * 80, -bent * np.sin(azimuth) * 80, 150 - 30 * bent**2
+            # the cameras' Y points down along the robot, their Z along its -y; they stand elsewhere
+            read_here = (400 + x, -35 + z, 1500 - y)
+            lines.append(",".join(f"{v:.3f}" for v in (*(level * (k == chamber) for k in range(3)), *read_here)))
+    file.write_text("\n".join(lines))
+    assert main(["import", str(file), "--guess", "--robot", str(ROBOT), "--out", str(out)]) == 0
+    assert yaml.safe_load((out / "map.yaml").read_text())["frame"] == {"x": "x", "y": "-z", "z": "y"}
+    assert "does not tell which axis points from base to tip; taken as y" in " ".join(capsys.readouterr().err.split())

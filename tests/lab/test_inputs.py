@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
+from lab.cli import main
 from lab.files.example import paper_robot
-from lab.files.inputs import clipped_note, same_body
+from lab.files.inputs import clipped_note, read_case, same_body
+from recordings.file.writer import Recorder
+from recordings.states.rules import State, Window
 from recordings.trials import Table, TrialRow
 
 
@@ -26,3 +33,21 @@ def test_clipped_states_are_counted_and_named() -> None:
     assert clipped_note(Table((row(1, False),))) == []
     (note,) = clipped_note(Table(tuple(row(step, step != 2) for step in range(1, 10))))
     assert "8 of 9 states" in note and "trial 1 step 1, trial 1 step 3" in note and note.endswith("and 3 more")
+
+
+def test_the_robot_that_travels_with_a_recording_is_the_one_that_is_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = paper_robot().read_bytes().replace(b"length: 0.40", b"length: 0.41")
+    (tmp_path / "robot.yaml").write_bytes(paper_robot().read_bytes())  # what the rig has by now
+    none = (0.0,) * 9
+    read = TrialRow(1, 1, "bending", 1, "load", 1.0, 0.0, none, tip_mass=0.053, tip=(0.0, 0.0, 0.42))
+    with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"robot.yaml": own}) as recorder:
+        state = State(1, 1, "bending", 1, "load", Window(0.0), 1.0, 1.0, 0.0, none, 0.0, 0.053)
+        recorder.trial(1.0, recorder.state(1.0, state), read)
+    case = read_case([recorder.path])
+    assert case.robot.length == 0.41 and list(case.table) == [read]
+    assert main(["export", "--case", "--out", str(tmp_path / "case"), str(recorder.path)]) == 0
+    assert (tmp_path / "case" / "robot.yaml").read_bytes() == own
+    assert read_case([recorder.path], tmp_path / "robot.yaml").robot.length == 0.40  # only where a person says so
+    capsys.readouterr()

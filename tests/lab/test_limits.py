@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 import yaml
 
 from lab.cli import main
+from lab.console import clock
 from lab.files.config import ConfigError, load
 from lab.files.example import paper_robot
 from lab.files.rig_file import load_rig
@@ -161,3 +163,17 @@ def test_plan_says_it_with_exit_code_2(rig: Rig, capsys: pytest.CaptureFixture[s
     assert main(["plan", "bending", "--rig", str(path)]) == 2
     assert "250000 Pa, above max_pressure = 200000 Pa" in capsys.readouterr().err
     assert main(["plan", "bending", "--rig", str(path), "--set", "pressures=[200 kPa]"]) == 0
+
+
+def test_a_plan_tells_the_rigs_time_and_ones_own_apart(rig: Rig, capsys: pytest.CaptureFixture[str]) -> None:
+    path = rig()
+    assert main(["plan", "bending", "--rig", str(path), "--json"]) == 0
+    real = json.loads(capsys.readouterr().out)
+    assert real["clock_speed"] == 1 and real["host_seconds"] == real["seconds"] > 500
+    path = rig(clock={"speed": 20.0})
+    assert main(["plan", "bending", "--rig", str(path), "--json"]) == 0
+    fast = json.loads(capsys.readouterr().out)
+    assert fast["seconds"] == real["seconds"] and fast["host_seconds"] == pytest.approx(real["seconds"] / 20)
+    assert main(["plan", "bending", "--rig", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert f"about {clock(real['seconds'])} of the rig's time, {clock(fast['host_seconds'])} of yours" in said

@@ -116,7 +116,7 @@ def test_a_broken_one_takes_no_name_from_a_good_one(install: Install) -> None:
 def test_protocols(install: Install, capsys: pytest.CaptureFixture[str]) -> None:
     install("packaged", CREEP, protocols={"creep": "", "bending": ""})
     install("odd", "import nothing_of_this_name", protocols={"odd": ""})
-    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "creep"}
+    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles", "creep"}
     assert main(["plan", "elongation", "--rig", RIG]) == 0
     assert "note" not in capsys.readouterr().err
     assert main(["plan", "bending", "--rig", RIG]) == 0

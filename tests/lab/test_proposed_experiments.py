@@ -22,6 +22,7 @@ from recordings.trials import Table
 
 MENU = {
     "unload", "orientation", "markers", "elongation", "other_chambers", "roll", "tip_mass", "hold", "vacuum", "rate",
+    "lengths", "pressures",
 }  # fmt: skip
 
 
@@ -79,7 +80,7 @@ def test_the_rig_reads_the_states_that_were_foreseen(
     assert main(["run", str(path), "--rig", str(virtual_lab.rig), "--out", str(tmp_path)]) in (0, 3)
     (recording,) = tmp_path.glob("*.mcap")
     rows = read_case([recording]).table.rows
-    foreseen = columns(short, 9, ("x", "y", "z"))
+    foreseen = columns(short.parameters, 9, ("x", "y", "z"))
     assert [r.branch for r in rows] == foreseen["branch"].tolist()
     assert [r.protocol for r in rows] == foreseen["protocol"].tolist()
     assert [r.spine_length for r in rows] == pytest.approx(foreseen["spine_length"].tolist(), abs=2e-3)

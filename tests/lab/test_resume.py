@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from lab.cli import main
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.journal import read
+from recordings.campaign.labels import labels_of
 from recordings.file.reader import Recording
 from recordings.trials import Table
 
@@ -29,9 +31,21 @@ def lab(*arguments: object) -> int:
     return main([str(a) for a in arguments])
 
 
-def started(rig: Path, folder: Path, limit: int | None = None) -> subprocess.Popen[str]:
+def started(rig: Path, folder: Path, limit: int | None = None, said: tuple[str, ...] = ()) -> subprocess.Popen[str]:
     """A run in a process of its own; `limit` (bytes) is where its disk is full."""
-    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(rig), *SHORT, "--out", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "lab.cli",
+        "run",
+        "bending",
+        "--rig",
+        str(rig),
+        *SHORT,
+        "--out",
+        str(folder),
+        *said,
+    ]
 
     def fill() -> None:
         if limit is not None:
@@ -92,6 +106,24 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: Vi
 
     assert lab("run", "--resume", journal, "--rig", virtual_lab.rig) in (0, 3)
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
+
+
+def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    folder = tmp_path / "with blank"
+    process = started(virtual_lab.rig, folder, said=("--operator", "Ada", "--tag", "batch=3"))
+    wait_for('{"trial": 2, "step": 1}', folder, process)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=300)
+    assert process.returncode == 1, output
+    (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
+    words = shlex.split(told.removeprefix("go on with: "))
+    (first,) = folder.glob("*.mcap")
+    assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
+    assert lab(*words[1:], "--tag", "batch=4") in (0, 3)
+    (second,) = set(folder.glob("*.mcap")) - {first}
+    assert labels_of(Recording.open(first)) == {"operator": "Ada", "batch": "3"}
+    assert labels_of(Recording.open(second)) == {"operator": "Ada", "batch": "4"}
+    assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
 
 
 def test_what_cannot_be_resumed_is_told(

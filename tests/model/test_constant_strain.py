@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from model.condition import conditions
-from model.robot import Robot
+from model.robot import Robot, robot_from_dict
 from model.rods import solve
 from model.section import rods_of
 from model.simulators import Forward, Readings, States
@@ -42,3 +42,16 @@ def test_it_is_up_to_three_millimetres_from_the_rod(paper_robot: Robot, states: 
     apart = np.linalg.norm(own - rod, axis=1)
     assert 0.2e-3 < apart.max() < 3e-3
     assert np.linalg.norm(rod - [0.0, 0.0, 0.4], axis=1).max() > 0.2
+
+
+def test_it_knows_tendons_and_tapers(reference_robot: Robot) -> None:
+    states = States(
+        np.zeros(3), np.outer([0.0, 60e3, 120e3], [1.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    )
+    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
+    radii = {"outer_radius": (0.05, 0.045), "inner_radius": (0.029, 0.029), "path_radius": (0.04, 0.036)}
+    taper = [{"length": 0.2, "youngs_modulus": 7e5}, {"length": 0.2, **radii}]
+    other = {"chambers": None, "tendons": ring, "area_factor": 2.0, "sections": taper}
+    own, rod = tips(robot_from_dict({**reference_robot.model_dump(), **other}), states)
+    assert np.linalg.norm(own - rod, axis=1).max() < 2e-3
+    assert np.linalg.norm(rod[2] - rod[0]) > 0.02

@@ -58,6 +58,16 @@ def columns(pressures: NDArray[np.float64], lengths: NDArray[np.float64]) -> dic
     return {"trial": np.arange(n), "spine_length": lengths, **{f"p{c + 1}": pressures[:, c] for c in range(9)}}
 
 
+@pytest.mark.parametrize("markers", [(), (0.2,)])
+def test_a_robot_without_any_uncertainty_has_an_interval_of_no_width(
+    paper_robot: Robot, markers: tuple[float, ...]
+) -> None:
+    robot = paper_robot.model_copy(update={"markers": markers})
+    found = predict_campaign(robot, columns(*asked(4)), intervals=True)
+    assert found.sd is not None and not found.sd.any() and found.shape.shape == (4, len(markers), 3)
+    np.testing.assert_array_equal(found.tip, predict_campaign(robot, columns(*asked(4))).tip)
+
+
 @pytest.mark.parametrize("effects", [PLAIN, MEMORY], ids=["plain", "with memory"])
 def test_states_are_those_of_the_forward_model(paper_robot: Robot, effects: dict[str, Any]) -> None:
     robot = robot_with(paper_robot, effects)

@@ -73,6 +73,8 @@ UNITLESS = (
     "unit",
     "value",
     "sd",
+    "sections",
+    "tendons",
 )
 """Fields that are no numbers, and those whose unit stands beside them."""
 
@@ -89,11 +91,21 @@ def test_every_number_tells_its_unit() -> None:
     assert silent == []
 
 
-def test_tables_are_linear_between_entries_and_held_beyond_them(paper_robot: Robot) -> None:
-    assert paper_robot.spine is not None
-    np.testing.assert_allclose(
-        paper_robot.spine.modulus_at([0.01, 0.05, 0.125, 0.39]), [318e3, 318e3, 1677.5e3, 4389e3]
-    )
+def test_the_spine_s_modulus_goes_through_its_table_without_kinks_and_levels_off_beyond_it(paper_robot: Robot) -> None:
+    spine = paper_robot.spine
+    assert spine is not None
+    known = np.array(sorted(spine.modulus))
+    np.testing.assert_allclose(spine.modulus_at(known), [spine.modulus[x] for x in known])
+    step = 1e-6
+    before, after = (np.abs(spine.modulus_at(known + s) - spine.modulus_at(known)) / step for s in (-step, step))
+    np.testing.assert_allclose(before, after, rtol=1e-2)
+    along = spine.modulus_at(np.linspace(0.0, paper_robot.length, 400))
+    assert (np.diff(along) > 0).all() and along[0] > 0.5 * 318e3 and along[-1] < 2 * 4389e3
+    one = spine.model_copy(update={"modulus": {0.2: 1e6}})
+    np.testing.assert_allclose(one.modulus_at([0.0, 0.2, 0.4]), [1e6, 1e6, 1e6])
+
+
+def test_the_area_factor_is_linear_between_entries_and_held_beyond_them(paper_robot: Robot) -> None:
     np.testing.assert_allclose(paper_robot.area_factor_at([0.0, 0.075, 0.4]), [1.5, 1.6, 2.4])
 
 

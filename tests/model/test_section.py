@@ -25,7 +25,7 @@ def test_without_spine_the_modulus_is_the_bodys_own(paper_robot: Robot) -> None:
 
 
 def test_torsion_carries_youngs_modulus_and_the_polar_moment_as_printed(paper_robot: Robot) -> None:
-    stretch, bend = stiffness(paper_robot, 1e6)
+    stretch, bend = stiffness(paper_robot, 1e6, area=2e-3, second=1e-6, polar=2e-6)
     assert bend[2] == pytest.approx(bend[0] + bend[1])
     assert stretch[0] == pytest.approx(stretch[2] / 3, rel=1e-5)
 

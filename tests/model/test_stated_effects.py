@@ -13,6 +13,7 @@ from lab.files.config import ConfigError, load
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, design_from_columns
 from model.errors import BadRobot
 from model.robot import Robot, robot_from_dict
+from model.stated import Stated
 from tests.model.effects.conftest import campaign
 
 SLIP = {"moment": {"value": 0.15, "sd": 0.01, "unit": "N m"}, "stroke": {"value": 0.3, "sd": 0.2, "unit": "ln"}}
@@ -122,3 +123,28 @@ def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> Non
     assert covariance[0, 1] == pytest.approx(0.5e-4) and covariance[2, 3] == 0
     one = robot.with_values({"area_factor": 1.7, "spine_slip.moment": 0.2})
     assert one.area_factor == 1.7 and one.effects["spine_slip"]["moment"].value == 0.2 and one.posterior is None
+
+
+def test_a_stated_effect_acts_where_it_stands_in_the_catalogue(paper_robot: Robot) -> None:
+    """An offset of a gauge goes with its regulator to the chambers that hang on it, be their order stated or varied."""
+    columns = {
+        "trial": np.ones(2, int),
+        "spine_length": np.zeros(2),
+        "x": np.zeros(2),
+        "y": np.zeros(2),
+        "z": np.zeros(2),
+    }
+    columns |= {f"p{c}": np.array([0.0, 100e3 if c in (3, 4, 5) else 0.0]) for c in range(1, 10)}
+    design = design_from_columns(paper_robot, columns)
+    stated = {"chamber_order": {"blend": Stated(value=1.0, unit="1"), "which": Stated(value=2.0, unit="1")}}
+    fixed = paper_robot.model_copy(update={"effects": stated})
+    found = []
+    for robot, size in ((fixed, 0.0), (paper_robot, 1.0)):
+        known = {id: CATALOGUE[id] for id in ("pressure_offset", "chamber_order") if size or id != "chamber_order"}
+        forward = ForwardModel(robot, design, catalogue=known)
+        theta = np.zeros(len(forward.parameters))
+        theta[forward.index("pressure_offset")[0]] = 8e3
+        if size:
+            theta[forward.index("chamber_order")] = [1.0, 2.0]
+        found.append(forward.predict(theta))
+    assert found[0] == pytest.approx(found[1], abs=1e-6)

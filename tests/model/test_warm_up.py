@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba.core import event
 
-from model.effects import layout, solver
+from model.effects import solver
+from model.effects.layout import UNIFORM
 from model.rods import FINE, Form, rods, solve, stations
 from model.warm_up import warm_up
 
@@ -15,11 +16,11 @@ def test_after_warming_up_no_kernel_of_the_diagnosis_is_compiled() -> None:
     with event.install_recorder("numba:compile") as compiled:
         n = 3 * 8 + 1
         rows = rods(
-            layout.FORM, n, length=0.2, bend_stiffness=0.2, stretch_stiffness=90.0, tip_force=[0.0, 0.2, 0.0]
+            UNIFORM.form, n, length=0.2, bend_stiffness=0.2, stretch_stiffness=90.0, tip_force=[0.0, 0.2, 0.0]
         ).values
-        solved = solver.solve(rows, np.array([0.05, 0.1]), solver.integration_steps(rows))
-        solver.solve(rows, np.array([0.05, 0.1]), solved.steps, solved.solution, inside=False)
-        solver.differentiate(solved, np.zeros((2, layout.WIDTH)))
+        solved = solver.solve(UNIFORM, rows, np.array([0.05, 0.1]), solver.integration_steps(UNIFORM, rows))
+        solver.solve(UNIFORM, rows, np.array([0.05, 0.1]), solved.steps, solved, inside=False)
+        solver.differentiate(solved, np.zeros((2, UNIFORM.width)))
         plain = rods(Form(elements=2), n, length=0.2, bend_stiffness=0.2, stretch_stiffness=90.0)
         stations(plain, solve(plain, FINE), np.full((n, 2), 0.1), FINE)
     assert compiled.buffer == []

@@ -11,6 +11,8 @@ from drivers.chambers import ChamberMap
 from protocols.bench import Bench
 from protocols.errors import NotReached
 from protocols.experiment import READINGS, Plan, Trials
+from recordings.campaign.journal import Journal
+from recordings.campaign.journal import read as journal_of
 from recordings.campaign.replay import compare
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
@@ -89,3 +91,30 @@ def test_where_something_creeps_it_is_not(tmp_path: Path) -> None:
 def test_a_stream_that_pauses_again_and_again_is_no_reading(tmp_path: Path) -> None:
     with pytest.raises(NotReached, match="usable samples of /force"):
         read(tmp_path / "run.mcap", [(1.5 * k, 1.5 * k + 1.42) for k in range(8 * READINGS)], True)
+
+
+def test_a_skip_is_of_the_trial_in_which_it_was_asked_even_at_its_very_end(tmp_path: Path) -> None:
+    kept: list[tuple[object, ...]] = []
+    with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
+        bench = Bench(
+            ClockOfStream(),
+            recorder,
+            cast(Any, None),
+            Narrator(),
+            *cast(Any, (None,) * 3),
+            ChamberMap(tuple((i,) for i in range(1, 10))),
+        )
+        with (
+            Journal.begin(recorder.path, "test") as journal,
+            bench.steering.of_run(lambda *told: kept.append(told), lambda: None, lambda text: None),
+        ):
+            trials = Trials(bench, Plan("test", (), {}), journal)
+            first, reached = trials.begin(repeat=1, spine=0.0), []
+            with trials.doing(first):
+                bench.steering.ask("skip", "test")
+            with trials.doing(trials.begin(repeat=2, spine=0.0)):
+                bench.steering.check_skip()
+                reached.append(True)
+    told = journal_of(tmp_path / "run.journal")
+    assert reached == [True] and told.skipped == {1} and told.done == {2: 0} and told.finished == 2
+    assert [(kind, done, trial) for kind, _, _, done, trial, _ in kept] == [("skip", False, 1), ("skip", True, 1)]

@@ -16,7 +16,7 @@ RIG = str(ROOT / "examples/rig/rig.yaml")
 
 
 def test_the_project_s_own_are_known() -> None:
-    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation"}
+    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles"}
 
 
 def test_a_file_is_a_protocol_of_its_name() -> None:
@@ -50,7 +50,7 @@ def test_a_wrong_one_fails_before_anything_is_connected(tmp_path: Path, capsys: 
         assert words in capsys.readouterr().err
     assert main(["plan", str(tmp_path / "none.py"), "--rig", RIG]) == 2
     assert main(["plan", "bendin", "--rig", RIG]) == 2
-    assert "must be one of stiffness, bending, elongation, or a protocol file" in capsys.readouterr().err
+    assert "must be one of stiffness, bending, elongation, cycles, or a protocol file" in capsys.readouterr().err
 
 
 def test_a_plan_of_one_s_own_is_held_against_the_limits(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,8 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from mcap.reader import make_reader
 from synthetic_run import Run
 
+from recordings.events import EVENTS
 from recordings.file.player import messages
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
@@ -110,6 +114,21 @@ def test_the_independent_reader_reads_the_old_version_and_a_recording_named_by_t
     check_by_node(HERE / "data" / "bending-schema-1.mcap", node_modules)
     if further := os.environ.get("SOFTLAB_RECORDING"):
         check_by_node(Path(further), node_modules)
+
+
+def test_every_channel_is_described_as_viewers_need_it(path: Path) -> None:
+    """What Foxglove and Lichtblick demand: protobuf in protobuf, a schema of that full name with all files that it depends on."""
+    with open(path, "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None and summary.chunk_indexes and summary.statistics is not None
+    assert {channel.topic for channel in summary.channels.values()} >= {*STREAMS, *EVENTS}
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        assert (channel.message_encoding, schema.encoding) == ("protobuf", "protobuf"), channel.topic
+        pool = DescriptorPool()
+        for part in FileDescriptorSet.FromString(schema.data).file:
+            pool.Add(part)  # type: ignore[no-untyped-call]  # raises for a file whose imports are not there before it
+        assert pool.FindMessageTypeByName(schema.name).fields_by_name, channel.topic  # type: ignore[no-untyped-call]
 
 
 def test_another_viewer_imports_messages_as_fields_not_bytes(path: Path, tmp_path: Path) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
-from importlib.util import find_spec
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from scipy.io import loadmat
 from synthetic_run import Run
 
@@ -16,7 +17,6 @@ from recordings.errors import BadTable, MissingPackage
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 
-without_pyarrow = find_spec("pyarrow") is None
 COLUMNS = {
     "pressure": ["t", *(f"{n}_{i}" for n in ("setpoint", "measured") for i in range(1, 10))],
     "vacuum": ["t", "absolute"],
@@ -45,9 +45,7 @@ def test_csv_holds_every_number_to_the_last_bit(recording: Recording, tmp_path: 
         assert np.array_equal(np.array(rows, float), expected)
 
 
-@pytest.mark.skipif(without_pyarrow, reason="pyarrow is not installed; the export to Parquet needs it")
 def test_parquet_holds_the_same_columns_and_numbers_with_their_types(recording: Recording, tmp_path: Path) -> None:
-    from pyarrow import parquet  # type: ignore[import-not-found]
 
     files = {f.stem: f for f in export_streams(recording, tmp_path, "parquet")}
     assert {f.suffix for f in files.values()} == {".parquet"}
@@ -64,8 +62,10 @@ def test_parquet_holds_the_same_columns_and_numbers_with_their_types(recording: 
     assert tip.column_names[-1] == "t_aligned"
 
 
-@pytest.mark.skipif(not without_pyarrow, reason="pyarrow is installed")
-def test_parquet_without_pyarrow_says_what_to_install(recording: Recording, tmp_path: Path) -> None:
+def test_parquet_without_pyarrow_says_what_to_install(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingPackage, match="pyarrow.*CSV"):
         export_streams(recording, tmp_path, "parquet")
 

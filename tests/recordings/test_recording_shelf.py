@@ -8,14 +8,18 @@ from pathlib import Path
 import pytest
 from synthetic_run import TARGETS
 
+from recordings.campaign.labels import labels, metadata, split
 from recordings.campaign.shelf import INDEX, runs
+from recordings.errors import BadMessage
 from recordings.file.writer import Recorder
 from recordings.states.rules import State, Window
 
 
-def record(path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed") -> None:
+def record(
+    path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed", **said: str
+) -> None:
     path.parent.mkdir(exist_ok=True)
-    recorder = Recorder(path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9)
+    recorder = Recorder(path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9, metadata=metadata(said))
     for k in range(50):
         recorder.push("/pressure", k * 0.1, (TARGETS, TARGETS))
     state = State(
@@ -91,3 +95,28 @@ def test_a_lost_or_damaged_index_is_made_anew(shelf: Path, damage: bytes) -> Non
     data[100:3000] = bytes(2900)
     (shelf / INDEX).write_bytes(data)
     assert runs(shelf) == first
+
+
+def test_runs_are_picked_by_what_a_person_said_of_them(tmp_path: Path) -> None:
+    record(tmp_path / "one.mcap", 0, "bending", 0.1, operator="Ada", specimen="S 7", batch="a=b")
+    record(tmp_path / "two.mcap", 1, "bending", 0.1, operator="Ada")
+    record(tmp_path / "three.mcap", 2, "bending", 0.1)
+    names = lambda *where: [run.path for run in runs(tmp_path, where=where)]  # noqa: E731
+    assert names(("operator", "Ada")) == ["one.mcap", "two.mcap"]
+    assert names(("operator", "Ada"), ("batch", "a=b")) == ["one.mcap"] and names(("specimen", "S")) == []
+    assert [run.labels for run in runs(tmp_path)] == [
+        {"operator": "Ada", "specimen": "S 7", "batch": "a=b"}, {"operator": "Ada"}, {},
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("pairs", [[("a", "")], [("a", " ")], [("a", "x" * 201)], [("a", "1"), ("a", "2")]])
+def test_labels_that_say_nothing_too_much_or_twice_are_refused(pairs: list[tuple[str, str]]) -> None:
+    with pytest.raises(BadMessage, match="a"):
+        labels(pairs)
+
+
+@pytest.mark.parametrize("text", ["a", "=b", "A=b", "a b=c", "1=2", "x" * 31 + "=y"])
+def test_a_label_is_a_key_and_a_value(text: str) -> None:
+    with pytest.raises(BadMessage, match="KEY=VALUE"):
+        split(text)
+    assert split("a=b=c") == ("a", "b=c")

@@ -10,9 +10,15 @@ from pathlib import Path
 import pytest
 from house import House, until
 
+from drivers.errors import InstrumentError
 from lab.cli import main
+from lab.console import Screen
 from lab.files.inputs import read_case
+from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
+from lab.verbs.run import connect, execute, job
+from protocols.steering import Steering
+from recordings.file.reader import Recording
 
 BENDING = [
     word
@@ -101,3 +107,37 @@ def test_what_is_not_put_right_ends_the_run_with_its_cause(
     assert lab(house, tmp_path, "bending", *BENDING) == 1
     assert "mocap" in capsys.readouterr().err
     assert house.vented() and not house.latch.exists()
+
+
+@pytest.mark.parametrize("silent", [True, False])
+def test_in_a_pause_that_a_person_asked_for_every_instrument_must_go_on_measuring(
+    house: House, tmp_path: Path, silent: bool
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    settings = [word for word in BENDING if word != "--set"]
+    steering, plant = Steering(), house.fakes.plant
+    during(lambda: float(plant.regulator.max()) > 50e3, lambda: steering.ask("pause", "test"))
+    rests: list[float] = []
+
+    def in_the_pause() -> None:
+        until(lambda: house.highest() < 5e3)
+        rests.append(float(plant.valve_on))
+        if silent:
+            house.fakes.switch.begin("gauge", "silence")
+        else:
+            steering.ask("go on", "test")
+
+    during(lambda: steering.resting, in_the_pause)
+    asked = job("bending", house.rig, settings)
+    with Rig(asked.rig) as rig:
+        connect(rig, asked.experiment.needs, quiet=True)
+        done = execute(rig, asked, tmp_path, Screen("test", quiet=True), steering=steering)
+        house.fakes.switch.end()
+    assert rests == [1.0]  # vented, and still jammed
+    if silent:
+        assert done.outcome == "failed" and isinstance(done.error, InstrumentError) and done.error.instrument == "gauge"
+    else:
+        assert done.outcome == "completed" and [row.step for row in done.table] == [1, 2, 3, 4, 5]
+    kinds = [(request.kind, request.done) for request in Recording.open(done.file).requests]
+    went_on = [] if silent else [("go on", False), ("go on", True)]
+    assert kinds == [("pause", False), ("pause", True), *went_on]

@@ -69,7 +69,16 @@ def test_effect_of_size_zero_is_the_baseline_to_the_last_bit(effect: str) -> Non
         assert (a.force, a.pressures, a.vacuum) == (b.force, b.pressures, b.vacuum)
 
 
-SEEN_ELSEWHERE = {"time_offset", "force_bias", "arm_compliance", "contact_offset", "drift", "temperature_step"}
+SEEN_ELSEWHERE = {
+    "time_offset",
+    "force_bias",
+    "arm_compliance",
+    "contact_offset",
+    "drift",
+    "temperature_step",
+    "chamber_order",
+    "tendon_friction",
+}
 
 
 @pytest.mark.parametrize("effect", sorted(set(SCALES) - SEEN_ELSEWHERE))
@@ -288,5 +297,41 @@ def test_drawn_sizes_stay_within_half_and_one_and_a_half_of_the_scale() -> None:
         low, high = (0.6, 1.0) if info.sign == "blend" else (0.5, 1.5)
         assert low <= abs(size) / info.scale <= high
         assert size > 0 or info.sign == "both"
-    assert {name for name, _ in seen} == {i.id for i in infos.values() if i.catalogue}
+    assert {name for name, _ in seen} == {i.id for i in infos.values() if i.catalogue and not i.on_request}
     assert draw_effect(rng, ["drift"])[0] == "drift"
+
+
+def group(chambers: tuple[int, ...], pressure: float = 150e3) -> list[Condition]:
+    return [Condition(0.0, tuple(pressure if i + 1 in chambers else 0.0 for i in range(9)))]
+
+
+def test_exchanged_hoses_bend_to_another_side_from_half_on() -> None:
+    second, third = (3, 4, 5), (6, 7, 8)
+    wrong, right = (tips(walk(VirtualRobot(ALONG_X, {"chamber_order": size}), group(second))) for size in (1.0, 0.4))
+    assert right == pytest.approx(tips(walk(VirtualRobot(ALONG_X), group(second))))
+    assert wrong == pytest.approx(tips(walk(VirtualRobot(ALONG_X), group(third))), abs=1e-6)
+    assert change(group((9, 1, 2)), chamber_order=1.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_chambers_of_unlike_cores_push_unlike() -> None:
+    first, opposite = (np.linalg.norm(change(group(c), chamber_gain=0.1)) for c in ((9, 1, 2), (5, 6)))
+    assert min(first, opposite) > 1.0
+    robot = VirtualRobot(ALONG_X, {"chamber_gain": 0.1})
+    robot.pneumatics.seen[:] = 100e3
+    assert np.ptp(robot.pneumatics.forces()) > 0.15 * robot.pneumatics.forces().mean()
+
+
+def test_a_payload_has_its_weight_and_a_lever_that_turns() -> None:
+    aside = change([Condition(0.0)], tip_payload=0.1)[0]
+    assert abs(aside[0]) > 0.5 and abs(aside[1]) < 1e-3 and aside[2] > 0.1
+    rolled = change([Condition(0.0, roll=np.radians(90))], tip_payload=0.1)[0]
+    assert rolled[1] == pytest.approx(aside[0], rel=1e-3)
+
+
+def test_a_rest_shape_comes_of_being_bent_and_recovers_half() -> None:
+    rest = Condition(0.0, bend(0.0))
+    first, after, late = change([rest, Condition(0.0, bend(250e3)), rest, Condition(0.0, hold=1e4)], rest_shape=0.05)[
+        [0, 2, 3], 0
+    ]
+    assert abs(first) < 0.1 and after < -2.0
+    assert late == pytest.approx(after / 2, rel=0.15)

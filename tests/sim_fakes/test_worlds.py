@@ -18,7 +18,7 @@ from model.section import rods_of
 from sim_fakes.virtual_robot import list_effects
 from sim_fakes.worlds.campaign import STEPS, Robot, Sweep, Trial, read, respond
 from sim_fakes.worlds.carried import carried, nearest
-from sim_fakes.worlds.forms import EFFECTS, FORMS, physics
+from sim_fakes.worlds.forms import EFFECTS, FORMS, ON_REQUEST, physics
 from sim_fakes.worlds.frames import apply, log_derivatives, screw, transposed, twist
 from sim_fakes.worlds.outside import OUTSIDE, Cause
 from sim_fakes.worlds.outside_held_out import HELD_OUT
@@ -46,7 +46,7 @@ UP_AND_DOWN = tuple(Leg(bent(p), 5e3, 5.0 if p == 0 else 0.0) for p in (0, 100, 
 def tips(effect: str = "", form: str = "", size: float = 0.9) -> Array:
     """(5, 3, 3) of three spine lengths, on a coarse mesh, with one effect or outside cause."""
     spines = np.array([0.0, 0.1, 0.3])
-    known = {**OUTSIDE, **HELD_OUT}
+    known = {**OUTSIDE, **HELD_OUT, **ON_REQUEST}
     causes = {effect: known[effect]} if effect in known else {}
     made = lanes(spines, {effect: np.full(3, size)} if effect else {}, PLACES)
     return walk(made, physics({effect: form} if form else {}, causes), UP_AND_DOWN, segments=8).tip
@@ -90,7 +90,7 @@ def test_with_no_effect_on_the_tip_agrees_with_the_model_to_a_hundredth_of_a_mil
 
 # ------------------------------------------------------------------ forms
 def test_every_effect_that_a_sweep_shows_has_three_forms_or_more() -> None:
-    named = {e.id for e in list_effects() if e.catalogue} - STAND | {"chamber_thrust"}
+    named = {e.id for e in list_effects() if e.catalogue and not e.on_request} - STAND | {"chamber_thrust"}
     assert set(FORMS) == set(EFFECTS) == named
     assert all(len(forms) >= 3 for forms in FORMS.values())
 
@@ -203,3 +203,9 @@ def test_a_slow_camera_error_lasts_from_reading_to_reading() -> None:
     error = read(robot, sweep, response, np.random.default_rng(1)).tip[::2, :, 0]
     error = error - error.mean(axis=0)
     assert np.mean(error[:, 1] * error[:, 2]) > 0.4 * np.mean(error**2)
+
+
+@pytest.mark.parametrize("effect", ON_REQUEST)
+def test_effects_on_request_move_the_tip_and_vanish_with_their_size(effect: str) -> None:
+    assert millimetres(moves(effect)) > 0.5
+    assert np.array_equal(tips(effect, size=0.0), tips())

@@ -22,7 +22,7 @@ from ...files.config import ConfigError
 from ..designs import Design, design
 from ..folder import SetFolder, new_set, seal
 from ..make import ATTEMPTS, robot_yaml, write_case, write_predictions
-from ..sweeps import BASE, BASE_SETTLED, MENU, State, Sweep
+from ..sweeps import AGAIN, BASE, BASE_SETTLED, MENU, State, Sweep
 from ..workers import Crew, spread
 from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, draw, draw_robot
 
@@ -142,7 +142,7 @@ def _measured(order: Order, attempt: int) -> tuple[WorldTruth, dict[str, Table]]
     rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
     readings = read(robot, walked, response, rng)
     tables = {base.name: table_of(base, readings)}
-    for sweep in MENU if order.menu else ():
+    for sweep in (*MENU, replace(base, name=AGAIN)) if order.menu else ():
         later = walk_of(sweep, late=LATER)
         changing = respond(robot, later, tuple(courses(robot, later)))
         tables[sweep.name] = table_of(sweep, read(robot, later, changing, rng))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim_fakes.worlds.campaign import Robot, tails
-from sim_fakes.worlds.forms import EFFECTS
+from sim_fakes.worlds.forms import EFFECTS, ON_REQUEST
 from sim_fakes.worlds.outside import OUTSIDE, Cause
 from sim_fakes.worlds.robot import LENGTH, draw_places
 from sim_fakes.worlds.table import World, world
@@ -90,6 +90,8 @@ class WorldRecipe:
     settled: bool = False
     held_out: bool = False
     """Outside causes are those that nothing is developed on."""
+    causes: tuple[str, ...] = ()
+    """Effects that causes are drawn from; without, all but those that are drawn on request."""
 
 
 def causes(held_out: bool) -> Mapping[str, Cause]:
@@ -104,7 +106,10 @@ def causes(held_out: bool) -> Mapping[str, Cause]:
 def draw(recipe: WorldRecipe) -> list[tuple[Stratum, tuple[str, ...]]]:
     """Stratum and causes of each case, in an order that tells nothing; a pair gets its partner with its sizes."""
     rng = np.random.default_rng([recipe.seed, 5])
-    known = {False: _around(rng, _names(recipe)), True: _around(rng, sorted(causes(recipe.held_out)))}
+    known = {
+        False: _around(rng, list(recipe.causes) or _names(recipe)),
+        True: _around(rng, sorted(causes(recipe.held_out))),
+    }
     chosen: list[tuple[Stratum, tuple[str, ...]]] = []
     for stratum in _strata(recipe):
         kind = KINDS[stratum]
@@ -129,6 +134,11 @@ def _names(recipe: WorldRecipe) -> list[str]:
     return [e for e in EFFECTS if e != THRUST and not (recipe.settled and e in RAMPING_ONLY)]
 
 
+def drawable() -> list[str]:
+    """Effects that a cause may be asked for from."""
+    return [*(e for e in EFFECTS if e != THRUST), *ON_REQUEST]
+
+
 def _around(rng: np.random.Generator, names: Sequence[str]) -> Any:
     while True:
         yield from (str(x) for x in rng.permutation(list(names)))
@@ -140,7 +150,7 @@ def draw_robot(
     """A robot and the sizes of its causes; another `attempt` draws sizes, clutter and tolerances anew."""
     rng = np.random.default_rng([recipe.seed, 6, place, attempt])
     where = world(recipe.world)
-    known = causes(recipe.held_out)
+    known = {**causes(recipe.held_out), **ON_REQUEST}
     names = list(ids)
     if KINDS[stratum] == "pair":
         names.append(str(rng.choice([e for e in _names(recipe) if e not in names])))

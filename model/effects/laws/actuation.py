@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.effects.design import USED
 from model.effects.quantities import Quantities
+from model.effects.shows import by_chambers, chambers_apart, directions_apart
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 FULL = 250e3
@@ -15,6 +18,8 @@ FULL = 250e3
 DEADBAND_SOFTNESS = 0.2
 """Width of the smooth corner of a dead band, in dead bands."""
 BALLOON_POWER = 1.25
+ORDERS = ((1, -1), (-1, -1), (-1, 0), (-1, 1), (1, 1))
+"""Ways to connect hoses wrongly, as sense and start of counting: turned back, three mirror images, turned on."""
 ONSET_SOFTNESS = 0.5
 """Width of the smooth corner where ballooning sets in, in onsets."""
 
@@ -22,6 +27,12 @@ ONSET_SOFTNESS = 0.5
 def _above(x: np.ndarray, soft: np.ndarray) -> np.ndarray:
     """What x is above zero, its corner rounded over `soft`."""
     return np.asarray(0.5 * (x + np.sqrt(x**2 + soft**2)))
+
+
+def slack(p: np.ndarray, band: np.ndarray) -> np.ndarray:
+    """f(p - band) - f(-band): what is left of p after the first `band` of it, its corner rounded."""
+    soft = DEADBAND_SOFTNESS * band
+    return np.asarray(_above(p - band, soft) - _above(-band, soft))
 
 
 def _time_offset(q: Quantities, v: Values) -> None:
@@ -46,15 +57,11 @@ def _pressure_deadband(q: Quantities, v: Values) -> None:
     band = v["band"][..., None]
     soft = DEADBAND_SOFTNESS * band
     p = q.pressure
-
-    def above(x: np.ndarray) -> np.ndarray:
-        return _above(x, soft)
-
-    slack = above(p - band) - above(-band)
+    taken = slack(p, band)
     kept = np.maximum(q.design.highest - band, 0.0)
-    late = p - above(p - kept) + above(-kept)
+    late = p - _above(p - kept, soft) + _above(-kept, soft)
     share = np.where(q.design.unload[:, None], v["play"][..., None], 0.0)
-    q.pressure = np.where((p > 0) & (band != 0), slack + share * (late - slack), p)
+    q.pressure = np.where((p > 0) & (band != 0), taken + share * (late - taken), p)
 
 
 def _chamber_ballooning(q: Quantities, v: Values) -> None:
@@ -66,6 +73,36 @@ def _chamber_ballooning(q: Quantities, v: Values) -> None:
 
     grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, FULL))) ** power
     q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
+
+
+def orders(azimuths_deg: Sequence[float]) -> NDArray[np.int64]:
+    """(5, chambers) the chamber whose pressure each gets, of `ORDERS`; a step on the ring is a third of the chambers."""
+    ring = np.argsort(np.mod(azimuths_deg, 360.0), kind="stable")
+    n = len(ring)
+    step, place = max(1, round(n / 3)), np.arange(n)
+    out = np.empty((len(ORDERS), n), np.int64)
+    for own, (sense, shift) in zip(out, ORDERS, strict=True):
+        own[ring] = ring[(sense * place + shift * step) % n]
+    return out
+
+
+def _chamber_order(q: Quantities, v: Values) -> None:
+    """Between two orders pressures mix; what is searched begins and ends at one of them."""
+    which = v["which"][..., None]
+    mixed = np.zeros_like(q.pressure)
+    for k, order in enumerate(orders(q.robot.actuators.azimuths_deg)):
+        share = np.maximum(1 - np.abs(which - (k - len(ORDERS) // 2)), 0.0)
+        mixed = mixed + share * q.pressure[..., order]
+    q.pressure = q.pressure + v["blend"][..., None] * (mixed - q.pressure)
+
+
+def _chamber_gain(q: Quantities, v: Values) -> None:
+    """From one side to the other (peak 0), or one chamber that differs from the others (strong above 0, weak below)."""
+    x, y, peak = (v[name][..., None] for name in ("x", "y", "peak"))
+    along = np.cos(np.deg2rad(q.robot.actuators.azimuths_deg) - np.arctan2(y, x))
+    sharp = np.where(peak == 0, 1.0, peak)
+    shape = np.where(peak == 0, along, np.expm1(sharp * along) / np.sinh(sharp))
+    q.area_factor = q.area_factor * (1 + np.hypot(x, y) * (shape - shape.mean(axis=-1, keepdims=True)))
 
 
 def _chamber_azimuth(q: Quantities, v: Values) -> None:
@@ -116,8 +153,24 @@ SPECS = (
         ),
         law=Law(before=_pressure_deadband),
         citation="slack of the winding: a chamber must swell to its winding before it pushes; h = 1: backlash, as of a valve",
+        shown=by_chambers,
         seen_best_in="low pressures",
         family="pressure_zero",
+    ),
+    EffectSpec(
+        id="chamber_order",
+        stage="actuation",
+        equation="P_i = (1 - w) P_i,read + w P_k,read, k = pi(i): the ring of chambers turned a third (-2, 2) or mirrored",
+        parameters=(
+            Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend", starts=(1.0,)),
+            Parameter("which", "1", 2.0, -2.0, 2.0, role="shape", starts=(-2.0, -1.0, 0.0, 1.0, 2.0)),
+        ),
+        law=Law(before=_chamber_order),
+        citation="geometry: hoses or channels exchanged",
+        exact=True,
+        tolerated=False,
+        shown=directions_apart,
+        seen_best_in="chambers of different sides inflated one after another",
     ),
     EffectSpec(
         id="chamber_ballooning",
@@ -131,7 +184,22 @@ SPECS = (
         ),
         law=Law(before=_chamber_ballooning),
         citation="Polygerinos et al., IEEE T-RO 31 (2015), on fibre-reinforced bending actuators",
+        shown=by_chambers,
         seen_best_in="pressure curve at zero spine",
+    ),
+    EffectSpec(
+        id="chamber_gain",
+        stage="actuation",
+        equation="A_i = A (1 + |g| (f_i - mean f)), f_i = (exp(k cos(az_i - az_g)) - 1) / sinh k, g = (x, y) towards az_g",
+        parameters=(
+            Parameter("x", "1", 0.1 / math.sqrt(2), -0.4, 0.4),
+            Parameter("y", "1", 0.1 / math.sqrt(2), -0.4, 0.4),
+            Parameter("peak", "1", 1.0, -3.0, 3.0, role="shape"),
+        ),
+        law=Law(before=_chamber_gain),
+        citation="moulded rubber, ISO 3302-1 class M3: 0.3 mm on 10 mm, 6 % of the area; as much again for walls (estimate)",
+        shown=chambers_apart,
+        seen_best_in="chambers of different sides inflated one after another; all chambers at once",
     ),
     EffectSpec(
         id="chamber_azimuth",

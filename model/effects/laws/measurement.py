@@ -9,6 +9,7 @@ import numpy as np
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.rotations import rolled
+from model.effects.shows import pushes
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 from model.rotation import to_base
 
@@ -72,6 +73,7 @@ SPECS = (
         parameters=(Parameter("bias", "N", 0.1, -2.0, 2.0),),
         law=Law(after=_force_bias),
         citation="zero error of the sensor",
+        shown=pushes,
         seen_best_in="stiffness trials: the intercept",
     ),
     EffectSpec(
@@ -81,6 +83,7 @@ SPECS = (
         parameters=(Parameter("give", "m/N", 5e-5, 0.0, 2e-3, sign="positive"),),
         law=Law(before=_arm_compliance),
         citation="springs in series",
+        shown=pushes,
         seen_best_in="stiffness trials: the modulus falls with the specimen's stiffness",
     ),
     EffectSpec(
@@ -93,6 +96,7 @@ SPECS = (
         ),
         law=Law(before=_contact_offset),
         citation="delayed contact; springs in series",
+        shown=pushes,
         seen_best_in="stiffness trials: the first points",
     ),
 )

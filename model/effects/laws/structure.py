@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from model.effects.history import History
 from model.effects.quantities import Quantities
+from model.effects.shows import returns
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 Array = NDArray[np.float64]
@@ -44,6 +45,11 @@ def _viscoelastic(h: History, v: Values) -> None:
     share = h.silicone + v["spine"][..., None] * (1 - h.silicone)
     for name, time in RELAXATION_TIMES.items():
         h.add(-v[name][..., None] * share * h.lag(time))
+
+
+def _rest_shape(h: History, v: Values) -> None:
+    """The silicone's own shape is bent towards where it has been; a spine holds against it."""
+    h.add(v["kept"][..., None] * h.silicone * h.extremes(v["recovery"]))
 
 
 def _hyperelastic(q: Quantities, v: Values) -> None:
@@ -122,6 +128,20 @@ SPECS = (
         law=Law(path=_viscoelastic),
         citation="standard linear solid (Zener, 1948) with three relaxation times",
         seen_best_in="hold times, ramp rate, unload branch: depends on rate, unlike slip",
+    ),
+    EffectSpec(
+        id="rest_shape",
+        stage="material",
+        equation="u* = s c (k_max + k_min), k_max >= 0 and k_min <= 0 the extremes of the curvature at each place of the body in "
+        "the campaign so far, which fade by exp(-r t); s the silicone's share of EI; axial strain likewise",
+        parameters=(
+            Parameter("kept", "1", 0.03, 0.0, 0.4, sign="positive"),
+            Parameter("recovery", "1/s", 1e-3, 0.0, 5e-3, role="shape", starts=(0.0, 1.5e-3)),
+        ),
+        law=Law(path=_rest_shape),
+        citation="Diani et al., Eur. Polym. J. 45 (2009), on residual strain; the size is an estimate",
+        shown=returns,
+        seen_best_in="the state at zero pressure, before the first trial and after each; a side never bent to",
     ),
     EffectSpec(
         id="spine_length_offset",

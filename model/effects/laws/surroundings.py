@@ -8,6 +8,7 @@ import numpy as np
 
 from model.effects.quantities import Quantities
 from model.effects.rotations import rolled
+from model.effects.shows import by_chambers
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 STIFFENED = 0.1
@@ -29,6 +30,13 @@ def _self_weight(q: Quantities, v: Values) -> None:
 def _tether_load(q: Quantities, v: Values) -> None:
     q.tip_force = q.tip_force + _vector(v["x"], v["y"])
     q.tether = q.tether + v["spring"]
+
+
+def _tip_payload(q: Quantities, v: Values) -> None:
+    """What is fixed to the tip turns with it, and with a robot that is mounted rolled."""
+    q.payload = q.payload + v["mass"]
+    x, y = rolled(q.design.roll, v["x"], v["y"])
+    q.payload_place = q.payload_place + np.stack(np.broadcast_arrays(x, y, v["z"]), axis=-1)
 
 
 def _chamber_thrust(q: Quantities, v: Values) -> None:
@@ -83,6 +91,20 @@ SPECS = (
         seen_best_in="roll the robot: its direction stays fixed in the world",
     ),
     EffectSpec(
+        id="tip_payload",
+        stage="load",
+        equation="F_tip = m g, M_tip = R(L) c x m g, c = (x, y, z) from the tip to the payload's centre in the tip's frame",
+        parameters=(
+            Parameter("mass", "kg", 0.1, -0.3, 3.0),
+            Parameter("x", "m", 0.02, -0.15, 0.15, role="shape"),
+            Parameter("y", "m", 0.02, -0.15, 0.15, role="shape"),
+            Parameter("z", "m", 0.03, -0.1, 0.3, role="shape"),
+        ),
+        law=Law(before=_tip_payload),
+        citation="statics; a gripper, camera or fitting that robot.yaml's tip_mass leaves out",
+        seen_best_in="horizontal robot, another tip mass; its lever turns with the tip",
+    ),
+    EffectSpec(
         id="chamber_thrust",
         stage="load",
         equation="F_tip = (1 - w) P A e3(L), v*_3 = w P A / EA: w = 0 thrust follows the tip (paper, eq. 4), w = 1 the side "
@@ -90,6 +112,7 @@ SPECS = (
         parameters=(Parameter("share", "1", 1.0, 0.0, 1.0, sign="blend", starts=(1.0,)),),
         law=Law(before=_chamber_thrust),
         citation="pressurised curved tubes: Haringx, Philips Res. Rep. 3 (1948); paper, eq. 4",
+        shown=by_chambers,
         seen_best_in="pressure curve at all lengths",
         tolerated=False,
     ),

@@ -47,7 +47,7 @@ U_REST_NORM, PARTS = 16, 17
 TERMS, RISES = 18, 21
 """Hyperelastic a, b, c (3), and the coefficients of z, z^2, z^3 of u* (9): of rods in full form, else unused."""
 ELEMENT = 30
-MOST_SPRINGS = 3
+MOST_SPRINGS = 4
 
 # The quantities in `work`, one array for all so that nothing has to be counted or checked for overlap on the way.
 Q, M, R, N, PEAK_M2 = 0, 4, 7, 10, 13
@@ -229,7 +229,7 @@ def set_rest_norm(elements: Array, p: int, l: int) -> None:
 def copy_terms(full: Full, rods: Array, row: int, o: int, elements: Array, p: int, l: int) -> None:
     """The hyperelastic and graded terms from column o on, where rods have them."""
     if full is not None:
-        for k in range(12):
+        for k in range(ELEMENT - TERMS):
             elements[(p + k) * LANES + l] = rods[row, o + k]
 
 

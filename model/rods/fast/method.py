@@ -49,6 +49,8 @@ class Fast:
     """(n, elements) fixes the integration steps, so that solutions are smooth in all parameters."""
     remember: bool = False
     """Keep what a later solve of nearly the same rods can start from, which about halves its time."""
+    follow: bool = True
+    """Whether a rod that this leaves open is loaded in steps from zero, at a thousand times the cost; else it has FAILED."""
     cores: int = 1
     """Threads that the rods are shared out to."""
 
@@ -82,8 +84,10 @@ class Fast:
             values[again[trusted]], memory[again[trusted]] = found_anew[trusted], anew[trusted]
             good[again[trusted]] = True
         status = np.zeros(n, np.int8)
-        if not good.all():
+        if self.follow and not good.all():
             self._follow(rods, np.flatnonzero(~good), values, status)
+        elif not good.all():
+            status[~good], values[~good, :AT_RESIDUAL] = Status.FAILED, np.nan
         found = Solution(values, status, no_shape(n), memory)
         if arcs is None:
             return found

@@ -58,6 +58,24 @@ def test_derivatives_agree_with_differences_of_predictions(
     assert forward.linearise(theta, some)[1] == pytest.approx(jacobian[:, some], rel=1e-9, abs=1e-12)
 
 
+def test_where_all_effects_are_absent_derivatives_are_those_towards_each_of_them(
+    paper_robot: Robot, make_campaign: Callable[..., Any]
+) -> None:
+    design = design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3)))
+    forward = ForwardModel(paper_robot, design)
+    for theta in (np.zeros(len(forward.parameters)), at_some_values(forward, seed=5)):
+        sizes = [k for k, p in enumerate(forward.parameters) if p.role == "size" and p.group == "effect"]
+        theta[sizes] = 0.0
+        here, jacobian = forward.linearise(theta)
+        assert here == pytest.approx(forward.predict(theta), abs=0)
+        for k in sizes:
+            step = np.zeros(theta.size)
+            step[k] = 1e-4 * forward.parameters[k].sd
+            moved = (forward.predict(theta + step) - here) / 1e-4
+            name = forward.parameters[k].name
+            assert jacobian[:, k] * forward.parameters[k].sd == pytest.approx(moved, abs=3e-6, rel=3e-3), name
+
+
 def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(
     paper_robot: Robot, make_campaign: Callable[..., Any]
 ) -> None:

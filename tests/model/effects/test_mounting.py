@@ -56,6 +56,29 @@ def test_each_further_mounting_has_tolerances_that_act_on_it_alone(
     assert (moved[rolled] > 1e-3).all() and (moved[~rolled] < 1e-12).all()
 
 
+def test_what_is_done_on_another_day_may_be_mounted_anew(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
+    def joined(later: float, restart: bool = False) -> ForwardModel:
+        parts = [make_campaign(lengths=(0.0, 0.1), levels=LEVELS) for _ in range(2)]
+        parts[1]["trial"] = parts[1]["trial"] + 2
+        parts[1]["t"] = parts[1]["t"] + later
+        columns = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
+        if restart:
+            for trial in np.unique(columns["trial"]):
+                own = columns["trial"] == trial
+                columns["t"][own] -= columns["t"][own][0]
+        return made(paper_robot, columns)
+
+    def mountings(forward: ForwardModel) -> list[str]:
+        return [p.name for p in forward.parameters if p.name.startswith("mount_turn")]
+
+    long = float(joined(0.0).design.t.max())
+    assert mountings(joined(1e5)) == mountings(joined(0.0)) == [f"mount_turn.{a}[roll=0 deg, sitting 2]" for a in "xyz"]
+    assert mountings(joined(long + 60.0)) == mountings(joined(1e5, restart=True)) == []
+    other = joined(1e5)
+    moved = np.abs(tips(other, **{"mount_turn__x[roll=0 deg, sitting 2]": 0.01}) - tips(other)).max(axis=1)
+    assert ((moved > 1e-3) == (other.design.sitting == 1)).all() and set(other.design.sitting) == {0, 1}
+
+
 def test_each_repeat_of_the_sweep_may_be_mounted_anew(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     forward = made(paper_robot, make_campaign(lengths=(0.1,), levels=LEVELS, repeats=2))
     own = [p for p in forward.parameters if p.name.startswith("repeat_")]
@@ -110,7 +133,7 @@ def test_an_obstacle_touches_the_body_where_its_lever_says(
     theta[names.index("contact.stiffness")], theta[names.index("contact.lever")] = 1e-3, lever
     here = forward._solved(theta).final
     long = paper_robot.length
-    there = solve_rows(here.rows, np.array([long - lever]), here.steps).result
+    there = solve_rows(here.layout, here.rows, np.array([long - lever]), here.steps).result
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
     arm = to_base(
         there[:, at.ORIENTATION : at.ORIENTATION + 4], here.rows[:, wall + at.SPRING_ARM : wall + at.SPRING_ARM + 3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.effects.layout import FORM
+from model.effects.layout import UNIFORM
 from model.errors import BadCondition
 from model.rods import Fast, Rods, energy, energy_sensitivities, solve
 from tests.model.rods.cases import robots
@@ -49,7 +49,7 @@ def test_the_energy_changes_with_every_field_as_differences_say(name: str) -> No
 
 
 def test_hyperelastic_terms_are_refused() -> None:
-    made = robots(1, 100e3, 0.1, form=FORM)
+    made = robots(1, 100e3, 0.1, form=UNIFORM.form)
     along = np.zeros((1, 1, made.form.width))
     assert energy_sensitivities(made, solve(made), along)[0, 0] == 0.0
     made.form.view(along, "series")[...] = 1.0

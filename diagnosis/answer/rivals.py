@@ -1,0 +1,191 @@
+"""The hypotheses still in play, and what each predicts of an experiment: before it is done, and where it was done.
+
+A prediction is a normal distribution about the hypothesis' own fit,
+
+    cov = S C S^T + S' V S'^T + f^2 F F^T + g^2 D D^T + R,
+
+C the posterior covariance of the robot's parameters with every effect that is not named free within its tolerance, V that of
+parameters drawn anew with each trial, F the error of the laws (f), D the smooth discrepancy (g), R the readings' noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.stats import f as f_distribution
+
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.errors import ModelError
+
+from ..inference.discrepancy import Settings, by_channel, settings
+from ..inference.discrepancy import columns as smooth_columns
+from ..inference.evidence import SPIKES, Hypothesis
+from ..inference.posterior import UNKNOWN, Posterior
+from ..inference.prepare import KINDS, Prepared
+from ..inference.search import Candidate
+from .distinguishability import Distinguishability
+
+Array = NDArray[np.float64]
+
+MOST = 5
+"""Rivals that are compared."""
+LEAST_WEIGHT = 0.05
+"""Least probability that a rival counts with, so that experiments also test what the data have nearly excluded."""
+LEAST_SPIKE = float(SPIKES[SPIKES > 0].min())
+MOUNTED = ("tilt", "frame_shift")
+"""Tolerances that are drawn again where a robot may be mounted anew."""
+LEAST_SIZE = 0.25
+"""Of the discrepancy."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Values (n,) that one hypothesis predicts, and how surely."""
+
+    mean: Array
+    factor: Array
+    """(n, n) lower Cholesky factor of the covariance."""
+    row: NDArray[np.int64]
+    channel: NDArray[np.str_]
+    """(n,) state and channel of each value."""
+
+    def log_density(self, outcomes: Array) -> Array:
+        """(draws,) of outcomes (draws, n), up to a constant common to all."""
+        white = solve_triangular(self.factor, (outcomes - self.mean).T, lower=True)
+        return -0.5 * (white**2).sum(axis=0) - float(np.log(np.diag(self.factor)).sum())
+
+    def p_value(self, observed: Array, contrasts: int) -> float:
+        """Probability of values (n,) at least so far off: F, as the noise is known from so many contrasts alone. Values that are
+        not finite are left out."""
+        known = np.isfinite(observed)
+        covariance = (self.factor @ self.factor.T)[np.ix_(known, known)]
+        white = solve_triangular(np.linalg.cholesky(covariance), (observed - self.mean)[known], lower=True)
+        n = int(known.sum())
+        return float(f_distribution.sf(float(white @ white) / n, n, max(contrasts, 1)))
+
+    @cached_property
+    def tip(self) -> tuple[Array, Array]:
+        """Tip (states, 3) and standard deviation of each coordinate, m; NaN where it is not measured."""
+        states = int(self.row.max(initial=-1)) + 1
+        at, sd = np.full((states, 3), np.nan), np.full((states, 3), np.nan)
+        spread = np.sqrt((self.factor**2).sum(axis=1))
+        for axis, name in enumerate("xyz"):
+            own = self.channel == name
+            at[self.row[own], axis], sd[self.row[own], axis] = self.mean[own], spread[own]
+        return at, sd
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Leading hypotheses of a diagnosis with their probabilities among each other."""
+
+    prepared: Prepared
+    candidates: tuple[Candidate, ...]
+    weight: Array
+    """(k,) sums to one."""
+    _covariances: dict[int, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, p: Prepared, weighed: Posterior, separation: Distinguishability) -> Rivals:
+        """The leading hypotheses, and the rivals of the first that these data cannot tell from it."""
+        ranked: list[Hypothesis] = [h for h, _ in weighed.ranking if h != UNKNOWN][:MOST]
+        if len(ranked[0]) == 1:
+            ranked[1:1] = [(e,) for e in separation.rivals(ranked[0][0]) if (e,) in weighed.candidates]
+        kept = tuple(weighed.candidates[h] for h in dict.fromkeys(ranked))[:MOST]
+        weight = np.maximum([weighed.probability(c.named) for c in kept], LEAST_WEIGHT)
+        return cls(p, kept, weight / weight.sum())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In words."""
+        return tuple(" + ".join(c.named) or "none" for c in self.candidates)
+
+    def predict(self, table: Mapping[str, Any]) -> tuple[Prediction, ...] | None:
+        """What each predicts for the states of a table's columns; None where one of them has no equilibrium."""
+        p = self.prepared
+        try:
+            forward = p.forward.on(design_from_columns(p.robot, table))
+        except ModelError:
+            return None
+        names = {info.name: i for i, info in enumerate(forward.parameters)}
+        known = p.problem.parameters
+        shared = [(names[n], i) for i, n in enumerate(known.names) if n in names and not known.recurs[i]]
+        new, old = np.array(shared).T
+        own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
+        fresh = np.setdiff1d(np.arange(len(own_sd)), new)
+        mounted = [i for i, info in enumerate(forward.parameters) if info.source in MOUNTED]
+        white, smooth, laws = _noise(p, forward)
+        observed = forward.observations
+        same = observed.row[:, None] == observed.row[None, :]
+        made = []
+        for k, c in enumerate(self.candidates):
+            theta = np.zeros(len(own_sd))
+            theta[new] = c.fit.theta[old]
+            mean, slope = forward.linearise(theta)
+            if not np.isfinite(mean).all() or not np.isfinite(slope).all():
+                return None
+            total = slope[:, new] @ self._covariance(k)[np.ix_(old, old)] @ slope[:, new].T
+            total += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T
+            # Done another time, the robot stands a little differently.
+            total += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T
+            pressure = p.noise_components.pressure * slope[:, names["pressure_offset.offset"]]
+            total += np.where(same, np.outer(pressure, pressure), 0.0)
+            size = max(c.grid_point.size, LEAST_SIZE)
+            total += size**2 * smooth @ smooth.T + np.diag(white**2)
+            for effect in c.named:
+                done = mean - forward.predict(_without(theta, forward, effect))
+                if np.isfinite(done).all():
+                    wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
+                    total += wrong @ wrong.T
+            factor = np.asarray(np.linalg.cholesky(total), np.float64)
+            made.append(Prediction(mean, factor, observed.row, observed.channel.astype(np.str_)))
+        return tuple(made)
+
+    def _covariance(self, k: int) -> Array:
+        """Posterior covariance (p, p) of all parameters of the problem under one of the candidates."""
+        if k not in self._covariances:
+            c, p = self.candidates[k], self.prepared.problem.parameters
+            linear, at = c.fit.linear, c.grid_point
+            prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
+            scale, _ = p.scaled(prior)
+            own = p.of_effect
+            ours = np.empty((len(linear.observed), len(scale)))
+            ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance
+            errors = (at.form_error * linear.form_error,
+                      linear.discrepancy_size(at.size, at.form_error) * linear.discrepancy)  # fmt: skip
+            every = np.hstack([ours, *errors])
+            inverse = np.linalg.inv(np.eye(every.shape[1]) + every.T @ every)[: len(scale), : len(scale)]
+            self._covariances[k] = scale[:, None] * inverse * scale[None, :]
+        return self._covariances[k]
+
+
+def _without(theta: Array, forward: ForwardModel, effect: str) -> Array:
+    out = theta.copy()
+    out[[i for i, info in enumerate(forward.parameters) if info.source == effect]] = 0.0
+    return out
+
+
+def _noise(p: Prepared, forward: ForwardModel) -> tuple[Array, Array, Array]:
+    """White noise (n,) of new values, columns (n, m) of a discrepancy of size 1 over them, the basis (n, b) of a law's error."""
+    channel = forward.observations.channel
+    kind = [1 if c.startswith("r") else 2 if c.startswith("m") else 0 for c in channel]
+    white = np.array([p.noise_components.channel[KINDS[k]] for k in kind])
+    design = forward.design
+    highest = design.pressure.max(axis=1)
+    where = settings(
+        design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length
+    )
+    names = sorted(set(channel.tolist()))
+    size = np.array([2 * p.unit / p.robot.length if n.startswith("r") else p.unit for n in names])
+    number = np.array([names.index(c) for c in channel])
+    row, smooth = forward.observations.row, smooth_columns(where)
+    laws = smooth_columns(Settings(where.place, np.ones(len(design))))
+    both = np.hstack([laws[row], by_channel(laws, row, number, np.ones(len(names)))])
+    return white, by_channel(smooth, row, number, size), np.sqrt(0.5) * both

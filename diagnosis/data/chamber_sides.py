@@ -1,0 +1,75 @@
+"""Where tips go against where the chambers push them: whether another order of the chambers can be the cause at all."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.laws.actuation import ORDERS, orders
+from model.effects.shows import sides_apart
+from model.effects.spec import EffectSpec
+from model.robot import Robot
+from model.stated import Stated
+
+from .states import States
+
+Array = NDArray[np.float64]
+
+ORDER = "chamber_order"
+"""The effect that exchanges chambers."""
+ELSEWHERE, ENOUGH = np.cos(np.radians(45.0)), 0.05
+"""Cosine of the angle between push and tip from which a state contradicts the order, and the share of states that do."""
+ASIDE = 0.03
+"""Robot lengths that a tip must be aside to have a direction."""
+ALIKE = 20.0
+"""Degrees within which azimuths are those of another order."""
+
+
+def leave_out(robot: Robot, states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+    """A catalogue without another order of the chambers where the robot has one, or tips go to where the chambers push them."""
+    if ORDER not in catalogue or (ORDER not in robot.effects and contradicted(robot, states)):
+        return catalogue
+    return {id: spec for id, spec in catalogue.items() if id != ORDER}
+
+
+def contradicted(robot: Robot, states: States) -> bool:
+    """Whether tips go to other sides than the order of the chambers says."""
+    azimuth = np.radians(robot.actuators.azimuths_deg) + np.radians([[r.roll_deg or 0.0] for r in states.rows])
+    push = -np.stack([(states.pressure * f(azimuth)).sum(axis=1) for f in (np.cos, np.sin)], axis=1)
+    aside, strength = states.tip[:, :2], np.linalg.norm(push, axis=1)
+    far = np.linalg.norm(aside, axis=1)
+    own = (np.nan_to_num(far) > ASIDE * robot.length) & (strength > 0.2 * states.pressure.max(initial=1.0))
+    if not own.any():
+        return False
+    along = (aside[own] * push[own]).sum(axis=1) / (far[own] * strength[own])
+    return bool(np.mean(along < ELSEWHERE) > ENOUGH)
+
+
+def exchanged(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
+    """Which order that the effect knows makes the robot's chambers act at these azimuths; None where none does."""
+    given = np.array(robot.actuators.azimuths_deg)
+    for place, order in enumerate(orders(given.tolist())):
+        off = np.mod(np.array(azimuths_deg)[order] - given + 180.0, 360.0) - 180.0
+        if (order != np.arange(len(order))).any() and np.abs(off).max() < ALIKE:
+            return place
+    return None
+
+
+def with_order(robot: Robot, place: int) -> Robot:
+    """The robot with its chambers connected so, as its robot.yaml would state it."""
+    values = {"blend": 1.0, "which": float(place - len(ORDERS) // 2)}
+    stated = {name: Stated(value=value, sd=0.0, unit="1") for name, value in values.items()}
+    return robot.model_copy(update={"effects": {**robot.effects, ORDER: stated}})
+
+
+def order_told(robot: Robot, place: int) -> str:
+    """The order in words."""
+    held = " ".join(str(k + 1) for k in orders(robot.actuators.azimuths_deg)[place])
+    return f"chambers 1 to {len(robot.actuators.azimuths_deg)} hold the pressures of {held} ({ORDER})"
+
+
+def can_name_order(robot: Robot, states: States, effects: Collection[str]) -> bool:
+    """Whether the effect is among those that are weighed and chambers were inflated that bend to several sides."""
+    return ORDER in effects and sides_apart(robot, states.pressure[~states.pushed])

@@ -1,0 +1,278 @@
+"""The loop closed: diagnose, choose the experiment that tells most for its time, foretell it, do it, diagnose again.
+
+    bits gained = sum_h q_h log2(q_h / p_h),    p before the experiment, q after
+
+What each rival predicts is written down before the experiment runs, and judged where it was done: by the density of the readings
+and by how far they are off. An experiment that no rival foretold speaks for a cause outside the catalogue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import design_from_columns
+from model.robot import Robot
+from recordings.trials import Table
+
+from .answer.next_experiment import planned
+from .answer.result import Diagnosis, Proposal
+from .answer.rivals import Rivals
+from .data.case import CaseLike, states
+from .diagnose import Examined, Options, examine
+from .errors import BadCase
+from .inference.prepare import table_columns
+
+Array = NDArray[np.float64]
+
+SURE = 0.95
+"""Probability from which nothing more is asked."""
+LEAST_BITS = 0.05
+"""Expected information below which an experiment is not worth doing."""
+UNFORESEEN = 1e-3
+"""Probability of readings so far off below which a prediction has failed."""
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far an investigation may go."""
+
+    minutes: float = 60.0
+    """Of the experiments as they are estimated, hands included."""
+    experiments: int = 3
+
+
+@dataclass(frozen=True)
+class RivalPrediction:
+    """What one hypothesis predicts for the planned states."""
+
+    effects: tuple[str, ...]
+    probability: float
+    """Among the rivals."""
+    tip_mm: tuple[tuple[float, ...], ...]
+    sd_mm: tuple[tuple[float, ...], ...]
+    """By state: x, y, z and their standard deviations."""
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """An experiment, and what is expected of it, before it runs."""
+
+    proposal: Proposal
+    rivals: tuple[RivalPrediction, ...]
+
+    @property
+    def telling(self) -> int | None:
+        """The state in which the predictions differ most, for their uncertainty; None where nothing is predicted."""
+        if not self.rivals or not self.rivals[0].tip_mm:
+            return None
+        tip, sd = (np.array([getattr(r, name) for r in self.rivals]) for name in ("tip_mm", "sd_mm"))
+        return int(np.nanargmax(np.nanmax(np.ptp(tip, axis=0) / np.maximum(sd.min(axis=0), 1e-6), axis=-1)))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How the prediction of one hypothesis came out."""
+
+    effects: tuple[str, ...]
+    rms_mm: float
+    """Distance of the tips read from those predicted at the pressures that were reached."""
+    p_value: float
+    bits: float
+    """By which the readings speak for it against the best of the rivals; 0 for that one."""
+
+    @property
+    def failed(self) -> bool:
+        """The readings are not among what it predicts."""
+        return self.p_value < UNFORESEEN
+
+
+@dataclass(frozen=True)
+class Round:
+    """A diagnosis, and the experiment chosen after it."""
+
+    diagnosis: Diagnosis
+    minutes: float
+    """Spent on experiments so far."""
+    foretold: Foretold | None = None
+    judged: tuple[Judged, ...] = ()
+    bits: float = 0.0
+    """Gained by the experiment, from this diagnosis to the next."""
+    refused: Mapping[str, str] = field(default_factory=dict)
+    """Experiments that would have told more, and why they were not done."""
+
+    @property
+    def unforeseen(self) -> bool:
+        """No rival foretold what was read."""
+        return bool(self.judged) and all(j.failed for j in self.judged)
+
+
+@dataclass(frozen=True)
+class Investigation:
+    """All rounds, and why it ended."""
+
+    rounds: tuple[Round, ...]
+    ended: str
+
+    @property
+    def answer(self) -> Diagnosis:
+        """The last diagnosis."""
+        return self.rounds[-1].diagnosis
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {"schema": "investigation/1", "ended": self.ended, "rounds": [_round(r) for r in self.rounds]}
+
+
+class NotDone(Exception):
+    """An experiment that cannot be done here, or that the person does not want; says why."""
+
+
+class Laboratory(Protocol):
+    """Where experiments are done."""
+
+    def refusal(self, proposal: Proposal) -> str:
+        """Why this one cannot be done; empty where it can."""
+
+    def perform(self, foretold: Foretold) -> CaseLike:
+        """Do it, after keeping what was foretold; the campaign with the new states behind the others. Raises `NotDone`."""
+
+
+def settled(d: Diagnosis) -> bool:
+    """Whether nothing more needs to be asked."""
+    return d.attribute.verdict != "unknown" and d.attribute.probability >= SURE
+
+
+def wanted(d: Diagnosis, refusal: Callable[[Proposal], str]) -> Iterator[tuple[Proposal, str]]:
+    """Proposals worth doing, best first, each with why it cannot be done; none where the answer is settled."""
+    if not settled(d):
+        yield from ((p, refusal(p)) for p in d.next_experiment if p.expected_bits >= LEAST_BITS)
+
+
+def investigate(
+    case: CaseLike,
+    laboratory: Laboratory,
+    options: Options | None = None,
+    limits: Limits = Limits(),  # noqa: B008 (frozen)
+    diagnosed: Callable[[Round], None] = lambda _: None,
+) -> Investigation:
+    """Diagnose and experiment until the cause is settled, nothing on the menu tells more, or the limits are reached.
+
+    `diagnosed` is told of each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
+    """
+    rounds: list[Round] = []
+    done: set[str] = set()
+    spent = 0.0
+    while True:
+        found = examine(case, options)
+        if rounds:
+            rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, found.diagnosis))
+        here = Round(found.diagnosis, spent)
+        diagnosed(here)
+        if settled(found.diagnosis) or len(done) >= limits.experiments:
+            said = "settled" if settled(found.diagnosis) else f"{len(done)} experiments were done"
+            return Investigation((*rounds, here), said)
+        refused: dict[str, str] = {}
+        for proposal, why in wanted(found.diagnosis, laboratory.refusal):
+            if proposal.id in done:
+                continue
+            if not why and spent + proposal.cost_min > limits.minutes:
+                why = f"takes {proposal.cost_min:g} min, {limits.minutes - spent:.0f} are left"
+            try:
+                if why:
+                    raise NotDone(why)
+                foretold = foretell(found.rivals, proposal)
+                more = laboratory.perform(foretold)
+            except NotDone as e:
+                refused[proposal.id] = str(e)
+                continue
+            rounds.append(replace(here, foretold=foretold, judged=judge(found, case, more), refused=refused))
+            done.add(proposal.id)
+            spent += proposal.cost_min
+            case = more
+            break
+        else:
+            ended = (
+                "nothing that can be done is expected to tell more"
+                if refused
+                else "no experiment is expected to tell more"
+            )
+            return Investigation((*rounds, replace(here, refused=refused)), ended)
+
+
+def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
+    """What each rival predicts for the states of a proposal."""
+    predictions = rivals.predict(planned(rivals.prepared, proposal.protocol)) or ()
+    made = [
+        RivalPrediction(c.named, float(w), _mm(p.tip[0]), _mm(p.tip[1]))
+        for c, w, p in zip(rivals.candidates, rivals.weight, predictions, strict=False)
+    ]
+    return Foretold(proposal, tuple(made))
+
+
+def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...]:
+    """How what was foretold from `case` came out in the rows that `more` has behind it; none where they hold no tips."""
+    rows = more.table.rows[len(case.table.rows) :]
+    rivals = before.rivals
+    try:
+        own = before.first.moved(states(Measured(rivals.prepared.robot, Table(rows)))[0])
+    except BadCase:
+        return ()
+    own = own.take(~own.pushed)
+    table = table_columns(own)
+    predictions = rivals.predict(table) if len(own) else None
+    if predictions is None:
+        return ()
+    observed, _ = rivals.prepared.forward.on(design_from_columns(rivals.prepared.robot, table)).observe(table)
+    density = [float(p.log_density(observed[None, :])[0]) for p in predictions]
+    out = []
+    for c, p, its in zip(rivals.candidates, predictions, density, strict=True):
+        missed = np.linalg.norm(own.tip - p.tip[0], axis=1)
+        bits = float((its - max(density)) / np.log(2))
+        chance = p.p_value(observed, rivals.prepared.noise_components.contrasts)
+        out.append(Judged(c.named, float(np.sqrt(np.nanmean(missed**2))) * MM, chance, bits))
+    return tuple(out)
+
+
+def bits_gained(before: Diagnosis, after: Diagnosis) -> float:
+    """Kullback-Leibler divergence of the probabilities after from those before, bits."""
+    p = {r.effects: r.probability for r in before.attribute.ranking}
+    q = {r.effects: r.probability for r in after.attribute.ranking}
+    known = [(q[h], p[h]) for h in q if h in p and q[h] > 0 and p[h] > 0]
+    # What only one of the rankings shows is taken together, as what the other leaves.
+    rest = (max(1 - sum(a for a, _ in known), 0.0), max(1 - sum(b for _, b in known), 0.0))
+    every = [*known, *([rest] if min(rest) > 0 else [])]
+    return max(float(sum(a * np.log2(a / b) for a, b in every)), 0.0)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A robot and a table of trials."""
+
+    robot: Robot
+    table: Table
+
+
+def _mm(values: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(round(float(x) * MM, 3) for x in row) for row in values)
+
+
+def _round(r: Round) -> dict[str, Any]:
+    leading = [{"effects": list(x.effects), "probability": x.probability} for x in r.diagnosis.attribute.ranking[:6]]
+    out: dict[str, Any] = {
+        "verdict": r.diagnosis.attribute.verdict, "probability": r.diagnosis.attribute.probability, "ranking": leading,
+        "minutes": r.minutes, "not_done": dict(r.refused),
+    }  # fmt: skip
+    if r.foretold is not None:
+        out |= {
+            "experiment": {"id": r.foretold.proposal.id, "do": r.foretold.proposal.do,
+                           "expected_bits": r.foretold.proposal.expected_bits, "cost_min": r.foretold.proposal.cost_min},
+            "came_out": [{**asdict(j), "effects": list(j.effects), "failed": j.failed} for j in r.judged],
+            "unforeseen": r.unforeseen, "bits_gained": r.bits,
+        }  # fmt: skip
+    return out

@@ -1,0 +1,116 @@
+"""A campaign as its plan foresees it, and what each further experiment would bring to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.spec import EffectSpec
+from model.robot import Robot
+from recordings.trials import TEXTS, Table, TrialRow
+
+from ..answer.candidate_experiments import Experiment, candidate_experiments, columns
+from ..data.case import CaseLike, states
+from ..errors import BadCase
+from ..inference.prepare import DEFAULT_NOISE, prepare
+from .rates import power
+from .worlds import Planned
+
+Columns = Mapping[str, NDArray[np.generic]]
+
+
+@dataclass(frozen=True)
+class Addition:
+    """An experiment more, and what it would bring."""
+
+    experiment: Experiment
+    right: float
+    """Share of the same causes told right with it."""
+    gained: float
+    """Over what the plan tells in as many worlds."""
+
+    @property
+    def per_hour(self) -> float:
+        """Gain an hour."""
+        return self.gained / max(self.experiment.minutes / 60, 1e-3)
+
+
+@dataclass(frozen=True)
+class PlannedCase:
+    """A robot and what a plan would read of it."""
+
+    robot: Robot
+    table: Table
+
+
+def foreseen(
+    robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] = CATALOGUE, seed: int = 1
+) -> PlannedCase:
+    """A case as the planned columns would give it, of a robot as it is described, read with the usual noise and scatter of
+    trials. Raises `BadCase` where the rod has no equilibrium."""
+    design = design_from_columns(robot, table)
+    forward = ForwardModel(robot, design, "one", {})
+    rng = np.random.default_rng(seed)
+    theta = np.array([p.sd * rng.standard_normal() if p.recurs else 0.0 for p in forward.parameters])
+    low, high = np.array([[p.low, p.high] for p in forward.parameters]).T
+    values = forward.predict(np.clip(theta, low, high))
+    if not np.isfinite(values).all():
+        raise BadCase(
+            "the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness"
+        )
+    read = {name: np.array(column) for name, column in table.items()}
+    observed = forward.observations
+    for name in ("x", "y", "z"):
+        own = observed.channel == name
+        read[name] = read[name].astype(float)
+        read[name][observed.row[own]] = values[own] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(own.sum()))
+    rows = []
+    for i in range(len(design)):
+        cells: dict[str, Any] = {n: str(c[i]) if n in TEXTS else c[i].item() for n, c in read.items()}
+        known = {n: v for n, v in cells.items() if v != "" and v == v}
+        rows.append(TrialRow.from_cells({"step": i + 1, "protocol": "bending", **known}))
+    return PlannedCase(robot, Table(tuple(rows)))
+
+
+def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
+    """The linear problem of a campaign, measured or foreseen. Raises `BadCase`."""
+    return Planned.of(prepare(case.robot, states(case)[0], catalogue=catalogue))
+
+
+def additions(
+    case: PlannedCase,
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+    each: int = 12,
+    seed: int = 2,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[Addition, ...]:
+    """What each experiment of the menu would bring beside a plan, most for its time first."""
+    before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
+    menu = candidate_experiments(case.robot, states(case)[0])
+    found = []
+    for k, e in enumerate(menu):
+        progress((k + 1) / (len(menu) + 1))
+        try:
+            wider = _with(case, e, seed)
+        except BadCase:
+            continue
+        after = power(of_case(wider, catalogue), tuple(catalogue), each, seed).right
+        found.append(Addition(e, after, after - before))
+    progress(1.0)
+    return tuple(sorted(found, key=lambda a: -a.per_hour))
+
+
+def _with(case: PlannedCase, e: Experiment, seed: int) -> PlannedCase:
+    """The case with an experiment behind it."""
+    chambers = len(case.robot.actuators.azimuths_deg)
+    more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), {}, seed)
+    last, end = max(r.trial for r in case.table), max(r.t for r in case.table)
+    rows = tuple(replace(r, trial=r.trial + last, t=r.t + end + 60.0) for r in more.table)
+    return PlannedCase(case.robot, Table((*case.table.rows, *rows)))

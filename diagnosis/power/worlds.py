@@ -1,0 +1,197 @@
+"""Before anything is measured: which causes a plan can tell apart, at which size, and which it cannot.
+
+Worlds are drawn under the design, linear about the robot as it is described,
+
+    y = A theta + N u + g D w + sum_e f_e r_e o (B z_e) + e,    r_e = A_e theta_e,
+
+with at most one cause at 0.5 to 1.5 plausible scales; every other effect in clutter, heavy-tailed; each law wrong by a smooth
+share f_e of what its effect does there; the rest as the prior has it. Each world is weighed under none and every single
+effect with the evidence of the diagnosis (`inference.evidence`), and named by the largest probability.
+
+Not drawn: pairs, causes outside the catalogue, and what is not linear. Source of the scheme: simulation-based calibration, Talts
+et al. 2018, and power by simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
+
+from ..criticism.probability_calibration import CALIBRATED
+from ..inference.budget import Part, carried, parts
+from ..inference.evidence import KNOWN, NONE, SPIKES, Hypothesis, log_mass
+from ..inference.linear import Linear
+from ..inference.posterior import PRIOR_SHARES
+from ..inference.prepare import Prepared
+from ..inference.problem import Problem, leading
+from ..inference.search import Candidate, Search
+
+Array = NDArray[np.float64]
+
+CAUSE = (0.5, 1.5)
+"""Plausible scales of a cause."""
+CLUTTER = (0.0, 0.05, 0.1, 0.2)
+"""Standard deviation of every other effect, plausible scales; one of them in each world."""
+FREEDOM = 3
+"""Degrees of freedom of Student's t, of the clutter."""
+TOLERATED = float(SPIKES[SPIKES > 0].mean())
+LEAST = 1.0
+"""Length of a whitened response below which an effect cannot be drawn."""
+BASE_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Planned:
+    """The linear problem of a design, without any effect."""
+
+    problem: Problem
+    none: Candidate
+    where: tuple[Part, ...]
+    effects: tuple[str, ...]
+    """That can be drawn."""
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> Planned:
+        """Of a campaign."""
+        none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
+        p, own = prepared.problem.parameters, none.fit.linear.effects
+        seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > LEAST]
+        return cls(prepared.problem, none, parts(prepared), tuple(seen))
+
+    @property
+    def linear(self) -> Linear:
+        """Around the calibrated robot."""
+        return self.none.fit.linear
+
+    def sizes(self, effect: str) -> NDArray[np.intp]:
+        """Its parameters that are sizes."""
+        p = self.problem.parameters
+        return np.flatnonzero(p.mask((effect,)) & p.sizes)
+
+    def floors(self, white: Array) -> float:
+        """Noise floors that a whitened response (n,) carries after calibration."""
+        done = self.problem.noise.colour(white)[:, None]
+        squares = carried(self.problem, self.where, self.none.fit.slope, done)
+        return max(float(np.sqrt(s[0, 0])) / part.floor for s, part in zip(squares, self.where, strict=True))
+
+    def form_errors(self, named: Hypothesis) -> Array:
+        """Columns of what may be wrong with the laws: of what is named at its plausible scale, of all else at its tolerance."""
+        found = []
+        for effect in self.effects:
+            own = self.sizes(effect)
+            size = 1 / np.sqrt(len(own)) if effect in named else TOLERATED
+            size *= self.problem.parameters.law_error[effect]
+            found += [size * self.linear.effects[:, j] for j in own]
+        return leading(np.hstack([self.problem.form_error_of(self.problem.noise.colour(c)) for c in found]))
+
+
+@dataclass(frozen=True)
+class World:
+    """One robot that was drawn."""
+
+    readings: Array
+    """(n,) whitened."""
+    cause: str
+    """Empty: none."""
+    size: float
+    """Plausible scales."""
+    clutter: float
+
+
+def drawn(
+    d: Planned, rng: np.random.Generator, cause: str | None = None, clutter: Sequence[float] = CLUTTER
+) -> tuple[World, dict[str, Array]]:
+    """One world, and the whitened response (n,) of each effect in it; the cause is drawn unless it is given."""
+    linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
+    y = rng.standard_normal(len(linear.observed)) + linear.nuisance @ rng.standard_normal(linear.nuisance.shape[1])
+    size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
+    y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
+    if cause is None:
+        cause = "" if rng.random() < PRIOR_SHARES[0] else str(rng.choice(d.effects))
+    about, amount, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
+    basis = d.problem.form_error_basis
+    for effect in d.effects:
+        own = d.sizes(effect)
+        way = rng.standard_normal(len(own))
+        way /= np.linalg.norm(way)
+        beside = about * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
+        theta = way * (amount if effect == cause else beside)
+        theta = np.where(p.low[own] >= 0, np.abs(theta), np.where(p.high[own] <= 0, -np.abs(theta), theta))
+        response = noise.colour(linear.effects[:, own] @ theta)
+        wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
+        done[effect] = noise.whiten(response * (1 + wrong))
+        y += done[effect]
+    return World(y, cause, amount, about), done
+
+
+def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
+    """None and every single effect, and their probabilities (worlds, hypotheses) for readings (worlds, n), as calibrated.
+
+    As `inference.evidence.weigh`, for many worlds at once: what is common to all is factorised once. Bounds cut what is named.
+    """
+    linear, p = d.linear, d.problem.parameters
+    named: tuple[Hypothesis, ...] = (NONE, *((e,) for e in d.effects))
+    errors = [d.form_errors(h) for h in named]
+    basis, kept = _span([linear.effects, linear.nuisance, linear.discrepancy, *errors])
+    seen = readings @ basis
+    effects, nuisance, smooth = (basis.T @ m for m in (linear.effects, linear.nuisance, linear.discrepancy))
+    outer_nuisance, outer_smooth = nuisance @ nuisance.T, smooth @ smooth.T
+    evidence = np.empty((len(named), len(readings)))
+    for i, h in enumerate(named):
+        mask = p.mask(h)
+        law = basis.T @ errors[i]
+        outer_law = law @ law.T
+        terms = []
+        for s, spike in enumerate(KNOWN.spikes):
+            prior = p.prior(mask, float(spike), linear.effect_size)
+            fixed = np.eye(kept) + outer_nuisance + (effects * prior.variance) @ effects.T
+            off = seen - effects @ prior.mean
+            for g, size in enumerate(KNOWN.sizes):
+                for f, error in enumerate(KNOWN.form_errors):
+                    factor = cho_factor(fixed + size**2 * outer_smooth + error**2 * outer_law, lower=True)
+                    pulled = cho_solve(factor, off.T)
+                    log_p = -0.5 * (off.T * pulled).sum(axis=0) - np.log(np.diag(factor[0])).sum()
+                    log_p = log_p + _cut(d, h, prior.mean, prior.variance, effects, factor, pulled)
+                    terms.append(log_p + KNOWN.log_weights[s, g, f])
+        evidence[i] = logsumexp(terms, axis=0)
+    shares = np.array([PRIOR_SHARES[len(h)] / (len(d.effects) if h else 1) for h in named])
+    score = evidence.T / CALIBRATED.temperature + np.log(shares)
+    weight = np.exp(score - score.max(axis=1, keepdims=True))
+    return named, weight / weight.sum(axis=1, keepdims=True) * (1 - CALIBRATED.prior_outside)
+
+
+def _span(blocks: Sequence[Array]) -> tuple[Array, int]:
+    """Orthonormal basis (n, r) of the columns of all blocks, and r."""
+    every = np.hstack(blocks)
+    value, vector = np.linalg.eigh(every.T @ every)
+    strong = value > BASE_ROUNDING * value.max()
+    basis = every @ vector[:, strong] / np.sqrt(value[strong])
+    return np.linalg.qr(basis)[0], int(strong.sum())
+
+
+def _cut(
+    d: Planned, h: Hypothesis, mean: Array, variance: Array, effects: Array, factor: tuple[Array, bool], pulled: Array
+) -> Array | float:
+    """log of what bounds and the least named size leave of the posterior of what is named, less the same of its prior."""
+    if not h:
+        return 0.0
+    p = d.problem.parameters
+    own = p.mask(h)
+    rows = effects[:, own] * variance[own]
+    at = mean[own] + (rows.T @ pulled).T
+    sd = np.sqrt(np.maximum(variance[own] - (rows * cho_solve(factor, rows)).sum(axis=0), 1e-12))
+    small = p.sizes[own]
+
+    def left(centre: Array, spread: Array) -> Array:
+        low, high, least = p.low[own], p.high[own], p.least_named[own]
+        within = log_mass(centre, spread, low, high)
+        near = log_mass(centre, spread, np.maximum(low, -least), np.minimum(high, least)) - within
+        outside = np.log(np.maximum(1 - np.exp(np.minimum((near * small).sum(axis=-1), 0.0)), 1e-12))
+        return np.asarray(within.sum(axis=-1) + outside)
+
+    return left(at, sd) - left(mean[own], np.sqrt(variance[own]))

@@ -1,0 +1,183 @@
+"""`lab campaign`: a campaign planned, run, and gone on with."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table as Sheet
+
+from protocols.planned import cycles, setups
+from recordings.campaign.labels import labels
+from recordings.errors import BadMessage
+
+from ..console import Screen, clock, err, out
+from ..files.campaign_file import OWN_LABELS
+from ..files.config import ConfigError
+from .design import Campaign, campaign_of
+from .folder import FILE, demand_same, fill, folder_of
+from .journal import Journal
+from .planned import planned_table
+from .session import Ended, Session
+
+MOST_SEED = 2**31
+
+
+def plan(path: Path, rig_path: Path, as_json: bool) -> int:
+    """Print what a campaign will do; connects to nothing. Raises ConfigError."""
+    c = _checked(path, rig_path, as_json)
+    said = plan_dict(c)
+    if as_json:
+        print(json.dumps(said, indent=1))
+        return 0
+    sheet = Sheet()
+    for column in ("run", "block", "protocol", "condition", "about", "hands"):
+        sheet.add_column(column)
+    for run in said["runs"]:
+        hands = "; ".join(f"{h['mount']}, {h['tip_mass_kg'] * 1e3:g} g, {h['roll_deg']:g} deg" for h in run["hands"])
+        sheet.add_row(
+            str(run["run"] or ""),
+            str(run["block"] or ""),
+            run["protocol"],
+            run["condition"],
+            clock(run["seconds"]),
+            hands,
+        )
+    out.print(sheet)
+    rig_s, host_s = said["rig_seconds"], said["host_seconds"]
+    fast = f", {clock(host_s)} on this rig" if host_s != rig_s else ""
+    out.print(
+        f"{len(c.runs)} runs, {said['states']} states, about {clock(rig_s)} of rig time{fast}, a person's hands not counted"
+    )
+    out.print(
+        f"seed {c.file.seed}{'' if said['seed_given'] else ' (drawn now; write it into the file to keep this order)'}"
+    )
+    out.print(f"hands are needed {c.hands} times, the first time included")
+    for chamber in said["chambers"]:
+        if chamber["cycles"]:
+            out.print(
+                f"  chamber {chamber['chamber']}: {chamber['cycles']} pressure cycles, up to {chamber['highest_pa'] / 1e3:g} kPa"
+            )
+    for key, value in said["limits"].items():
+        out.print(f"  at most {key} {value:g}")
+    return 0
+
+
+def _checked(path: Path, rig_path: Path, as_json: bool) -> Campaign:
+    """The campaign of a file; where that gives no seed, one is drawn."""
+    with Screen("checking all runs", quiet=as_json) as screen:
+        return campaign_of(path, rig_path, secrets.randbelow(MOST_SEED), screen.progress)
+
+
+def plan_dict(c: Campaign) -> dict[str, Any]:
+    """The plan as JSON has it."""
+    counts, highest = c.cycles()
+    by_job = {id(run.job): run for run in c.runs}
+    runs, stands, number = [], None, iter(c.runs)
+    limits: dict[str, float] = {}
+    for j in c.jobs:
+        run = next(number) if id(j) in by_job else None
+        hands = []
+        for setup in setups(j.plan):
+            if setup != stands:
+                hands.append(
+                    {
+                        "mount": setup.mount,
+                        "tip_mass_kg": setup.tip_mass,
+                        "roll_deg": setup.roll_deg,
+                        "vacuum_pa": setup.vacuum,
+                    }
+                )
+            stands = setup
+        for key, value in j.plan.limits.items():
+            limits[key] = max(limits.get(key, value), value)
+        runs.append(
+            {
+                "run": run.number if run else None, "block": run.block if run else None, "protocol": j.experiment.name,
+                "condition": run.condition if run else "warm-up", "seconds": round(j.plan.seconds, 2),
+                "cycles": int(cycles(j.plan, c.chambers)[0].max(initial=0)), "hands": hands,
+            }
+        )  # fmt: skip
+    return {
+        "campaign": c.file.campaign, "seed": c.file.seed, "seed_given": c.seed_given, "blocks": c.file.blocks,
+        "rig_seconds": c.seconds, "host_seconds": c.seconds / c.runs[0].job.rig.clock.speed,
+        "states": len(next(iter(planned_table(c).values()), ())), "hands": c.hands,
+        "chambers": [
+            {"chamber": i, "cycles": n, "highest_pa": p}
+            for i, (n, p) in enumerate(zip(counts.tolist(), highest.tolist(), strict=True), 1)
+        ],
+        "limits": limits, "runs": runs,
+    }  # fmt: skip
+
+
+def run(path: Path, rig_path: Path, folder: Path | None, said: Sequence[tuple[str, str]], as_json: bool) -> int:
+    """Begin a campaign; returns the exit code. `said`: further labels. Raises ConfigError."""
+    c = _checked(path, rig_path, as_json)
+    own_labels = _labels(said)
+    place = folder or Path(c.file.campaign)
+    place.mkdir(parents=True, exist_ok=True)
+    with Journal.begin(place, c.file.campaign, c.digest, own_labels) as journal:
+        fill(place, c)
+        return _session(c, place, journal, as_json)
+
+
+def resume(place: Path, rig_path: Path, said: Sequence[tuple[str, str]], as_json: bool) -> int:
+    """Go on with the campaign of a folder, or of a file in it; returns the exit code. Raises ConfigError, BadJournal."""
+    folder = folder_of(place)
+    with Journal.reopen(folder) as journal:
+        c = _checked(folder / FILE, rig_path, as_json)
+        demand_same(folder, c, journal.done.design)
+        journal.done.labels |= _labels(said)
+        return _session(c, folder, journal, as_json)
+
+
+def _labels(said: Sequence[tuple[str, str]]) -> dict[str, str]:
+    try:
+        found = labels(said)
+    except BadMessage as e:
+        raise ConfigError(str(e)) from e
+    if taken := sorted(set(found) & set(OWN_LABELS)):
+        raise ConfigError(f"--tag {', '.join(taken)}: is given by the campaign itself")
+    return found
+
+
+def resume_command(folder: Path, rig_path: Path) -> str:
+    """What to type, as the shell takes it, to go on."""
+    return shlex.join(["lab", "campaign", "--resume", str(folder), "--rig", str(rig_path)])
+
+
+def _session(c: Campaign, folder: Path, journal: Journal, as_json: bool) -> int:
+    try:
+        ended = Session(c, folder, journal, quiet=as_json).go()
+    except Exception:
+        if not as_json:
+            out.print(f"go on with: {resume_command(folder, c.rig_path)}", soft_wrap=True)
+        raise
+    _tell(c, folder, journal, ended, as_json)
+    if ended.error is not None:
+        raise ended.error
+    if not ended.completed or not ended.safe:
+        return 1
+    return 3 if journal.done.lost else 0
+
+
+def _tell(c: Campaign, folder: Path, journal: Journal, ended: Ended, as_json: bool) -> None:
+    done = journal.done
+    again = None if ended.completed else resume_command(folder, c.rig_path)
+    if as_json:
+        print(json.dumps({"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
+                          "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe,
+                          "hands": ended.asked, "resume": again}, indent=1))  # fmt: skip
+        return
+    word = "completed" if ended.completed else f"ended: {ended.why}"
+    out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)
+    if done.lost:
+        out.print(f"  lost: {done.lost} samples (lab runs {folder})", soft_wrap=True)
+    if not ended.safe:
+        err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
+    if again is not None:
+        out.print(f"go on with: {again}", soft_wrap=True)

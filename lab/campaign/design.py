@@ -1,0 +1,240 @@
+"""A campaign as it will be done: its runs in order, each an experiment that is checked against the rig."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, get_origin
+
+import numpy as np
+import yaml
+
+from model.robot import Robot
+from protocols.bench import Setup
+from protocols.planned import VENTED, cycles, setups
+from protocols.registry import Experiment
+
+from ..files.all_protocols import found_protocols, protocol_from_file
+from ..files.campaign_file import CampaignFile, Part, load_campaign
+from ..files.config import MOST_PROBLEMS, ConfigError, Loc, Source, load
+from ..verbs.run import Job, job
+from .order import changes, ordered
+
+SHOWN = 180
+"""Characters of a condition in a label."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of the campaign."""
+
+    number: int
+    """From 1 on, in the order in which they are done."""
+    block: int
+    cell: tuple[int, int]
+    """Number of its protocol in the file and of its condition: the same in each block."""
+    condition: str
+    """As people read it."""
+    job: Job
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder of its recordings: by name is by order."""
+        return f"{self.number:04d}-{self.job.experiment.name}"
+
+    @property
+    def inflates(self) -> bool:
+        """Whether it bends the robot."""
+        return any(max(step.ask.pressures, default=0.0) > VENTED for step in self.job.plan.steps)
+
+    @property
+    def text(self) -> str:
+        """What it is, for people."""
+        name = self.job.experiment.name
+        return f"{name}, {self.condition}, block {self.block}" if self.condition else f"{name}, block {self.block}"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All runs in order."""
+
+    file: CampaignFile
+    """With its seed."""
+    runs: tuple[Run, ...]
+    warm_up: Job | None
+    """Cycles before the first run that inflates the robot; None: there is no such run, or none are wanted."""
+    rig_path: Path
+    robot: Robot
+    seed_given: bool
+    """By the file."""
+
+    @property
+    def chambers(self) -> int:
+        """How many it has."""
+        return len(self.robot.actuators.azimuths_deg)
+
+    @property
+    def first_inflating(self) -> Run | None:
+        """The run before which the robot is warmed up."""
+        return next((run for run in self.runs if run.inflates), None)
+
+    @property
+    def jobs(self) -> Iterator[Job]:
+        """What is done in order, with the warm-up where it is planned."""
+        for run in self.runs:
+            if self.warm_up is not None and run is self.first_inflating:
+                yield self.warm_up_for(run)
+            yield run.job
+
+    def warm_up_for(self, run: Run) -> Job:
+        """The warm-up with the set-up of the run that follows, so that nobody's hands are needed for it."""
+        assert self.warm_up is not None
+        told = [s for s in setups(run.job.plan) if s.mount == "robot"]
+        if not told:
+            return self.warm_up
+        values = {"tip_mass": told[0].tip_mass, "roll_deg": told[0].roll_deg, "vacuum": told[0].vacuum}
+        parameters = self.warm_up.parameters.model_copy(update=values)
+        return replace(self.warm_up, parameters=parameters, plan=self.warm_up.experiment.plan(parameters))
+
+    @property
+    def seconds(self) -> float:
+        """Planned, s of rig time, without a person's hands."""
+        return sum(j.plan.seconds for j in self.jobs)
+
+    @property
+    def hands(self) -> int:
+        """How often a person is asked to set the rig up."""
+        return changes([setups(j.plan) for j in self.jobs])
+
+    def cycles(self) -> tuple[np.ndarray, np.ndarray]:
+        """(chambers,) pressure cycles of each chamber, and its highest pressure, Pa gauge; the warm-up included."""
+        counts = [cycles(j.plan, self.chambers) for j in self.jobs]
+        return np.sum([c for c, _ in counts], axis=0), np.max([p for _, p in counts], axis=0)
+
+    @property
+    def digest(self) -> str:
+        """Of all that must stay as it is when the campaign goes on: what is done, and in which order."""
+        jobs = {run.cell: run.job for run in self.runs}
+        cells = {cell: [job.protocol_yaml, _code(job.experiment)] for cell, job in jobs.items()}
+        order = [[run.block, *run.cell] for run in self.runs]
+        return hashlib.sha256(json.dumps([sorted(cells.items()), order]).encode()).hexdigest()
+
+    @property
+    def yaml(self) -> str:
+        """The campaign's file in full, with its seed."""
+        return yaml.safe_dump(self.file.model_dump(mode="json"), sort_keys=False)
+
+
+def _code(experiment: Experiment) -> str:
+    return "" if experiment.source is None else hashlib.sha256(experiment.source.read_bytes()).hexdigest()
+
+
+def campaign_of(
+    path: Path, rig_path: Path, seed: int, progress: Callable[[float, float], None] = lambda done, total: None
+) -> Campaign:
+    """Read and check everything of a campaign before anything moves; `seed` counts where the file gives none.
+
+    `progress` is told how many conditions of how many are checked.
+
+    Raises ConfigError with the problems of all runs, each with the place in the file or the run it comes from.
+    """
+    file, source = load_campaign(path)
+    seed_given = file.seed is not None
+    file = file if seed_given else file.model_copy(update={"seed": seed})
+    problems: dict[str, str] = {}
+    jobs: list[list[tuple[str, Job]]] = [[] for _ in file.protocols]
+    total = sum(part.cells for part in file.protocols)
+    for number, part in enumerate(file.protocols):
+        for checked in _jobs(part, ("protocols", number), source, rig_path, problems):
+            jobs[number].append(checked)
+            progress(sum(map(len, jobs)), total)
+    if problems:
+        told = list(problems.values())
+        more = [f"{path}: and {len(told) - MOST_PROBLEMS} more problems"] if len(told) > MOST_PROBLEMS else []
+        raise ConfigError("\n".join([*told[:MOST_PROBLEMS], *more]))
+    hands: list[list[tuple[Setup, ...]]] = [[setups(j.plan) for _, j in own] for own in jobs]
+    assert file.seed is not None
+    slots = ordered(hands, file.blocks, file.seed, file.hands == "grouped")
+    runs = tuple(Run(n, block, (part, k), *jobs[part][k]) for n, (block, (part, k)) in enumerate(slots, 1))
+    robot = load(runs[0].job.rig.robot, Robot)
+    return Campaign(file, runs, _warm_up(file, runs, rig_path), rig_path, robot, seed_given)
+
+
+def _jobs(
+    part: Part, place: Loc, source: Source, rig_path: Path, problems: dict[str, str]
+) -> Iterator[tuple[str, Job]]:
+    """Each condition of a protocol as people read it, and its job; what is wrong goes to `problems`, each text once."""
+    own = Path(part.protocol) if part.protocol.endswith(".py") else None
+    try:
+        experiment = protocol_from_file(own) if own is not None else found_protocols().usable.get(part.protocol)
+    except ConfigError as e:
+        problems[str(e)] = f"{source.at((*place, 'protocol'))}: {e}"
+        return
+    name = part.protocol if own is None or experiment is None else experiment.name
+    for choice in itertools.product(*(range(len(values)) for values in part.conditions.values())):
+        picked = dict(zip(part.conditions, choice, strict=True))
+        values = {key: part.conditions[key][k] for key, k in picked.items()}
+        condition = ", ".join(f"{key} {_short(value)}" for key, value in values.items())
+        set_to = {key: _as_list(experiment, key, value) for key, value in values.items()}
+        lines = _lines(source, place, picked)
+        given = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
+        try:
+            yield condition, job(name, rig_path, [], given, own)
+        except ConfigError as e:
+            for line in str(e).splitlines():
+                where = "" if line.startswith(f"{source.name}:") or not condition else f"{condition}: "
+                problems.setdefault(line, f"{where}{line}")
+
+
+def _as_list(experiment: Experiment | None, key: str, value: Any) -> Any:
+    """One value of a parameter that is a list stands for a list of it alone."""
+    field = None if experiment is None else experiment.parameters.model_fields.get(key)
+    return (
+        [value] if field is not None and get_origin(field.annotation) is list and not isinstance(value, list) else value
+    )
+
+
+def _lines(source: Source, place: Loc, picked: Mapping[str, int]) -> dict[Loc, int]:
+    """The lines of the campaign's file at which the keys of one run's parameters stand."""
+    found: dict[Loc, int] = {}
+    same, varied = (*place, "parameters"), (*place, "conditions")
+    for loc, line in source.lines.items():
+        if loc == (*place, "protocol"):
+            found[("protocol",)] = line
+        elif loc[: len(same)] == same and len(loc) > len(same):
+            found[loc[len(same) :]] = line
+        elif loc[: len(varied)] == varied and len(loc) > len(varied) + 1:
+            key, number = loc[len(varied)], loc[len(varied) + 1]
+            if picked.get(str(key)) == number:
+                found[(key, *loc[len(varied) + 2 :])] = line
+    return found
+
+
+def _short(value: Any) -> str:
+    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 2]}.."
+
+
+def _warm_up(file: CampaignFile, runs: tuple[Run, ...], rig_path: Path) -> Job | None:
+    """Cycles of each group of chambers that is inflated, to the highest pressure that it gets."""
+    highest: dict[tuple[int, ...], float] = {}
+    rate, speed = 0.0, 0.0
+    for run in runs:
+        for ask in (step.ask for step in run.job.plan.steps):
+            group = tuple(c for c, p in enumerate(ask.pressures, 1) if p > VENTED)
+            if group:
+                highest[group] = max(highest.get(group, 0.0), max(ask.pressures))
+            rate, speed = max(rate, ask.pressure_rate or 0.0), max(speed, ask.spine_speed or 0.0)
+    if not highest or not file.warm_up.cycles:
+        return None
+    values: dict[str, Any] = {
+        "protocol": "cycles", "cycles": file.warm_up.cycles, "rate": rate,
+        "chambers": [list(group) for group in highest], "pressures": list(highest.values()),
+    }  # fmt: skip
+    if speed:
+        values["spine"] = {"speed": speed}
+    return job("cycles", rig_path, [], Source("warm_up", values, {}))

@@ -1,0 +1,182 @@
+"""The journal of a campaign: which runs are done. Each run has a folder beside it, with its recordings and its own journal.
+
+One JSON object a line, appended and synced line by line, in `campaign.journal`:
+
+    {"campaign_journal": 1, "campaign": "lengths", "design": "<sha256>", "labels": {"specimen": "S7"}}
+    {"run": 3, "begun": 1795449600.0}                   wall time, s
+    {"run": 3, "outcome": "completed", "seconds": 212.4, "rows": 11, "lost": 0, "at": 1795449812.4}
+    {"warm_up": 1, "begun": 1795449500.0}
+
+A run is done when a line says that it was completed; whatever was broken off goes on by its own journal, trial by trial.
+While a campaign goes on, its journal is locked against a second process.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from recordings.bounded import read_bounded
+from recordings.errors import BadJournal, WriteFailed
+from recordings.json_text import read_json
+from recordings.own_files import opened
+
+from ..files.config import ConfigError
+
+NAME, VERSION = "campaign.journal", 1
+LARGEST = 50_000_000
+"""Bytes; a run has some 200."""
+
+
+@dataclass
+class Done:
+    """What a journal tells."""
+
+    campaign: str
+    design: str
+    labels: dict[str, str]
+    completed: set[int] = field(default_factory=set)
+    """Numbers of runs."""
+    begun: Counter[int] = field(default_factory=Counter)
+    """How often each run was begun; 0: the warm-up."""
+    seconds: float = 0.0
+    """Rig seconds that all runs took together, as far as they could say so."""
+    rows: int = 0
+    lost: int = 0
+    inflated: float = 0.0
+    """Wall time (s) at which the robot was inflated last; 0: never."""
+
+    def take(self, line: Mapping[str, Any]) -> None:
+        """Add a line; raises KeyError, ValueError or TypeError for one that cannot be understood."""
+        number = _whole(line["run"]) if "run" in line else 0
+        if "outcome" not in line:
+            self.begun[number] += 1
+            return
+        self.seconds += float(line["seconds"])
+        self.lost += _whole(line["lost"])
+        if line.get("inflated"):
+            self.inflated = max(self.inflated, float(line["at"]))
+        if number and line["outcome"] == "completed":
+            self.completed.add(number)
+            self.rows += _whole(line["rows"])
+
+
+class Journal:
+    """A journal that is being written, and what it tells so far."""
+
+    def __init__(self, path: Path, fd: int, done: Done) -> None:
+        self.path, self.done = path, done
+        self._fd = fd
+
+    @classmethod
+    def begin(cls, folder: Path, campaign: str, design: str, labels: Mapping[str, str]) -> Journal:
+        """A new campaign in a folder; raises ConfigError when there is one already."""
+        path = folder / NAME
+        try:
+            fd = _locked(path, os.O_CREAT | os.O_EXCL)
+        except FileExistsError:
+            raise ConfigError(
+                f"{folder}: holds a campaign already; go on with it by --resume {folder}, or give another --out"
+            ) from None
+        journal = cls(path, fd, Done(campaign, design, dict(labels)))
+        journal._append(
+            {"campaign_journal": VERSION, "campaign": campaign, "design": design, "labels": dict(labels)}, sync=False
+        )
+        return journal
+
+    @classmethod
+    def reopen(cls, folder: Path) -> Journal:
+        """Go on with a campaign; a line that a crash left torn is cut off. Raises ConfigError, BadJournal, WriteFailed."""
+        path = folder / NAME
+        if not path.exists():
+            raise ConfigError(f"{folder}: holds no campaign ({NAME} is not there); give the folder that --out named")
+        fd = _locked(path, 0)
+        try:
+            done = read(path)
+            os.ftruncate(fd, read_bounded(path, LARGEST, BadJournal).rfind(b"\n") + 1)
+            os.lseek(fd, 0, os.SEEK_END)
+        except BaseException:
+            os.close(fd)
+            raise
+        return cls(path, fd, done)
+
+    def began(self, run: int | None) -> None:
+        """A run is about to begin; None: the warm-up."""
+        self._append({"warm_up": 1} if run is None else {"run": run}, begun=time.time())
+
+    def ended(self, run: int | None, outcome: str, seconds: float, rows: int, lost: int, inflated: bool) -> None:
+        """A run is over; `seconds` of rig time."""
+        about: dict[str, object] = {"warm_up": 1} if run is None else {"run": run}
+        about |= {"outcome": outcome, "seconds": round(seconds, 3), "rows": rows, "lost": lost, "inflated": inflated}
+        self._append(about, at=time.time())
+
+    def _append(self, line: dict[str, object], sync: bool = True, **when: float) -> None:
+        line |= when
+        try:
+            os.write(self._fd, json.dumps(line).encode() + b"\n")
+            os.fsync(self._fd)
+        except OSError as error:
+            raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
+        if sync:
+            self.done.take(line)
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._fd)
+
+
+def _locked(path: Path, flags: int) -> int:
+    """Open for writing, by this process alone; the system frees the lock when the process ends, however it does."""
+    try:
+        fd = opened(path, os.O_WRONLY | flags)
+    except FileExistsError:
+        raise
+    except OSError as error:
+        raise WriteFailed(f"{path}: cannot be written: {error.strerror}") from error
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(fd)
+        raise ConfigError(f"{path}: the campaign is going on in another process; wait for it or end it") from None
+    return fd
+
+
+def read(path: Path) -> Done:
+    """What a journal tells; its last line may be torn. Raises BadJournal."""
+    text = read_bounded(path, LARGEST, BadJournal)
+    found: Done | None = None
+    try:
+        for raw in text[: text.rfind(b"\n") + 1].splitlines():
+            line = read_json(raw)
+            if found is not None:
+                found.take(line)
+                continue
+            if line["campaign_journal"] != VERSION:
+                raise BadJournal(f"{path}: has version {line['campaign_journal']}, this software reads {VERSION}")
+            labels = {str(k): str(v) for k, v in line["labels"].items()}
+            found = Done(str(line["campaign"]), str(line["design"]), labels)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        if isinstance(error, BadJournal):
+            raise
+        raise BadJournal(f"{path}: a line cannot be understood ({repr(error)[:200]})") from error
+    if found is None:
+        raise BadJournal(f"{path}: is empty; nothing had begun, so start the campaign anew in another folder")
+    return found
+
+
+def _whole(value: object) -> int:
+    if type(value) is not int or not 0 <= value < 2**53:
+        raise ValueError(f"{repr(value)[:80]} is not a count")
+    return value

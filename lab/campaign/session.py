@@ -1,0 +1,242 @@
+"""A campaign on the rig: run after run, connected and safe in between, until all are done, a rule says stop, or a person does."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drivers.errors import InstrumentError
+from protocols.errors import Stopped
+
+from ..console import Screen, err, out
+from ..files.resume import Broken
+from ..guard.messages import RigLanded
+from ..rig.actuators import ActuatorsLost
+from ..rig.assembly import Rig
+from ..rig.checked import last
+from ..verbs.run import UNCHECKED, Job, Outcome, connect, execute, job_again
+from .design import SHOWN, Campaign, Run
+from .folder import Found, found_of, mend
+from .hands import Prepared
+from .journal import Journal
+from .stops import Stops
+
+WARM_UP = "warm-up"
+"""Folder of the recordings of warm-ups, which hold no state."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a session of a campaign ended."""
+
+    completed: bool
+    why: str = ""
+    safe: bool = True
+    error: Exception | None = None
+    asked: int = 0
+    """How often a person was asked to set the rig up."""
+
+
+class PartOfScreen(Screen):
+    """The campaign's screen as one of its runs sees it: what comes before and after it counts."""
+
+    def __init__(self, whole: Screen, before: float, total: float) -> None:
+        self._whole, self._before, self._total, self.quiet = whole, before, total, whole.quiet
+
+    def __enter__(self) -> PartOfScreen:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """The whole goes on."""
+
+    def say(self, text: str) -> None:
+        """See Screen.say."""
+        self._whole.say(text)
+
+    def typed(self, text: str | None) -> None:
+        """See Screen.typed."""
+        self._whole.typed(text)
+
+    def progress(self, done: float, total: float) -> None:
+        """See Screen.progress."""
+        self._whole.progress(self._before + done, self._total)
+
+
+class Session:
+    """One process's share of a campaign."""
+
+    def __init__(self, campaign: Campaign, folder: Path, journal: Journal, quiet: bool) -> None:
+        self.campaign, self.folder, self.journal, self.quiet = campaign, folder, journal, quiet
+        self.hands = Prepared()
+        self.stops = Stops(campaign.file.stop, campaign.chambers)
+        self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed, quiet=quiet)
+        self._rig: Rig | None = None
+        self._open: list[str] = []
+        self._safe = True
+        self._said = False
+        """That the rig is not checked."""
+        self._done_s = sum(run.job.plan.seconds for run in campaign.runs if run.number in journal.done.completed)
+        self._left = [run for run in campaign.runs if run.number not in journal.done.completed]
+        self._total_s = sum(run.job.plan.seconds for run in campaign.runs)
+
+    def go(self) -> Ended:
+        """Do what is left. Whatever ends it, the rig is safe, and what is done is in the journal."""
+        self._look_back()
+        try:
+            with self.screen:
+                ended = self._all()
+        except KeyboardInterrupt:
+            ended = Ended(False, "stopped by the operator")
+        finally:
+            self._close()
+        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked)
+
+    def _look_back(self) -> None:
+        """What earlier sessions did counts for the stop rules."""
+        mend(self.folder / WARM_UP)
+        begun = self.journal.done.begun
+        for run in self.campaign.runs:
+            self.stops.count(run.job.plan, begun[run.number])
+        if self.campaign.warm_up is not None:
+            self.stops.count(self.campaign.warm_up.plan, begun[0])
+        if self.campaign.file.stop.max_scatter is not None:
+            for run in self.campaign.runs:
+                if run.number in self.journal.done.completed and (broken := self._found(run).broken) is not None:
+                    self.stops.take(run.cell, broken.table)
+
+    def _all(self) -> Ended:
+        for run in self._left:
+            found = self._found(run)
+            if found.completed and found.broken is not None:  # the crash came before the journal could say so
+                self.journal.ended(run.number, "completed", 0.0, len(found.broken.table), found.lost, run.inflates)
+                self.stops.take(run.cell, found.broken.table)
+                self._done_s += run.job.plan.seconds
+                continue
+            while (ended := self._attempt(run)) is None:
+                pass  # it failed, and may be tried again
+            if not ended.completed:
+                return ended
+        return Ended(True)
+
+    def _attempt(self, run: Run) -> Ended | None:
+        """One attempt at a run, with a warm-up before it where one is due; None: it failed, and may be tried again."""
+        needs = run.job.experiment.needs
+        if self.campaign.warm_up is not None and run.inflates:  # opened once for both
+            needs = tuple(dict.fromkeys((*needs, *self.campaign.warm_up.experiment.needs)))
+        if self._is_cold(run):
+            ended = self._one(None, self.campaign.warm_up_for(run), needs, self.folder / WARM_UP, None)
+            if ended is None or not ended.completed:
+                return ended
+        broken = self._found(run).broken
+        own = run.job.experiment.source
+        job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own)
+        return self._one(run, job, needs, self.folder / run.folder, broken)
+
+    def _is_cold(self, run: Run) -> bool:
+        since = time.time() - self.journal.done.inflated
+        return self.campaign.warm_up is not None and run.inflates and since > self.campaign.file.warm_up.again_after
+
+    def _found(self, run: Run) -> Found:
+        return found_of(self.folder / run.folder)
+
+    def _one(
+        self, run: Run | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None
+    ) -> Ended | None:
+        """One recording, with the instruments that are needed open; None: it failed, and may be tried again."""
+        if why := self.stops.before(job.plan, self.journal.done):
+            return Ended(False, why)
+        number = None if run is None else run.number
+        self.screen.say(f"Run {run.number} of {len(self.campaign.runs)}: {run.text}" if run is not None else "Warm-up")
+        try:
+            rig = self._opened(job, needs)
+            self.stops.count(job.plan)
+            self.journal.began(number)
+            begun = rig.clock.now()
+            folder.mkdir(exist_ok=True)
+            part = PartOfScreen(self.screen, self._done_s, self._total_s) if run is not None else _Silent(self.screen)
+            result = execute(rig, replace(job, labels=self._labels(run)), folder, part, broken)
+        except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
+            return self._failed(number, e, 0.0, 0)
+        seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
+        self._safe = result.safe
+        if result.outcome != "completed":
+            if isinstance(result.error, Stopped):
+                self.journal.ended(number, result.outcome, seconds, len(result.table), lost, False)
+                return Ended(False, str(result.error), result.safe)
+            return self._failed(number, result.error, seconds, lost)
+        inflated = run is None or run.inflates
+        self.journal.ended(number, "completed", seconds, len(result.table), lost, inflated)
+        return self._judged(run, result)
+
+    def _judged(self, run: Run | None, result: Outcome) -> Ended:
+        """Whether the campaign goes on after a run that was completed."""
+        if run is not None:
+            self._done_s += run.job.plan.seconds
+            self.stops.take(run.cell, result.table)
+        if not result.safe:
+            return Ended(False, "the safe state is not confirmed", False)
+        all_done = len(self.journal.done.completed) == len(self.campaign.runs)
+        why = "" if all_done else self.stops.after(self.journal.done)
+        if result.asked and not all_done:
+            why = why or "stopped by the operator"
+        return Ended(not why, why)
+
+    def _failed(self, number: int | None, error: Exception | None, seconds: float, lost: int) -> Ended | None:
+        """Told, counted, and the rig given up: it is connected anew for the next attempt."""
+        self.journal.ended(number, "failed", seconds, 0, lost, False)
+        self.stops.failed += 1
+        self._close()
+        why = self.stops.after(self.journal.done)
+        if why or not self._safe:
+            return Ended(False, why or "the safe state is not confirmed", self._safe, error)
+        self.screen.say(f"failed: {error}; it goes on with its first unfinished trial")
+        return None
+
+    def _opened(self, job: Job, needs: Sequence[str]) -> Rig:
+        """The rig with these instruments: the one at hand where it has just them."""
+        if self._rig is not None and self._rig.needed(needs) == self._open:
+            self._rig.actuators.pulse.mark()
+            return self._rig
+        self._close()
+        rig = Rig(job.rig)
+        self._rig = rig
+        rig.operator = self.hands.over(rig.operator)
+        connect(rig, needs, quiet=self.quiet)
+        self._open = rig.needed(needs)
+        unchecked = last(self.campaign.rig_path, job.rig)
+        if isinstance(unchecked, str) and not self.quiet and not self._said:
+            self._said = True
+            out.print(f"{UNCHECKED}: {unchecked}; lab check --move --rig {self.campaign.rig_path}", soft_wrap=True)
+        return rig
+
+    def _close(self) -> None:
+        if self._rig is not None:
+            rig, self._rig, self._open = self._rig, None, []
+            for text in rig.notices:
+                err.print(f"warning: {text}")
+            with contextlib.suppress(KeyboardInterrupt):
+                rig.close()
+
+    def _labels(self, run: Run | None) -> dict[str, str]:
+        """What is said of a recording."""
+        own = {**self.campaign.file.labels, **self.journal.done.labels, "campaign": self.campaign.file.campaign}
+        if run is None:
+            return own | {"warm_up": "yes"}
+        return (
+            own
+            | {"block": str(run.block), "run": str(run.number)}
+            | ({"condition": run.condition[:SHOWN]} if run.condition else {})
+        )
+
+
+class _Silent(PartOfScreen):
+    """A warm-up's: its progress is none of the campaign's."""
+
+    def __init__(self, whole: Screen) -> None:
+        super().__init__(whole, 0.0, 1.0)
+
+    def progress(self, done: float, total: float) -> None:
+        """Not shown."""

@@ -1,0 +1,128 @@
+"""campaign.yaml: protocols in order, what is varied, how often all of it is repeated, and when to stop."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator, model_validator
+
+from recordings.campaign.labels import labels
+from recordings.errors import BadMessage
+from recordings.messages import NAME
+
+from .config import Source, check, read_yaml
+
+OWN_LABELS = ("campaign", "block", "run", "condition", "warm_up")
+"""Labels that a campaign gives its recordings by itself."""
+MOST_BLOCKS, MOST_RUNS = 1000, 10_000
+CampaignName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$")]
+LabelName = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
+
+
+class Table(BaseModel):
+    """A table of a file: no unknown keys, no NaN, unchangeable."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Part(Table):
+    """A protocol of the campaign."""
+
+    protocol: str = Field(min_length=1, max_length=1000)
+    """Its name, or a protocol file (.py), relative to this file."""
+    parameters: dict[str, Any] = {}
+    """What is the same in each of its runs, as in a protocol file."""
+    conditions: dict[str, Annotated[list[Any], Field(min_length=1, max_length=200)]] = {}
+    """What is varied: parameter and its values; each combination of values is a run in each block. Where the parameter is a
+    list, a single value stands for a list of it alone."""
+
+    @property
+    def cells(self) -> int:
+        """How many combinations of conditions there are."""
+        return math.prod(map(len, self.conditions.values()))
+
+    @model_validator(mode="after")
+    def _once(self) -> Part:
+        both = ", ".join(sorted(set(self.parameters) & set(self.conditions)))
+        if both:
+            raise ValueError(f"{both}: stands in parameters and in conditions; leave it in one of them")
+        for name, values in self.conditions.items():
+            if any(value in values[:k] for k, value in enumerate(values)):
+                raise ValueError(f"conditions.{name} lists a value twice; blocks say how often each is repeated")
+        return self
+
+
+class WarmUp(Table):
+    """Pressure cycles that nothing is read in, before the first run that inflates the robot."""
+
+    cycles: int = Field(3, ge=0, le=1000)
+    """Of each group of chambers that the campaign inflates, to the highest pressure it does; 0: none."""
+    again_after: float = Field(1800.0, gt=0, le=1e7, json_schema_extra={"unit": "s"})
+    """They are done again where the robot was not inflated for longer than this."""
+
+
+class Stop(Table):
+    """When the campaign ends before its last run."""
+
+    max_duration: float | None = Field(None, gt=0, le=1e7, json_schema_extra={"unit": "s"})
+    """No run begins that would not be over by then; rig time of all its runs together, pauses between them not counted."""
+    max_cycles: int | None = Field(None, ge=1, le=10_000_000)
+    """No run begins that would inflate a chamber more often; what was broken off counts as whole."""
+    max_lost: int | None = Field(None, ge=0, le=1_000_000_000)
+    """Samples lost in all runs together."""
+    max_failed: int = Field(1, ge=1, le=1000)
+    """At the last of so many failures; after the others the run goes on with its first unfinished trial."""
+    max_scatter: float | None = Field(None, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """The tips of one state in different blocks, rms distance from their mean."""
+
+
+class CampaignFile(Table):
+    """The whole of campaign.yaml."""
+
+    campaign: CampaignName
+    """Its name: a label of each recording, and by default the folder."""
+    protocols: list[Part] = Field(min_length=1, max_length=100)
+    """One after the other."""
+    blocks: int = Field(3, ge=1, le=MOST_BLOCKS)
+    """Each holds every condition once, in an order of its own."""
+    seed: int | None = Field(None, ge=0, le=2**63 - 1)
+    """Of the orders; drawn once where it is left out, and kept with the recordings."""
+    hands: Literal["grouped", "random"] = "grouped"
+    """Mounting, tip mass, roll and supply: changed as seldom as possible, with all blocks of one set-up in a row; or in random
+    order like all else, by a person each time."""
+    warm_up: WarmUp = WarmUp()
+    stop: Stop = Stop()
+    labels: dict[LabelName, str] = {}
+    """Further labels of each recording, such as specimen."""
+
+    @field_validator("labels")
+    @classmethod
+    def _sound(cls, given: dict[str, str]) -> dict[str, str]:
+        if taken := sorted(set(given) & set(OWN_LABELS)):
+            raise ValueError(f"{', '.join(taken)}: is given by the campaign itself")
+        try:
+            return labels(list(given.items()))
+        except BadMessage as e:
+            raise ValueError(str(e)) from None
+
+    @model_validator(mode="after")
+    def _not_endless(self) -> CampaignFile:
+        runs = self.blocks * sum(part.cells for part in self.protocols)
+        if runs > MOST_RUNS:
+            raise ValueError(f"{runs} runs, at most {MOST_RUNS}; use fewer blocks or conditions")
+        return self
+
+
+def load_campaign(path: Path) -> tuple[CampaignFile, Source]:
+    """The file and where its keys stand; paths of protocols are absolute. Raises ConfigError."""
+    source = read_yaml(path)
+    found = check(source, CampaignFile)
+    parts = [
+        p.model_copy(update={"protocol": str((path.parent / p.protocol).resolve())})
+        if p.protocol.endswith(".py")
+        else p
+        for p in found.protocols
+    ]
+    return found.model_copy(update={"protocols": parts}), source

@@ -1,0 +1,186 @@
+"""The verb `lab investigate`: what a person reads while it goes on, and what is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from diagnosis.answer.result import Diagnosis, Ranked
+from diagnosis.diagnose import Options
+from diagnosis.errors import DiagnosisError
+from diagnosis.inference.executor import Executor
+from diagnosis.investigate import Foretold, Investigation, Limits, Round, investigate
+from drivers.errors import InstrumentError
+from model.errors import ModelError
+from model.robot import Robot
+from protocols.errors import Stopped
+from recordings.own_files import replaced
+
+from ..console import Screen, err, out
+from ..files.config import ConfigError, load
+from ..files.inputs import read_case, same_robot
+from ..files.own_effects import catalogue
+from ..files.rig_file import load_rig
+from ..pages import diagnosis_report, investigation_page
+from ..processes import for_case
+from .laboratory import RigLaboratory
+
+LEADING = 4
+"""Hypotheses shown after each diagnosis."""
+STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a person asked for."""
+
+    inputs: tuple[Path, ...]
+    rig: Path
+    folder: Path
+    limits: Limits
+    robot: Path | None = None
+    effects: Path | None = None
+    hands: bool = True
+    without: tuple[str, ...] = ()
+    """Experiments that are not to be done, by id."""
+    settings: tuple[str, ...] = ()
+    """KEY=VALUE, for every experiment."""
+    labels: tuple[tuple[str, str], ...] = ()
+    workers: int | None = None
+
+
+class _Weighing:
+    """Progress of one diagnosis after the other; a run in between has its own."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._screen: Screen | None = None
+
+    def progress(self, share: float) -> None:
+        """So much of a diagnosis is done."""
+        if self._screen is None:
+            self._screen = Screen("weighing hypotheses", quiet=self._quiet).__enter__()
+        self._screen.progress(share, 1.0)
+        if share >= 1.0:
+            self.stop()
+
+    def stop(self) -> None:
+        """None is going on."""
+        screen, self._screen = self._screen, None
+        if screen is not None:
+            screen.__exit__(None, None, None)
+
+
+def run(w: Wanted, as_json: bool) -> int:
+    """Investigate; 0 when it came to its end, 3 when samples were lost on the way, 1 when a run failed or was stopped.
+
+    Raises ConfigError, RecordingError, InstrumentError.
+    """
+    case = read_case(w.inputs, w.robot)
+    if not same_robot(load(load_rig(w.rig).robot, Robot), case.robot):
+        raise ConfigError(f"{w.rig}: its robot.yaml is of another body than the campaign's; give the rig of this robot")
+    if (w.folder / STORY).exists():
+        raise ConfigError(f"{w.folder}: holds an investigation already; give another folder with --out")
+    w.folder.mkdir(parents=True, exist_ok=True)
+    weighed, left_out = catalogue(case.robot, w.effects)
+    for why in left_out:
+        err.print(f"note: not considered: {why}")
+    labels = {"investigation": w.folder.name, **dict(w.labels)}
+    at = RigLaboratory(
+        w.inputs,
+        w.robot,
+        w.rig,
+        w.folder,
+        w.hands,
+        w.without,
+        w.settings,
+        labels,
+        lambda f: _foretold(f, as_json),
+        as_json,
+    )
+    rounds: list[Round] = []
+
+    def diagnosed(r: Round) -> None:
+        rounds.append(r)
+        if not as_json:
+            _show(r)
+
+    ended: BaseException | None = None
+    found: Investigation | None = None
+    cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
+    weighing = _Weighing(as_json)
+    try:
+        with for_case(len(case.table), cores) as others:
+            fits = Executor(progress=weighing.progress, remote_map=None if others is None else others.in_order)
+            found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
+    except (DiagnosisError, ModelError) as e:
+        raise ConfigError(str(e)) from e
+    except (Stopped, InstrumentError, KeyboardInterrupt) as e:
+        ended = e
+    finally:
+        weighing.stop()
+    if found is None:
+        if not rounds:
+            raise ended or Stopped("stopped by the operator")
+        found = Investigation(tuple(rounds), f"broken off: {ended or 'by the operator'}")
+    _keep(w, found, at.inputs)
+    if as_json:
+        told = {**found.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in at.inputs], "lost": at.lost}
+        print(json.dumps(told, indent=1))
+    else:
+        out.print(found.answer.statement)
+        out.print(f"{found.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
+    if ended is not None:
+        if not as_json:
+            out.print(f"go on with: {_again(w, at.inputs)}", soft_wrap=True)
+        if not isinstance(ended, (Stopped, KeyboardInterrupt)):
+            raise ended
+        return 1
+    return 1 if not at.safe else 3 if at.lost else 0
+
+
+def _again(w: Wanted, inputs: Sequence[Path]) -> str:
+    """What to type to go on with what is measured by now."""
+    words = ["lab", "investigate", *map(str, inputs), "--rig", str(w.rig), "--out", f"{w.folder}-2"]
+    words += ["--robot", str(w.robot)] if w.robot is not None else []
+    return shlex.join(words)
+
+
+def _keep(w: Wanted, found: Investigation, inputs: Sequence[Path]) -> None:
+    replaced(w.folder / STORY, json.dumps(found.to_dict(), indent=1) + "\n")
+    replaced(w.folder / ANSWER, found.answer.to_json() + "\n")
+    case = read_case(inputs, w.robot)
+    source = ", ".join(str(p) for p in inputs)
+    diagnosis_report.write(found.answer, case.robot.length, w.folder / ANSWER_PAGE, source, case.table)
+    investigation_page.write(found, w.folder / PAGE, str(w.folder), ANSWER_PAGE)
+
+
+def _named(effects: Sequence[str]) -> str:
+    return " + ".join(effects) or "none"
+
+
+def _leading(d: Diagnosis) -> list[Ranked]:
+    return list(d.attribute.ranking[:LEADING])
+
+
+def _show(r: Round) -> None:
+    leading = ", ".join(f"{_named(x.effects)} {x.probability:.2f}" for x in _leading(r.diagnosis))
+    out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
+
+
+def _foretold(f: Foretold, quiet: bool) -> None:
+    if quiet:
+        return
+    p = f.proposal
+    hands = f", {p.hands_min:g} of them by hand" if p.hands_min else ""
+    out.print(f"Next: {p.do}; {p.expected_bits:.2f} bits expected, about {p.cost_min:g} min{hands}", soft_wrap=True)
+    state = f.telling
+    if state is None:
+        return
+    for rival in f.rivals:
+        x, y, z = rival.tip_mm[state]
+        out.print(f"  state {state + 1}, by {_named(rival.effects)}: ({x:.1f}, {y:.1f}, {z:.1f}) mm", soft_wrap=True)

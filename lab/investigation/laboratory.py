@@ -1,0 +1,117 @@
+"""The rig as the place where an investigation's experiments are done: by the protocols of `lab run`, under the same guard."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import yaml
+
+from diagnosis.answer.result import Proposal
+from diagnosis.investigate import Foretold, NotDone
+from protocols.errors import ProtocolError, Stopped
+from recordings.own_files import replaced
+
+from ..campaign.hands import Prepared
+from ..console import Screen, err
+from ..files.config import ConfigError, Source
+from ..files.inputs import Case, read_case
+from ..rig.assembly import Rig
+from ..verbs.run import Job, Outcome, connect, execute, job
+
+FORETOLD, PROTOCOL = "foretold.json", "protocol.yaml"
+NEEDED = {"markers": "markers on the body, named in rig.yaml under instruments.mocap.markers"}
+"""What an experiment takes beyond instruments, by its id."""
+
+
+class RigLaboratory:
+    """Does experiments on a rig and keeps everything in a folder, one below it for each."""
+
+    def __init__(
+        self,
+        inputs: Sequence[Path],
+        robot: Path | None,
+        rig_path: Path,
+        folder: Path,
+        hands: bool,
+        without: Sequence[str],
+        settings: Sequence[str],
+        labels: Mapping[str, str],
+        told: Callable[[Foretold], None],
+        quiet: bool,
+    ) -> None:
+        self._inputs, self._robot, self._rig_path, self._folder = list(inputs), robot, rig_path, folder
+        self._hands, self._labels, self._told, self._quiet = hands, labels, told, quiet
+        self._without, self._settings = frozenset(without), list(settings)
+        self._prepared = Prepared()
+        self._jobs: dict[str, Job | str] = {}
+        self.lost = 0
+        """Samples."""
+        self.safe = True
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The campaign as it is by now: what was given, and the recordings made since."""
+        return tuple(self._inputs)
+
+    def refusal(self, proposal: Proposal) -> str:
+        """See Laboratory."""
+        if proposal.id in self._without:
+            return "not wanted"
+        if proposal.hands_min and not self._hands:
+            return f"takes {proposal.hands_min:g} min of somebody's hands"
+        if proposal.id not in self._jobs:
+            self._jobs[proposal.id] = self._job(proposal)
+        found = self._jobs[proposal.id]
+        return found if isinstance(found, str) else ""
+
+    def _job(self, proposal: Proposal) -> Job | str:
+        """What is to be run, or why it cannot be."""
+        try:
+            found = job(proposal.id, self._rig_path, self._settings, Source(proposal.id, dict(proposal.protocol), {}))
+        except (ConfigError, ProtocolError) as e:
+            return str(e).splitlines()[0]
+        if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):
+            return f"needs {NEEDED[proposal.id]}"
+        return replace(found, labels=self._labels)
+
+    def perform(self, foretold: Foretold) -> Case:
+        """See Laboratory. Raises what ended the run, `Stopped` when a person did."""
+        proposal = foretold.proposal
+        j = self._jobs[proposal.id]
+        if isinstance(j, str):
+            raise NotDone(j)
+        place = self._place(proposal.id)
+        place.mkdir(parents=True)
+        replaced(place / PROTOCOL, yaml.safe_dump(dict(proposal.protocol), sort_keys=False))
+        replaced(place / FORETOLD, json.dumps(asdict(foretold), indent=1) + "\n")
+        self._told(foretold)
+        result = self._run(j, place)
+        self.lost += sum(result.lost.values())
+        self.safe = result.safe
+        if len(result.table):
+            self._inputs.append(result.file)
+        if result.error is not None:
+            raise result.error
+        if not result.safe:
+            raise Stopped("the safe state is not confirmed; nothing more is done")
+        return read_case(self._inputs, self._robot)
+
+    def _run(self, j: Job, place: Path) -> Outcome:
+        with ExitStack() as open_:
+            rig = open_.enter_context(Rig(j.rig))
+            rig.operator = self._prepared.over(rig.operator)
+            connect(rig, j.experiment.needs, quiet=True)
+            screen = Screen(j.experiment.name, j.rig.clock.speed, quiet=self._quiet)
+            result = execute(rig, j, place, screen)
+            for text in rig.notices:
+                err.print(f"warning: {text}")
+        return result
+
+    def _place(self, id: str) -> Path:
+        """A folder for the next experiment: those there are numbered."""
+        there = [int(p.name[:2]) for p in self._folder.glob("[0-9][0-9]-*") if p.is_dir()]
+        return self._folder / f"{max(there, default=0) + 1:02d}-{id}"

@@ -1,0 +1,175 @@
+"""`lab power`: before measuring, which causes a plan can tell apart, which pairs it cannot, and what to add."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table as Sheet
+
+from diagnosis.data.case import states
+from diagnosis.errors import DiagnosisError
+from diagnosis.power.foreseen import Addition, PlannedCase, additions, foreseen, of_case
+from diagnosis.power.rates import OTHER_LAWS, Power, power
+from diagnosis.power.worlds import Planned
+from model.errors import ModelError
+from model.robot import Robot
+from protocols.parameters import RobotFacts
+from protocols.planned import planned_rows
+
+from ..campaign.design import campaign_of
+from ..campaign.planned import planned_table
+from ..console import Screen, note, out
+from ..files.config import ConfigError, load
+from ..files.inputs import read_case
+from ..files.own_effects import catalogue
+from ..files.rig_file import load_rig
+from ..rig.limits import wiring
+from ..verbs.run import protocol_plan
+
+Columns = dict[str, NDArray[np.generic]]
+
+READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
+"""What motion capture tells of the tip."""
+SHOWN_PAIRS = 8
+CLUTTERS = {"clean": (0.0,), "cluttered": (0.05, 0.1, 0.2)}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Whose power is asked for: a protocol or a campaign for a rig or a robot, or a campaign that was measured."""
+
+    protocol: str | None
+    settings: tuple[str, ...]
+    campaign: Path | None
+    case: tuple[Path, ...]
+    rig: Path | None
+    robot: Path | None
+
+
+def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as_json: bool) -> int:
+    """Print what can be told apart, by drawing `each` worlds of every cause; `more`: also what each further experiment brings.
+
+    Raises ConfigError.
+    """
+    if not 2 <= each <= 10_000:
+        raise ConfigError(f"--worlds {each}: must be 2 to 10000 of each cause")
+    robot, table = _planned(asked)
+    weighed, left_out = catalogue(robot, effects)
+    note(f"not considered: {why}" for why in left_out)
+    try:
+        with Screen("drawing worlds", quiet=as_json) as screen:
+            case = foreseen(robot, table, weighed, seed) if table is not None else _measured(asked)
+            whole = 3 if more else 2
+            design = of_case(case, weighed)
+            found: dict[str, Power] = {}
+            for k, (name, clutter) in enumerate(CLUTTERS.items()):
+                found[name] = power(design, tuple(weighed), each, seed, clutter)
+                screen.progress((k + 1) / whole, 1.0)
+            brings: tuple[Addition, ...] = ()
+            if more and not states(case)[0].pushed.all():
+                brings = additions(case, weighed, seed=seed, progress=lambda s: screen.progress((2 + s) / whole, 1.0))
+    except (DiagnosisError, ModelError) as e:
+        raise ConfigError(str(e)) from e
+    if as_json:
+        print(json.dumps(_dict(found, brings, design), indent=1))
+        return 0
+    _show(found, brings)
+    return 0
+
+
+def _planned(a: Asked) -> tuple[Robot, Columns | None]:
+    """The robot, and the columns that will be read; none where a case was measured."""
+    given = [
+        n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None
+    ]
+    if len(given) != 1:
+        raise ConfigError("give one of --protocol, --campaign and --case")
+    if a.case:
+        return read_case(a.case, a.robot).robot, None
+    if a.campaign is not None:
+        if a.rig is None:
+            raise ConfigError("--campaign: give the rig too, --rig RIG")
+        c = campaign_of(a.campaign, a.rig, 1)
+        return c.robot, planned_table(c, READ)
+    assert a.protocol is not None
+    if a.rig is None and a.robot is None:
+        raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
+    if a.rig is not None:
+        rig = load_rig(a.rig)
+        robot = load(a.robot or rig.robot, Robot)
+        chambers = wiring(rig, robot)
+        count, channels = chambers.count, chambers.channels
+    else:
+        assert a.robot is not None
+        robot = load(a.robot, Robot)
+        count = len(robot.actuators.azimuths_deg)
+        channels = tuple((c,) for c in range(1, count + 1))
+    _, parameters, plan = protocol_plan(
+        a.protocol, list(a.settings), RobotFacts(count, channels, robot.tip_mass, robot.spine is not None)
+    )
+    rows = planned_rows(plan, parameters, count)
+    names = [n for n in rows[0] if n not in ("step", "vacuum") or (n == "vacuum" and robot.spine is not None)]
+    told: Columns = {n: np.array([row[n] for row in rows]) for n in names}
+    return robot, told | {n: np.full(len(rows), float(n == "qw")) for n in READ}
+
+
+def _measured(a: Asked) -> PlannedCase:
+    case = read_case(a.case, a.robot)
+    return PlannedCase(case.robot, case.table)
+
+
+def _dict(found: dict[str, Power], brings: tuple[Addition, ...], design: Planned) -> dict[str, Any]:
+    added = [
+        {
+            "id": a.experiment.id,
+            "do": a.experiment.do,
+            "cost_min": a.experiment.minutes,
+            "right": a.right,
+            "gained": a.gained,
+        }
+        for a in brings
+    ]
+    return {
+        "schema": "power/1",
+        "noise_floor_mm": max(part.floor for part in design.where) * 1e3,
+        **{name: {**p.to_dict(), "right_other_laws": p.right * OTHER_LAWS[name]} for name, p in found.items()},
+        "additions": added,
+    }
+
+
+def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
+    clean, cluttered = found["clean"], found["cluttered"]
+    sheet = Sheet(title="How often the cause would be told, by its size (thirds of 0.5 to 1.5 plausible scales)",
+                  title_justify="left")  # fmt: skip
+    for column in ("cause", "carries", "small", "medium", "large", "in clutter", "else taken for"):
+        sheet.add_column(column)
+    beside = {e.effect: e for e in cluttered.effects}
+    for e in clean.effects:
+        other = beside[e.effect]
+        shares = [share for share in other.right.values() if share is not None]
+        taken = ", ".join(f"{name} {share:.2f}" for name, share in other.taken_for[:2])
+        sizes = ["" if share is None else f"{share:.2f}" for share in e.right.values()]
+        sheet.add_row(e.effect, f"{e.carries:.1f} floors", *sizes, f"{np.mean(shares):.2f}", taken)
+    out.print(sheet)
+    for name, p in found.items():
+        low, high = p.right95
+        out.print(
+            f"{name}: {p.right:.2f} of {p.worlds} worlds told right (95 %: {low:.2f} to {high:.2f}); of robots with "
+            f"other laws than the catalogue's about {p.right * OTHER_LAWS[name]:.2f}",
+            soft_wrap=True,
+        )
+    if pairs := cluttered.pairs[:SHOWN_PAIRS]:
+        out.print(
+            "not told apart: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True
+        )
+    if clean.unseen:
+        out.print(f"never seen in these states: {', '.join(clean.unseen)}", soft_wrap=True)
+    for a in brings[:3]:
+        said = f"{a.gained:+.2f} of worlds told right, for {a.experiment.minutes:g} min"
+        out.print(f"to add: {a.experiment.do}: {said}", soft_wrap=True)
+    out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")

@@ -1,0 +1,101 @@
+"""Where the tip should be: the model in a process of its own, so that neither the page waits for its kernels nor the run for it.
+
+`python -m lab.live.expected` reads JSON lines, the first one the robot, and answers each with one line.
+
+    {"robot": "name: ..."}        {"ready": true, "intervals": true}
+    {"now": {"pressures": [..], "spine": 0.1, "mass": 0.05, "roll": 0.0}}
+                                  {"tip": [..], "low": [..], "high": [..]}
+    {"rows": ["{..}", ..]}        {"gaps": [{"tip": [..], "low": [..], "high": [..], "gap": [..]}, null]}
+
+SI units, base frame; `low` and `high` are the ends of the 95 % interval of a reading; null where robot.yaml states no
+uncertainty. A question that cannot be answered gets {"error": "why"}.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from diagnosis.errors import DiagnosisError
+from model.errors import ModelError
+from model.prediction import Prediction, Predictor
+from model.prediction.spread import uncertain
+from model.robot import Robot
+from recordings.errors import RecordingError
+from recordings.file.player import plain_numbers
+from recordings.trials import Table, TrialRow
+
+from ..comparison import expected
+from ..files.config import ConfigError, check, parse_yaml
+from ..files.inputs import Case
+from ..files.own_effects import stated_by
+from ..guard.priority import take_place
+from .asking import BEHIND
+
+UNANSWERED = (ConfigError, ModelError, DiagnosisError, RecordingError, ValueError)
+
+
+def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
+    """The answer to each line."""
+    robot = check(parse_yaml(json.loads(next(lines))["robot"], "robot.yaml"), Robot)
+    catalogue = stated_by(robot)
+    at = Predictor(robot, catalogue, cores=1)
+    at(np.zeros(len(robot.actuators.azimuths_deg)), intervals=True)  # the first of each kind compiles
+    known = bool(uncertain(robot)[0]) or robot.posterior is not None
+    yield {"ready": True, "intervals": known}
+    for line in lines:
+        asked = json.loads(line)
+        try:
+            if "rows" in asked:
+                table = Table(tuple(TrialRow.from_json(text) for text in asked["rows"]))
+                yield {"gaps": gaps(Case(robot, table), known)}
+            else:
+                now = asked["now"]
+                spine = max(0.0, now["spine"])
+                found = at(now["pressures"], spine, now["mass"], now["roll"], intervals=True)
+                yield _place(found, 0, known)
+        except UNANSWERED as e:
+            yield {"error": f"{type(e).__name__}: {e}"}
+
+
+def gaps(case: Case, known: bool) -> list[dict[str, Any] | None]:
+    """Of each row of a case the expected tip, its interval, and measured minus expected (m); None for a row without a tip.
+
+    `known`: robot.yaml states an uncertainty, so that there is an interval.
+    """
+    if not any(row.tip is not None and row.protocol != "stiffness" for row in case.table):
+        return [None] * len(case.table)
+    found = expected(case, stated_by(case.robot), intervals=True)
+    place = {id(row): k for k, row in enumerate(found.rows)}
+    out: list[dict[str, Any] | None] = []
+    for row in case.table:
+        k = place.get(id(row))
+        if k is None or row.tip is None:
+            out.append(None)
+        else:
+            gap = (np.array(row.tip) - found.prediction.tip[k]).tolist()
+            out.append({**_place(found.prediction, k, known), "gap": gap})
+    return out
+
+
+def _place(found: Prediction, k: int, known: bool) -> dict[str, Any]:
+    low, high = (end[k].tolist() for end in found.interval()) if known else (None, None)
+    return {"tip": found.tip[k].tolist(), "low": low, "high": high}
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    take_place(BEHIND, BEHIND)
+    try:
+        for answer in answers(iter(sys.stdin)):
+            print(json.dumps(plain_numbers(answer)), flush=True)
+    except UNANSWERED as e:
+        print(json.dumps({"error": f"{type(e).__name__}: {e}"}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

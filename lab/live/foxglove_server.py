@@ -1,0 +1,139 @@
+"""The streams of a recording to Foxglove and Lichtblick, beside the page: every message as it stands in the file.
+
+Topics, schemas, bytes and log times are those of the recording. One topic is not in it: `EXPECTED`, a foxglove.SceneUpdate
+with the tip that the model expects, in the base frame, and the box of its 95 % interval. The library (extra `live`) serves all
+viewers from threads of its own, each out of a queue of its own: who is too slow loses the oldest messages, and nobody else
+notices. Viewers cannot send anything.
+"""
+
+from __future__ import annotations
+
+import time
+from importlib.resources import files
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from recordings.events import BASE_FRAME
+from recordings.file.container import Contents
+from recordings.file.tail import Piece
+
+from ..files.config import ConfigError
+
+if TYPE_CHECKING:
+    from foxglove import Channel
+
+EXPECTED = "/model/tip"
+LAYOUT = Path(str(files(__package__) / "page" / "foxglove.json"))
+"""Panels for Foxglove and Lichtblick; their paths are those of our recordings."""
+WAITING = 2**16
+"""Messages that may wait for one viewer: two minutes of a rig."""
+SETTLED = 0.5
+"""Host seconds after the newest subscription from which a viewer has all that its panels want."""
+SPHERE = 0.008
+"""Diameter that stands for the expected tip, m."""
+
+
+class Foxglove:
+    """Serves at a port of `host`; raises ConfigError when that cannot be. Use with `with`."""
+
+    def __init__(self, host: str, port: int) -> None:
+        if not 0 <= port < 2**16:
+            raise ConfigError(f"--foxglove {port}: must be 0 (any that is free) to 65535")
+        try:
+            import foxglove
+            from foxglove.channels import SceneUpdateChannel
+            from foxglove.websocket import Capability, ServerListener
+        except ImportError as e:
+            raise ConfigError(f"--foxglove needs {e.name}, which is not installed; pip install 'softlab[live]'") from e
+
+        asked: list[float] = []
+
+        class Listener(ServerListener):
+            def on_subscribe(self, client: Any, channel: Any) -> None:
+                asked[:] = [time.monotonic()]
+
+        self._asked = asked
+        self._library = foxglove
+        self._context = foxglove.Context()
+        try:
+            self._server = foxglove.start_server(
+                name="softlab", host=host, port=port, context=self._context, capabilities=[Capability.Time],
+                server_listener=Listener(), message_backlog_size=WAITING,
+            )  # fmt: skip
+        except RuntimeError as e:
+            raise ConfigError(
+                f"--foxglove {port}: cannot listen there ({e}); choose another port, or 0 for any that is free"
+            ) from e
+        self._expected = SceneUpdateChannel(EXPECTED, context=self._context)
+        self._channels: dict[int, Channel] = {}
+        self._until = 0
+        name = f"[{host}]" if ":" in host else host
+        self.address = f"ws://{name}:{self._server.port}"
+        """What to open in Foxglove."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody has subscribed, and no further subscription has come for a moment."""
+        return bool(self._asked) and time.monotonic() - self._asked[0] > SETTLED
+
+    def offer(self, contents: Contents) -> None:
+        """Name the topics of a recording so far."""
+        for number, channel in contents.channels.items():
+            if number in self._channels:
+                continue
+            schema = contents.schemas.get(channel.schema_id)
+            self._channels[number] = self._library.Channel(
+                channel.topic,
+                schema=self._library.Schema(
+                    name="" if schema is None else schema.name,
+                    encoding="" if schema is None else schema.encoding,
+                    data=b"" if schema is None else schema.data,
+                ),
+                message_encoding=channel.message_encoding,
+                metadata=dict(channel.metadata),
+                context=self._context,
+            )
+
+    def take(self, contents: Contents, pieces: list[Piece]) -> None:
+        """Hand on what has come; the viewers' clock is that of the file."""
+        self.offer(contents)
+        for piece in pieces:
+            self._until = max(self._until, piece.until)
+            self._server.broadcast_time(self._until)
+            for number, log_time, payload in piece.messages:
+                self._channels[number].log(payload, log_time=log_time)
+
+    def expected(self, log_time: int, found: dict[str, Any]) -> None:
+        """Where the tip should be at a log time (ns): `tip`, and where known `low` and `high` (m, base frame); nothing
+        without `tip`."""
+        from foxglove import messages as m
+
+        def place(x: float, y: float, z: float) -> m.Pose:
+            return m.Pose(position=m.Vector3(x=x, y=y, z=z), orientation=m.Quaternion(x=0, y=0, z=0, w=1))
+
+        tip, low, high = found.get("tip"), found.get("low"), found.get("high")
+        entities: list[m.SceneEntity] = []
+        at = m.Timestamp(sec=log_time // 10**9, nsec=log_time % 10**9)
+        if tip is not None and None not in tip:
+            size = m.Vector3(x=SPHERE, y=SPHERE, z=SPHERE)
+            sphere = m.SpherePrimitive(pose=place(*tip), size=size, color=m.Color(r=0.84, g=0.37, b=0.0, a=1.0))
+            cubes: list[m.CubePrimitive] = []
+            if low is not None and high is not None and None not in (*low, *high):
+                middle = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
+                x, y, z = (b - a for a, b in zip(low, high, strict=True))
+                color = m.Color(r=0.84, g=0.37, b=0.0, a=0.25)
+                cubes.append(m.CubePrimitive(pose=place(*middle), size=m.Vector3(x=x, y=y, z=z), color=color))
+            entities.append(
+                m.SceneEntity(timestamp=at, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes)
+            )
+        gone = [] if entities else [m.SceneEntityDeletion(timestamp=at, type=m.SceneEntityDeletionType.All)]
+        self._expected.log(m.SceneUpdate(entities=entities, deletions=gone), log_time=log_time)
+
+    def __enter__(self) -> Foxglove:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.stop()

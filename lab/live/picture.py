@@ -1,0 +1,311 @@
+"""What the page shows: kept up to date from the pieces of a recording, and handed out whole or by what is new.
+
+Every number is one of the file, unchanged. Of each stream the newest sample of a piece (a tenth of a second) is shown; of the
+force the piece's largest too, so that no peak is missed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.events import Request
+from recordings.file.counts import counted
+from recordings.file.reader import LogLine, StateEvent, TrialEvent
+from recordings.file.tail import Piece
+from recordings.trials import TrialRow
+
+from ..console import seconds_left
+from .about import About, shown
+
+KEPT = 60.0
+"""s of the host for which the charts go back."""
+POINTS = 600
+"""Pieces that are kept for them."""
+LINES, LISTED = 200, 2000
+"""Lines of the log and finished states that a page is given."""
+AT_ONCE = 60
+"""Pieces of an update that are handed out: of a recording played fast the newest."""
+
+Numbers = dict[str, Any]
+
+
+@dataclass
+class Stream:
+    """One stream so far."""
+
+    count: int = 0
+    dropped: int = 0
+    """Numbers that are missing between its samples."""
+    lost: int | None = None
+    """On the way from the instrument; None until the recording's end tells."""
+    newest: float = -math.inf
+    number: int | None = None
+    recent: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=40))
+    """(stamp, count) at the end of the last pieces."""
+
+    def take(self, t: float, numbers: list[int]) -> None:
+        """So many samples more, the newest of `t` s."""
+        before = self.number
+        for number in numbers:
+            if before is not None and number > before + 1:
+                self.dropped += number - before - 1
+            before = number
+        self.number = before
+        self.count += len(numbers)
+        self.newest = t
+        self.recent.append((t, self.count))
+
+    @property
+    def rate(self) -> float:
+        """Hz of rig time over the last pieces; 0 while too few are there."""
+        (t0, n0), (t1, n1) = self.recent[0], self.recent[-1]
+        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+
+
+class Picture:
+    """The state of the page."""
+
+    def __init__(self, about: About) -> None:
+        self.about = about
+        self.t = 0.0
+        """Rig time of the newest message, s."""
+        self.first: float | None = None
+        self.outcome: Numbers | None = None
+        self.state: StateEvent | None = None
+        self.rows: list[TrialRow] = []
+        self._again: list[bool] = []
+        """Of each row, whether it is of a state that was read before."""
+        self.newest: Numbers = {}
+        """By stream, the newest sample that is shown."""
+        self.progress: Numbers | None = None
+        self.trouble = ""
+        """Why the recording is not read any further."""
+        self._streams: dict[str, Stream] = {}
+        self._points: deque[Numbers] = deque(maxlen=POINTS)
+        self._log: deque[Numbers] = deque(maxlen=LINES)
+        self._gaps: list[Numbers | None] = []
+        self._now: Numbers | None = None
+        self._begun: float | None = None
+        """Planned seconds that were over when the recording began: those of the run that it resumes."""
+        self._pause: Numbers | None = None
+        """A pause that is asked for, or has begun."""
+        self._model = {"stands": "starting", "why": ""}
+        self._seen: float | None = None
+        """Stamp of the last tip that was tracked."""
+
+    # -- what comes
+    def take(self, pieces: Iterable[Piece]) -> Numbers:
+        """Take pieces of the recording; returns what is new, for those who have seen the rest."""
+        points: list[Numbers] = []
+        lines: list[Numbers] = []
+        first_row = len(self.rows)
+        for piece in pieces:
+            points.append(self._point(piece))
+            lines += [self._line(line) for line in piece.log]
+            lines += [self._asked_of(request) for request in piece.requests]
+            for state in piece.states:
+                self.state = state
+            self._rows(piece.trials)
+            for message in piece.progress:
+                self._progress(message)
+        self._points.extend(points)
+        self._log.extend(lines)
+        new: Numbers = {"t": self.t, "points": points[-AT_ONCE:], "newest": self.newest, "streams": self._counts()}
+        if lines:
+            new["log"] = lines[-LINES:]
+        if len(self.rows) > first_row:
+            new["rows"] = self._listed(first_row)
+            new["of"] = len(self.rows)
+        return {**new, **self._standing()}
+
+    def whole(self) -> Numbers:
+        """Everything, for somebody who has seen nothing."""
+        since = self.t - KEPT * self.about.speed
+        return {
+            "about": self.about.to_dict(),
+            "t": self.t,
+            "points": [point for point in self._points if point["t"] >= since],
+            "newest": self.newest,
+            "streams": self._counts(),
+            "log": list(self._log),
+            "rows": self._listed(max(0, len(self.rows) - LISTED)),
+            "of": len(self.rows),
+            **self._compared(),
+            "model": self._model,
+            "now": self._now,
+            **self._standing(),
+        }
+
+    def end(self, metadata: Mapping[str, Mapping[str, str]], finished: bool) -> Numbers:
+        """Nothing more comes; the metadata tell how it ended, and what was lost."""
+        told = metadata.get("outcome", {})
+        if finished and "outcome" in told:
+            self.outcome = {"outcome": shown(told["outcome"]), "detail": shown(told.get("detail", ""))}
+        else:
+            self.outcome = {"outcome": "abrupt", "detail": "the recording was never finished"}
+        for topic, counts in counted(metadata).items():
+            if topic in self._streams:
+                self._streams[topic].lost = counts.get("lost")
+                self._streams[topic].dropped = counts.get("dropped", self._streams[topic].dropped)
+        return {"streams": self._counts(), **self._standing()}
+
+    def broken(self, why: str) -> Numbers:
+        """The recording cannot be read any further."""
+        self.trouble = shown(why)
+        return self._standing()
+
+    # -- what the model says
+    def model_says(self, stands: str, why: str = "") -> Numbers:
+        """How the model stands: "starting", "ready" or "none", and why."""
+        self._model = {"stands": stands, "why": shown(why)}
+        return {"model": self._model}
+
+    def expected_now(self, now: Numbers) -> Numbers:
+        """Where the tip should be now."""
+        self._now = {**now, "error": shown(now["error"])} if "error" in now else now
+        return {"now": self._now}
+
+    def gaps(self, gaps: list[Numbers | None]) -> Numbers:
+        """Of each finished state, the distance between measured and expected tip; None where there is none."""
+        self._gaps = gaps
+        return self._compared()
+
+    # -- parts
+    def _compared(self) -> Numbers:
+        """The gaps of the last states that were compared, and how many were so far."""
+        return {"gaps": self._gaps[-LISTED:], "compared": len(self._gaps)}
+
+    def _standing(self) -> Numbers:
+        """What is small and sent with every update."""
+        return {
+            "state": self._asked(),
+            "pause": self._pause,
+            "progress": self.progress,
+            "outcome": self.outcome,
+            "trouble": self.trouble,
+        }
+
+    def _point(self, piece: Piece) -> Numbers:
+        for topic, samples in piece.samples.items():
+            t = float(samples["t"][-1])
+            self.t = max(self.t, t)
+            self._streams.setdefault(topic, Stream()).take(t, piece.numbers[topic])
+        if self.first is None and piece.samples:
+            self.first = self.t
+        new = {name: show(piece.samples[topic]) for topic, (name, show) in SHOWN.items() if topic in piece.samples}
+        tip = piece.samples.get("/tip")
+        if tip is not None and tip["valid"].any():
+            self._seen = float(tip["t"][np.flatnonzero(tip["valid"])[-1]])
+        if "tip" in new:
+            new["tip"]["seen"] = self._seen
+        self.newest = {**self.newest, **new}
+        return {"t": self.t, **new}
+
+    def _line(self, line: LogLine) -> Numbers:
+        t = (line.log_time - self.about.start_wall_ns) / 1e9
+        return {"t": t, "level": line.level, "text": shown(line.text)}
+
+    def _asked_of(self, request: Request) -> Numbers:
+        """A request as a line among the events; a pause is known from when it is asked for until it is over."""
+        if request.kind == "pause":
+            self._pause = {"t": request.t, "by": shown(request.by), "begun": request.done}
+        elif request.kind == "go on" and (request.done or not (self._pause or {}).get("begun")):
+            self._pause = None
+        if request.kind == "note":
+            return {"t": request.t, "level": "note", "text": shown(f"{request.text} ({request.by})")}
+        done = "done" if request.done else f"asked for ({request.by})"
+        return {"t": request.t, "level": "asked", "text": shown(f"{request.kind}: {done}")}
+
+    def _rows(self, trials: list[TrialEvent]) -> None:
+        """A state that is read again has a line of its own."""
+        self.rows += [trial.row for trial in trials]
+        self._again += [trial.repeats > 0 for trial in trials]
+
+    def _listed(self, first: int) -> list[Numbers]:
+        return [_listed(row, again) for row, again in zip(self.rows[first:], self._again[first:], strict=True)]
+
+    def _progress(self, message: Any) -> None:
+        first = self.first if self.first is not None else message.t
+        elapsed = (message.t - first) / self.about.speed
+        if self._begun is None:
+            self._begun = message.seconds
+        own, planned = message.seconds - self._begun, message.seconds_planned - self._begun
+        left = seconds_left(own, planned, elapsed, self.about.speed)
+        self.progress = {
+            "t": message.t, "steps": message.steps, "planned": message.steps_planned, "seconds": message.seconds,
+            "seconds_planned": message.seconds_planned, "left": left,
+        }  # fmt: skip
+
+    def _asked(self) -> Numbers | None:
+        """What was asked for last, and whether it was read since."""
+        if self.state is None:
+            return None
+        state = self.state.state
+        last = self.rows[-1] if self.rows else None
+        return {
+            "t": self.state.t, "trial": state.trial, "step": state.step, "protocol": shown(state.protocol),
+            "repeat": state.repeat, "branch": shown(state.branch), "rule": state.rule_name, "targets": list(state.targets),
+            "spine": state.spine_length, "specimen": state.specimen, "clipped": state.clipped,
+            "read": last is not None and (last.trial, last.step) == (state.trial, state.step),
+        }  # fmt: skip
+
+    def _counts(self) -> Numbers:
+        return {
+            topic: {"t": s.newest, "count": s.count, "rate": s.rate, "dropped": s.dropped, "lost": s.lost}
+            for topic, s in self._streams.items()
+        }
+
+
+def _listed(row: TrialRow, again: bool) -> Numbers:
+    return {
+        "trial": row.trial, "step": row.step, "branch": shown(row.branch), "t": row.t, "spine": row.spine_length,
+        "pressures": row.pressures, "tip": row.tip, "specimen": row.specimen, "force": row.force, "deflection": row.deflection,
+        "clipped": row.clipped, "again": again,
+    }  # fmt: skip
+
+
+Samples = NDArray[np.void]
+
+
+def _pressure(s: Samples) -> Numbers:
+    return {"t": float(s["t"][-1]), "setpoint": s["setpoint"][-1].tolist(), "measured": s["measured"][-1].tolist()}
+
+
+def _spine(s: Samples) -> Numbers:
+    return {"t": float(s["t"][-1]), "length": float(s["length"][-1]), "goal": float(s["goal"][-1])}
+
+
+def _valve(s: Samples) -> Numbers:
+    return {"t": float(s["t"][-1]), "on": bool(s["on"][-1])}
+
+
+def _vacuum(s: Samples) -> Numbers:
+    return {"t": float(s["t"][-1]), "absolute": float(s["absolute"][-1])}
+
+
+def _force(s: Samples) -> Numbers:
+    net = s["raw"] - s["zero"]
+    force = np.sqrt((net[:, :3] ** 2).sum(axis=1))
+    moment = np.sqrt((net[:, 3:] ** 2).sum(axis=1))
+    return {
+        "t": float(s["t"][-1]), "force": float(force[-1]), "peak": float(force.max()), "moment": float(moment[-1]),
+        "components": net[-1].tolist(),
+    }  # fmt: skip
+
+
+def _tip(s: Samples) -> Numbers:
+    return {"t": float(s["t"][-1]), "position": s["position"][-1].tolist(), "valid": bool(s["valid"][-1])}
+
+
+SHOWN = {
+    "/pressure": ("pressure", _pressure), "/spine": ("spine", _spine), "/valve": ("valve", _valve),
+    "/vacuum": ("vacuum", _vacuum), "/force": ("force", _force), "/tip": ("tip", _tip),
+}  # fmt: skip
+"""What is shown of a stream: its name on the page, and its numbers."""

@@ -1,0 +1,247 @@
+"""A recording followed and shown at an address, until it is told to end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import secrets
+import socket
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from recordings.errors import RecordingError
+from recordings.file.tail import Piece, Tail
+
+from . import http
+from .about import About, about, robot_text
+from .asking import Model, NoModel
+from .feed import following, played
+from .foxglove_server import Foxglove
+from .picture import Picture
+from .viewers import Steer, Viewers
+
+LOOPBACK = "127.0.0.1"
+NO_LONGER = 2.0
+"""Host seconds for which a page is served after the run beside it has ended, so that it gets the end."""
+ASK = 0.2
+"""Host seconds between two questions to the model."""
+REST = 4.0
+"""All finished states are compared anew with each further one; so many times as long as that takes the model has rest."""
+HEARTBEAT = 0.5
+"""Host seconds between two updates at least: ages go on while nothing comes."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a page is served, and the secret in its address."""
+
+    listening: socket.socket
+    token: str
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser."""
+        host, port = self.listening.getsockname()[:2]
+        name = f"[{host}]" if ":" in host else host
+        return f"http://{name}:{port}/{self.token}/"
+
+
+def place(bind: str = LOOPBACK, port: int = 0) -> Place:
+    """Listen at an address of this computer; raises OSError when that cannot be."""
+    family = socket.AF_INET6 if ":" in bind else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((bind, port))
+        listening.listen(64)
+    except BaseException:
+        listening.close()
+        raise
+    return Place(listening, secrets.token_urlsafe(16))
+
+
+class Show:
+    """One recording at one place. `speed`: how fast a recording is played; None: a run that is going on is followed.
+    `steer`: where viewers may ask something of that run. `foxglove`: where it is shown too; a recording is played once
+    somebody has subscribed there."""
+
+    def __init__(
+        self,
+        path: Path,
+        at: Place,
+        speed: float | None = None,
+        model: bool = True,
+        steer: Steer | None = None,
+        foxglove: Foxglove | None = None,
+    ) -> None:
+        self._path, self._at, self._speed = path, at, speed
+        self._over = threading.Event()
+        self._with_model = model
+        self._foxglove = foxglove
+        self._picture: Picture | None = None
+        self._steered = steer is not None
+        self._viewers = Viewers(at.token, self._whole, steer)
+        self._clock: Callable[[], float] = lambda: self._picture.t if self._picture is not None else 0.0
+
+    def over(self) -> None:
+        """The run has ended, or nobody wants to look any more; from any thread."""
+        self._over.set()
+
+    def run(self, stay: bool) -> None:
+        """Serve until `over`; `stay`: also after the recording has ended. Raises `RecordingError` for a file that is none."""
+        with contextlib.suppress(asyncio.CancelledError):
+            asyncio.run(self._run(stay))
+
+    async def _run(self, stay: bool) -> None:
+        server = await asyncio.start_server(self._viewers.serve, sock=self._at.listening, limit=http.LARGEST_HEAD)
+        async with server:
+            try:
+                with await self._opened() as tail:
+                    await self._show(tail, stay)
+            finally:
+                await self._viewers.end()
+
+    async def _opened(self) -> Tail:
+        """The recording, once it is there."""
+        while not self._path.exists() and not self._over.is_set():
+            await asyncio.sleep(0.05)
+        return Tail(self._path)
+
+    async def _show(self, tail: Tail, stay: bool) -> None:
+        beside = [asyncio.create_task(self._beat())]
+        try:
+            if self._foxglove is not None and self._speed is not None:
+                await self._wanted(self._foxglove)
+            async for pieces in self._pieces(tail):
+                if not pieces:
+                    continue
+                if self._picture is None:  # by the first chunk all attachments are there
+                    self._picture = Picture(self._about(tail))
+                    beside += [asyncio.create_task(self._ask(robot_text(tail.contents)))] if self._with_model else []
+                    self._tell(self._whole(), "whole")
+                self._keep_time(tail, pieces)
+                if self._foxglove is not None:
+                    self._foxglove.take(tail.contents, pieces)
+                self._tell(self._picture.take(pieces))
+            if self._picture is None:
+                self._picture = Picture(self._about(tail))
+                self._tell(self._whole(), "whole")
+            self._stop_time()
+            self._tell(self._picture.end(tail.contents.metadata, tail.contents.finished))
+        except RecordingError as e:
+            if self._picture is None:
+                raise
+            self._stop_time()
+            self._tell(self._picture.broken(str(e)))
+        try:
+            end = math.inf if stay else time.monotonic() + NO_LONGER
+            while time.monotonic() < end and not (stay and self._over.is_set()):
+                await asyncio.sleep(0.05)
+        finally:
+            for task in beside:
+                task.cancel()
+            await asyncio.gather(*beside, return_exceptions=True)
+
+    async def _wanted(self, foxglove: Foxglove) -> None:
+        """Wait until somebody has subscribed to topics of the recording."""
+        with Tail(self._path) as beginning:
+            await asyncio.to_thread(beginning.read, 1)
+            foxglove.offer(beginning.contents)
+        while not foxglove.wanted and not self._over.is_set():
+            await asyncio.sleep(0.05)
+
+    def _pieces(self, tail: Tail) -> AsyncIterator[list[Piece]]:
+        return following(tail, self._over.is_set) if self._speed is None else played(tail, self._speed)
+
+    def _about(self, tail: Tail) -> About:
+        found = about(self._path, tail.contents)
+        return found if self._speed is None else replace(found, speed=min(self._speed, 1e6))
+
+    def _keep_time(self, tail: Tail, pieces: list[Piece]) -> None:
+        """Of a run: its rig time now, from the wall time of its first line, which was written when it was recorded."""
+        assert self._picture is not None
+        if self._speed is not None or not pieces[0].log or self._picture.first is not None:
+            return
+        begun, speed = pieces[0].log[0].log_time, self._picture.about.speed
+        t = (begun - self._picture.about.start_wall_ns) / 1e9
+        since, looked = time.time() - begun / 1e9, time.monotonic()
+        self._clock = lambda: t + speed * (since + time.monotonic() - looked)
+
+    def _stop_time(self) -> None:
+        assert self._picture is not None
+        end = self._picture.t
+        self._clock = lambda: end
+
+    # -- what is told
+    def _whole(self) -> dict[str, Any]:
+        if self._picture is None:
+            return {"waiting": True}
+        return self._timed({**self._picture.whole(), "steered": self._steered})
+
+    def _timed(self, data: dict[str, Any]) -> dict[str, Any]:
+        """With the rig time now and the wall time (ms) of this update."""
+        return {**data, "clock": self._clock(), "sent": time.time() * 1e3}
+
+    def _tell(self, data: dict[str, Any], name: str = "new") -> None:
+        self._viewers.tell(name, self._timed(data))
+
+    async def _beat(self) -> None:
+        while True:
+            await asyncio.sleep(HEARTBEAT)
+            self._tell({})
+
+    # -- the model
+    async def _ask(self, robot: str | None) -> None:
+        """Keep asking the model about what is new: the finished states, and where the tip should be now."""
+        picture = self._picture
+        assert picture is not None
+        if robot is None:
+            self._tell(picture.model_says("none", "no robot.yaml in the recording"))
+            return
+        model = Model(robot)
+        try:
+            self._tell(picture.model_says("starting"))
+            intervals = await model.start()
+            why = "" if intervals else "no interval, because robot.yaml states no uncertainty"
+            self._tell(picture.model_says("ready", why))
+            asked, last, due = 0, None, 0.0
+            while True:
+                if len(picture.rows) > asked and (began := time.monotonic()) >= due:
+                    asked = len(picture.rows)
+                    found = await model.ask({"rows": [row.to_json() for row in picture.rows]})
+                    due = time.monotonic() + REST * (time.monotonic() - began)
+                    self._tell(
+                        picture.gaps(found["gaps"]) if "gaps" in found else picture.model_says("ready", found["error"])
+                    )
+                question, t = _question(picture)
+                if question is not None and t != last:
+                    last = t
+                    found = await model.ask(question)
+                    self._tell(picture.expected_now({"t": t, **found}))
+                    if self._foxglove is not None:
+                        self._foxglove.expected(picture.about.start_wall_ns + round(t * 1e9), found)
+                await asyncio.sleep(ASK)
+        except NoModel as e:
+            self._tell(picture.model_says("none", str(e)))
+        finally:
+            await model.stop()
+
+
+def _question(picture: Picture) -> tuple[dict[str, Any] | None, float]:
+    """What to ask of the model about the robot as it is now, and the rig time of it; None where nothing can be asked."""
+    state, pressure = picture.state, picture.newest.get("pressure")
+    if state is None or pressure is None or state.state.specimen is not None or None in pressure["measured"]:
+        return None, 0.0
+    spine = picture.newest.get("spine", {}).get("length")
+    asked = {
+        "pressures": pressure["measured"],
+        "spine": state.state.spine_length if spine is None else spine,
+        "mass": state.state.tip_mass,
+        "roll": math.radians(state.state.roll_deg),
+    }
+    return {"now": asked}, pressure["t"]

@@ -1,0 +1,106 @@
+"""Work on processes of this machine: threads share Python's lock, which half of the work of a diagnosis holds.
+
+They start at once, while this process prepares the work. A process that is lost costs time only: what it had, and all that
+comes after, is done here.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+ONE_THREAD = "OPENBLAS_NUM_THREADS"
+"""Of linear algebra: the processes share the processors already."""
+
+
+class Processes:
+    """Processes that wait for work."""
+
+    def __init__(self, pool: ProcessPoolExecutor, folder: Path) -> None:
+        self._pool, self._folder, self._sent, self._lost = pool, folder, 0, False
+
+    def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
+        """`do` for every item, in order; `do` is read by each process once, however much it holds. Raises what `do` raises."""
+        if self._lost or len(items) < 2:
+            yield from map(do, items)
+            return
+        self._sent += 1
+        file = self._folder / f"{self._sent}"
+        file.write_bytes(pickle.dumps(do, protocol=pickle.HIGHEST_PROTOCOL))
+        try:
+            results = [self._pool.submit(_done, str(file), item) for item in items]
+        except BrokenProcessPool:
+            self._lost = True
+            yield from map(do, items)
+            return
+        for item, result in zip(items, results, strict=True):
+            try:
+                yield result.result()
+            except BrokenProcessPool:
+                self._lost = True
+                yield do(item)
+        file.unlink()
+
+
+MANY_ROWS = 100
+"""Of a case, from which processes are worth their start."""
+
+
+def for_case(rows: int, cores: int) -> AbstractContextManager[Processes | None]:
+    """Processes for a case of so many rows on so many cores; None where one process is as quick."""
+    return processes(cores) if cores > 1 and rows >= MANY_ROWS else nullcontext()
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Processes]:
+    """So many of them; a person's Ctrl-C ends this process, which then ends them."""
+    before = os.environ.get(ONE_THREAD)
+    os.environ[ONE_THREAD] = "1"
+    # a fresh interpreter each: threads and compiled code of this one are not inherited
+    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+    try:
+        for _ in range(count):
+            pool.submit(_begin)
+    finally:
+        if before is None:
+            del os.environ[ONE_THREAD]
+        else:
+            os.environ[ONE_THREAD] = before
+    others = list(pool._processes.values())
+    with TemporaryDirectory(prefix="softlab-") as folder:
+        try:
+            yield Processes(pool, Path(folder))
+        finally:
+            for other in others:
+                other.terminate()
+            with suppress(BrokenProcessPool):
+                pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin() -> None:
+    """Ctrl-C at a terminal reaches all its processes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import diagnosis.diagnose  # noqa: F401 (what takes a second to import is there when it is needed)
+
+
+_read: dict[str, Any] = {}
+"""What this process was sent last."""
+
+
+def _done(file: str, item: Any) -> Any:
+    if file not in _read:
+        _read.clear()
+        _read[file] = pickle.loads(Path(file).read_bytes())
+    return _read[file](item)

@@ -1,0 +1,97 @@
+"""`lab watch`: a run on a page in the browser while it goes on, or a recording played; on request in Foxglove too."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import json
+import sys
+import time
+from pathlib import Path
+
+from recordings.file.tail import Tail, ended
+
+from ..console import out
+from ..files.config import ConfigError
+from ..live.beside import opened_in_browser
+from ..live.foxglove_server import LAYOUT, Foxglove
+from ..live.show import LOOPBACK, Place, Show, place
+from ..rig.current import recording_of
+
+GOING_ON = 3.0
+"""Host seconds since a recording last grew within which its run is taken to go on: it grows ten times a second."""
+
+
+def watch(
+    what: Path, speed: float | None, bind: str, port: int, browser: bool, as_json: bool, foxglove: int | None = None
+) -> int:
+    """Serve the page until Ctrl-C. `what`: a recording, or a rig.yaml whose run is to be seen. `foxglove`: the port at which
+    Foxglove finds the same."""
+    if speed is not None and not speed > 0:
+        raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
+    file = _recording(what)
+    going_on = _goes_on(file)
+    if going_on and speed is not None:
+        raise ConfigError(f"--speed: {file} is being written; a run that goes on is shown as it comes")
+    if what != file and not going_on:
+        raise ConfigError(f"{what}: no run is going on; its last recording can be played: lab watch {file}")
+    at = listening(bind, port)
+    with at.listening, contextlib.ExitStack() as more:
+        other = None if foxglove is None else more.enter_context(_foxglove(bind, foxglove))
+        _tell(file, going_on, at, other, as_json)
+        if browser and sys.stdout.isatty():
+            opened_in_browser(at.address)
+        with contextlib.suppress(KeyboardInterrupt):
+            Show(file, at, None if going_on else speed or 1.0, foxglove=other).run(stay=True)
+    return 0
+
+
+def _tell(file: Path, going_on: bool, at: Place, other: Foxglove | None, as_json: bool) -> None:
+    """Where to look."""
+    if as_json:
+        there = {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
+        print(json.dumps({"address": at.address, "file": str(file), "live": going_on, **there}), flush=True)
+        return
+    said = "shows the run" if going_on else f"plays {file}"
+    out.print(f"{at.address} {said}; Ctrl-C ends it", soft_wrap=True)
+    if other is not None:
+        when = "" if going_on else "; the recording is played from the first subscription on"
+        out.print(f"{other.address} is for Foxglove and Lichtblick (Foxglove WebSocket){when}", soft_wrap=True)
+        out.print(f"{LAYOUT} is a layout for both", soft_wrap=True)
+
+
+def _foxglove(bind: str, port: int) -> Foxglove:
+    """The server for Foxglove, which knows no secret and so serves this computer only; raises ConfigError."""
+    if not ipaddress.ip_address(bind).is_loopback:
+        raise ConfigError(
+            f"--foxglove --bind {bind}: Foxglove cannot be asked for a secret, so that everybody on the network could look; "
+            f"leave --bind away, and from another computer use a tunnel: ssh -L 8765:{LOOPBACK}:{port or 8765} THIS-COMPUTER"
+        )
+    return Foxglove(bind, port)
+
+
+def listening(bind: str, port: int) -> Place:
+    """The place at which a page is served; raises ConfigError when there is none such."""
+    try:
+        ipaddress.ip_address(bind)
+    except ValueError:
+        raise ConfigError(f"--bind {bind}: must be an address of this computer, such as {LOOPBACK}") from None
+    if not 0 <= port < 2**16:
+        raise ConfigError(f"--port {port}: must be 0 (any that is free) to 65535")
+    try:
+        return place(bind, port)
+    except OSError as e:
+        raise ConfigError(f"--bind {bind} --port {port}: cannot listen there: {e.strerror}") from e
+
+
+def _recording(what: Path) -> Path:
+    """The recording that is meant; raises ConfigError, `RecordingError`."""
+    if what.suffix in (".yaml", ".yml"):
+        return recording_of(what)
+    with Tail(what):
+        return what
+
+
+def _goes_on(file: Path) -> bool:
+    """Whether a recording is being written now."""
+    return not ended(file) and time.time() - file.stat().st_mtime < GOING_ON

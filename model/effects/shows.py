@@ -1,0 +1,70 @@
+"""What a campaign must hold for an effect to be seen in it at all."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import USED, Design
+from model.robot import Robot
+
+Array = NDArray[np.float64]
+
+SAME = 0.97
+"""Cosine of two settings of the chambers above which one is the other at another pressure."""
+SAME_SIDE = np.cos(np.radians(20.0))
+"""Cosine of two bending directions above which they are one."""
+LEAST_BENDING = 0.05
+"""Of the sum of pressures, that must be left of their vector sum for chambers to bend the body."""
+
+
+def pushes(robot: Robot, design: Design) -> bool:
+    """A stiffness trial."""
+    return bool(design.stiffness.any())
+
+
+def by_tendons(robot: Robot, design: Design) -> bool:
+    """A robot with tendons."""
+    return robot.tendons is not None
+
+
+def by_chambers(robot: Robot, design: Design) -> bool:
+    """A robot with chambers."""
+    return robot.chambers is not None
+
+
+def chambers_apart(robot: Robot, design: Design) -> bool:
+    """Chambers inflated in more than one proportion: with one alone, areas are those of A_eff and the pattern's azimuth."""
+    return _differ(_inflated(design.pressure[~design.stiffness]), SAME)
+
+
+def directions_apart(robot: Robot, design: Design) -> bool:
+    """Chambers that bend the robot to more than one side: with one alone, another order is the robot mounted turned."""
+    return sides_apart(robot, design.pressure[~design.stiffness])
+
+
+def sides_apart(robot: Robot, pressure: Array) -> bool:
+    """The same of pressures (n, chambers) Pa."""
+    pressure = _inflated(pressure)
+    azimuth = np.deg2rad(robot.actuators.azimuths_deg)
+    side = pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    return _differ(side[np.linalg.norm(side, axis=1) > LEAST_BENDING * pressure.sum(axis=1)], SAME_SIDE)
+
+
+def returns(robot: Robot, design: Design) -> bool:
+    """A state that comes after one of higher pressure."""
+    highest = design.pressure[~design.stiffness].max(axis=1, initial=0.0)
+    return bool((highest + USED < np.maximum.accumulate(highest)).any()) if highest.size else False
+
+
+def _inflated(pressure: Array) -> Array:
+    """(m, chambers) Pa of the states with pressure, of (n, chambers)."""
+    return np.where(pressure > USED, pressure, 0.0)[pressure.max(axis=1, initial=0.0) > USED]
+
+
+def _differ(vectors: Array, same: float) -> bool:
+    """Whether any two of vectors (m, k) point apart."""
+    if len(vectors) < 2:
+        return False
+    unit = np.unique(np.round(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), 3), axis=0)
+    return bool((unit @ unit.T).min() < same)

@@ -1,0 +1,92 @@
+"""Parts of a body along its arc, as robot.yaml lists them, and whether radii and lengths fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+Array = NDArray[np.float64]
+
+Radius = Annotated[FiniteFloat, Field(ge=0, le=1)]
+Positive = Annotated[FiniteFloat, Field(gt=0, le=1e9)]
+Weight = Annotated[FiniteFloat, Field(ge=0, le=20_000)]
+
+
+class Section(BaseModel):
+    """A part of the body, from base to tip; what it does not say is that of the robot.
+
+    A number holds all along it, two numbers are those at its base and at its tip end, linear in between.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    length: FiniteFloat = Field(gt=0, le=5, json_schema_extra={"unit": "m"})
+    outer_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    inner_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    youngs_modulus: Positive | tuple[Positive, Positive] | None = Field(default=None, json_schema_extra={"unit": "Pa"})
+    density: Weight | tuple[Weight, Weight] | None = Field(default=None, json_schema_extra={"unit": "kg/m^3"})
+    bending_stiffness: Positive | tuple[Positive, Positive] | None = Field(
+        default=None, json_schema_extra={"unit": "N m^2"}
+    )
+    axial_stiffness: Positive | tuple[Positive, Positive] | None = Field(default=None, json_schema_extra={"unit": "N"})
+    torsional_stiffness: Positive | tuple[Positive, Positive] | None = Field(
+        default=None, json_schema_extra={"unit": "N m^2"}
+    )
+    mass_per_length: Weight | tuple[Weight, Weight] | None = Field(default=None, json_schema_extra={"unit": "kg/m"})
+    chamber_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    """0: the chambers do not reach here."""
+    path_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
+
+    @property
+    def tapers(self) -> bool:
+        """Whether anything changes along it."""
+        return any(isinstance(getattr(self, name), tuple) for name in type(self).model_fields)
+
+    def at(self, name: str, share: Array) -> Array | None:
+        """A field at shares 0..1 of its length; None where it is not said."""
+        value = getattr(self, name)
+        if value is None:
+            return None
+        base, tip = value if isinstance(value, tuple) else (value, value)
+        return np.asarray(base + (tip - base) * share)
+
+
+def section_problems(
+    sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None
+) -> Iterator[str]:
+    """What does not fit together: `radii` (m) are the robot's, by the fields of `Section`; `spine` the spine's radius (m)."""
+    own = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine))
+    yield from own
+    if own or not sections:
+        return
+    whole = sum(part.length for part in sections)
+    if abs(whole - length) > 1e-6 * length:
+        yield f"sections: lengths add up to {whole:g} m, must be length {length:g} m"
+    for i, part in enumerate(sections):
+        along = {name: part.at(name, np.array([0.0, 1.0])) for name in radii}
+        there = {name: np.full(2, radii[name]) if x is None else x for name, x in along.items()}
+        yield from _crossing(f"sections[{i}]: ", there, spine)
+
+
+def _crossing(place: str, radii: Mapping[str, Array], spine: float | None) -> Iterator[str]:
+    """Radii (m) that cross: of the wall, the chambers in it and the spine."""
+    outer, inner, chamber, path = (radii[k] for k in ("outer_radius", "inner_radius", "chamber_radius", "path_radius"))
+    if (inner >= outer).any():
+        worst = int(np.argmax(inner - outer))
+        yield f"{place}inner_radius {inner[worst]:g} m must be less than outer_radius {outer[worst]:g} m"
+        return
+    # A chamber may touch the wall's surfaces (rounded drawings do), not cross them.
+    low, high = path - chamber, path + chamber
+    crosses = (chamber > 0) & ((low < inner * (1 - 1e-9)) | (high > outer * (1 + 1e-9)))
+    if crosses.any():
+        k = int(np.argmax(crosses))
+        yield (
+            f"{place}chambers reach from {low[k]:g} to {high[k]:g} m off the axis, the wall from inner_radius {inner[k]:g} to "
+            f"outer_radius {outer[k]:g} m: change chambers.path_radius or chambers.radius"
+        )
+    if spine is not None and (spine > inner * (1 + 1e-9)).any():
+        yield f"{place}spine.radius {spine:g} m must not exceed inner_radius {inner.min():g} m"

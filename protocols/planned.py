@@ -1,0 +1,103 @@
+"""What a plan will read, and what it does to the chambers: the table of trials before anything has moved.
+
+The columns are those of `recordings.trials`, without what is measured: pressures, spine length and vacuum are those asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bench import Setup
+from .errors import BadProtocol
+from .experiment import Ask, Plan, Reading, Step
+from .parameters import Parameters
+
+VENTED = 5e3
+"""Pa; a chamber that is asked for less counts as vented."""
+
+
+def planned_rows(plan: Plan, parameters: Parameters, chambers: int) -> list[dict[str, Any]]:
+    """One row a state, in the order in which the plan reads them; `t` is s of rig time since the plan's begin.
+
+    A step that asks for a spine length begins a trial. Tip mass and roll are those of the step's set-up, else the
+    parameters' own. Raises BadProtocol for a chamber that the robot has not.
+    """
+    asked = parameters.model_dump()
+    load = {name: float(asked[name]) for name in ("tip_mass", "roll_deg") if isinstance(asked.get(name), (int, float))}
+    told = any(step.reads for step in plan.steps)
+    rows: list[dict[str, Any]] = []
+    trial, state, time = 0, 0, 0.0
+    spine, vacuum, pressure = 0.0, 0.0, np.zeros(chambers)
+    for step in plan.steps:
+        ask = step.ask
+        if ask.setup is not None:
+            load = {"tip_mass": ask.setup.tip_mass, "roll_deg": ask.setup.roll_deg}
+        if ask.spine_length is not None:
+            trial, state, spine = trial + 1, 0, ask.spine_length
+            vacuum, pressure = ask.vacuum or 0.0, np.zeros(chambers)
+        before = pressure
+        if ask.pressures:
+            pressure = _padded(plan, ask, chambers)
+        reads = step.reads if told else _read(step, before, pressure, rows, trial)
+        left = step.seconds - (reads[-1].hold if reads else 0.0)
+        for reading in reads:
+            state += 1
+            rows.append(
+                {
+                    "trial": max(trial, 1), "step": state, "protocol": plan.protocol, "repeat": reading.repeat,
+                    "branch": reading.branch, "t": time + left + reading.hold, "rate": reading.rate, "hold": reading.hold,
+                    "spine_length": spine, "vacuum": vacuum, **load, **{f"p{c + 1}": float(x) for c, x in enumerate(pressure)},
+                    **({} if ask.push is None else {"specimen": ask.push.specimen, "deflection": ask.push.deflection}),
+                }
+            )  # fmt: skip
+        time += step.seconds
+    return rows
+
+
+def _padded(plan: Plan, ask: Ask, chambers: int) -> NDArray[np.float64]:
+    if len(ask.pressures) > chambers:
+        raise BadProtocol(
+            f"protocol {plan.protocol}: inflates chamber {len(ask.pressures)}, the robot has {chambers}: set chambers"
+        )
+    return np.array([*ask.pressures, *(0.0,) * (chambers - len(ask.pressures))])
+
+
+def _read(
+    step: Step, before: NDArray[np.float64], pressure: NDArray[np.float64], rows: Sequence[dict[str, Any]], trial: int
+) -> tuple[Reading, ...]:
+    """Of a plan that does not say what it reads: one state at each step that ramps pressures."""
+    rate = step.ask.pressure_rate
+    if not step.ask.pressures or not rate:
+        return ()
+    change = float(np.abs(pressure - before).max())
+    stays_down = bool(rows) and not change and rows[-1]["trial"] == trial and rows[-1]["branch"] == "unload"
+    falls = bool(pressure.sum() < before.sum()) or stays_down
+    return (Reading("unload" if falls else "load", max(step.seconds - change / rate, 0.0), rate),)
+
+
+def setups(plan: Plan) -> tuple[Setup, ...]:
+    """What a person prepares, in order; empty where the plan does not say."""
+    return tuple(step.ask.setup for step in plan.steps if step.ask.setup is not None)
+
+
+def cycles(plan: Plan, chambers: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """(chambers,) how often each chamber is inflated from vented, and the highest pressure (Pa gauge) it is asked for.
+
+    Each trial begins vented. Raises BadProtocol for a chamber that the robot has not.
+    """
+    count, highest = np.zeros(chambers, np.int64), np.zeros(chambers)
+    before = np.zeros(chambers)
+    for step in plan.steps:
+        if step.ask.spine_length is not None:
+            before = np.zeros(chambers)
+        if not step.ask.pressures:
+            continue
+        pressure = _padded(plan, step.ask, chambers)
+        count += (before <= VENTED) & (pressure > VENTED)
+        highest = np.maximum(highest, pressure)
+        before = pressure
+    return count, highest

@@ -1,0 +1,50 @@
+"""What a person says of a run beside its parameters: who ran it, which piece was mounted, and tags of the lab's own.
+
+A metadata record `labels` of texts by name; `operator` and `specimen` are names like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ..errors import BadMessage
+from ..file.reader import Recording
+from ..messages import NAME
+
+RECORD = "labels"
+LONGEST, MOST = 200, 50
+"""Characters of a text, and texts of a run."""
+
+
+def split(text: str) -> tuple[str, str]:
+    """Name and text of KEY=VALUE; raises `BadMessage`."""
+    name, found, value = text.partition("=")
+    if not found or not NAME.fullmatch(name):
+        raise BadMessage(
+            f"{text[:80]!r}: write KEY=VALUE; the key has lower-case letters, digits and _, at most 30, and begins with a letter"
+        )
+    return name, value
+
+
+def labels(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Checked texts by name; raises `BadMessage` for one that is empty, too long, or given twice."""
+    found: dict[str, str] = {}
+    for name, text in pairs:
+        if not text.strip() or len(text) > LONGEST:
+            raise BadMessage(f"{name} = {text[:80]!r}: must have 1 to {LONGEST} characters, has {len(text)}")
+        if name in found:
+            raise BadMessage(f"{name}: is given twice, as {found[name]!r} and {text!r}")
+        found[name] = text
+    if len(found) > MOST:
+        raise BadMessage(f"{len(found)} labels are given, at most {MOST}")
+    return found
+
+
+def metadata(found: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """The metadata record; none without labels."""
+    return {RECORD: dict(found)} if found else {}
+
+
+def labels_of(recording: Recording) -> dict[str, str]:
+    """What was said of a recording's run."""
+    return dict(recording.metadata.get(RECORD, {}))

@@ -1,0 +1,80 @@
+"""A program at a real terminal: what it shows, and keys pressed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+ACTS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+"""What moves the cursor or colours text."""
+WITHIN = 90.0
+LAB = (sys.executable, "-m", "lab.cli")
+
+
+class Terminal:
+    """A program (`lab`) with these words, in a session of its own whose terminal this is. Use as a context."""
+
+    def __init__(self, *words: object, program: Sequence[str] = LAB) -> None:
+        self.master, self.slave = os.openpty()
+        termios.tcsetwinsize(self.slave, (40, 200))
+        self.before: list[Any] = termios.tcgetattr(self.slave)
+        """Its mode when the program began."""
+        number = self.slave
+        self.program = subprocess.Popen(
+            [*program, *map(str, words)], preexec_fn=lambda: os.login_tty(number), pass_fds=(number,),
+            env={**os.environ, "TERM": "xterm"},
+        )  # fmt: skip
+        self._shown = b""
+        self._read = threading.Thread(target=self._listen, daemon=True)
+        self._read.start()
+
+    def _listen(self) -> None:
+        with contextlib.suppress(OSError):
+            while data := os.read(self.master, 4096):
+                self._shown += data
+
+    @property
+    def shown(self) -> str:
+        """All that it has shown, as words between single blanks."""
+        return " ".join(ACTS.sub("", self._shown.decode(errors="replace")).split())
+
+    @property
+    def mode(self) -> list[Any]:
+        """The terminal's mode now."""
+        return termios.tcgetattr(self.slave)
+
+    def press(self, keys: str) -> None:
+        """Keys, in one go."""
+        os.write(self.master, keys.encode())
+
+    def until(self, text: str, times: int = 1) -> None:
+        """Wait until this was shown so often; AssertionError when the program ends before, or never shows it."""
+        deadline = time.monotonic() + WITHIN
+        while self.shown.count(text) < times:
+            assert self.program.poll() is None and time.monotonic() < deadline, (text, self.shown[-3000:])
+            time.sleep(0.02)
+
+    def end(self) -> int:
+        """Its exit code, once it has ended."""
+        return self.program.wait(WITHIN)
+
+    def __enter__(self) -> Terminal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.program.kill()
+        self.program.wait()
+        os.close(self.slave)
+        self._read.join(10.0)
+        os.close(self.master)

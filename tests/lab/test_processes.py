@@ -1,0 +1,103 @@
+"""Work on processes: results in order and the same as here, none lost with a process, none left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from multiprocessing import active_children
+from pathlib import Path
+
+import pytest
+
+from diagnosis.inference.executor import Executor
+from diagnosis.inference.search import Search
+from lab.processes import Processes, processes
+from tests.diagnosis.toy import toy_problem
+
+
+@pytest.fixture(scope="module")
+def two() -> Iterator[Processes]:
+    with processes(2) as pool:
+        yield pool
+    assert active_children() == []
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def fails(x: int) -> int:
+    raise ValueError(f"no square of {x}")
+
+
+class DiesElsewhere:
+    """Takes with it the process that squares three, if that is another than where it was made."""
+
+    def __init__(self) -> None:
+        self.here = os.getpid()
+
+    def __call__(self, x: int) -> int:
+        if x == 3 and os.getpid() != self.here:
+            os._exit(1)
+        return x * x
+
+
+def test_every_item_comes_back_in_order_and_so_does_an_error(two: Processes) -> None:
+    assert list(two.in_order(square, range(20))) == [x * x for x in range(20)]
+    with pytest.raises(ValueError, match="no square of 0"):
+        list(two.in_order(fails, range(3)))
+    assert list(two.in_order(square, range(3))) == [0, 1, 4]
+
+
+def test_the_fits_of_a_diagnosis_give_the_same_answer_there(two: Processes) -> None:
+    problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
+    looks: list[tuple[str, ...]] = []
+    there = Search(problem, executor=Executor(remote_map=two.in_order, first_look=looks.append)).run()
+    here = Search(problem).run()
+    assert [c.named for c in there] == [c.named for c in here]
+    assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-9)
+    (leading,) = looks
+    assert {"play", "turned"} & set(leading)
+    assert len({id(c.fit.linear.discrepancy) for c in there}) == 1
+
+
+def test_a_process_that_is_lost_costs_time_only() -> None:
+    with processes(2) as pool:
+        assert list(pool.in_order(DiesElsewhere(), range(6))) == [x * x for x in range(6)]
+        assert list(pool.in_order(square, range(4))) == [0, 1, 4, 9]
+
+
+def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import os, sys, time\n"
+        "from pathlib import Path\n"
+        "from lab.processes import processes\n"
+        "def waits(file):\n"
+        "    Path(file).write_text(str(os.getpid()))\n"
+        "    time.sleep(600)\n"
+        "if __name__ == '__main__':\n"
+        "    with processes(2) as pool:\n"
+        "        list(pool.in_order(waits, sys.argv[1:]))\n"
+    )
+    marks = [tmp_path / "a", tmp_path / "b"]
+    running = subprocess.Popen(
+        [sys.executable, str(program), *map(str, marks)],
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
+    )
+    deadline = time.monotonic() + 120
+    while not all(m.exists() and m.read_text() for m in marks):
+        assert time.monotonic() < deadline and running.poll() is None
+        time.sleep(0.05)
+    os.killpg(running.pid, signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert b"KeyboardInterrupt" in said and running.returncode != 0
+    for m in marks:
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(m.read_text()), 0)

@@ -1,0 +1,339 @@
+"""`lab run --watch` and `lab watch`: what the page is told, and what a browser shows, are the values of the recording."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from virtual_lab import VirtualLab
+
+from benchmarks.browser import BROWSERS, Browser, installed
+from lab.cli import main
+from lab.comparison import expected
+from lab.files.inputs import read_case
+from lab.files.own_effects import stated_by
+from lab.rig.current import announce
+from lab.verbs.fakes import PATIENT_SETTLE
+from recordings.file.reader import Recording
+from recordings.file.writer import Recorder
+
+SHORT = [
+    word
+    for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]", *PATIENT_SETTLE)
+    for word in ("--set", setting)
+]
+SAID = ["--operator", "Ada", "--specimen", "S 7", "--tag", "batch=<b>3</b>"]
+HOSTILE = "<img src=x onerror=alert(1)> [/red] \x1b[2J"
+SHOWN = "<img src=x onerror=alert(1)> [/red] \\x1b[2J"
+
+
+def command(*words: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "lab.cli", *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+
+
+def address(program: subprocess.Popen[str]) -> str:
+    """The one that a program prints."""
+    assert program.stdout is not None
+    said = ""
+    for line in program.stdout:
+        said += line
+        if found := re.search(r"http://\S+", line):
+            return found[0]
+    raise AssertionError(said)
+
+
+def events(page: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What the page is told, until whoever tells it ends."""
+    where = urlsplit(page)
+    with socket.create_connection((where.hostname, where.port), timeout=120) as wire:
+        wire.sendall(f"GET {where.path}events HTTP/1.1\r\nHost: test\r\n\r\n".encode())
+        name = ""
+        for line in wire.makefile("rb"):
+            if line.startswith(b"event: "):
+                name = line[7:].strip().decode()
+            elif line.startswith(b"data: "):
+                yield name, json.loads(line[6:])
+
+
+def told(page: str) -> dict[str, Any]:
+    """All that a viewer knows once the recording has ended, its rows and points one after the other."""
+    known: dict[str, Any] = {"rows": [], "points": []}
+    for name, data in events(page):
+        if name == "whole":
+            known = {"rows": [], "points": []}
+        known["rows"] += data.pop("rows", [])
+        known["points"] += data.pop("points", [])
+        known |= data
+        if known.get("outcome") and (known["compared"] == known["of"] or known["model"]["stands"] == "none"):
+            break
+    return known
+
+
+def demand_equal(known: dict[str, Any], file: Path) -> None:
+    """Rows, newest samples, points and counts are those of the file."""
+    recording = Recording.open(file)
+    rows = [event.row for event in recording.trials]
+    assert known["of"] == len(rows) > 0
+    assert [(r["trial"], r["step"], r["t"], r["spine"]) for r in known["rows"]] == [
+        (r.trial, r.step, r.t, r.spine_length) for r in rows
+    ]
+    assert [tuple(r["tip"]) for r in known["rows"]] == [r.tip for r in rows]
+    assert [tuple(r["pressures"]) for r in known["rows"]] == [r.pressures for r in rows]
+    pressure, tip = recording.stream("/pressure"), recording.stream("/tip")
+    assert known["newest"]["pressure"]["measured"] == pressure["measured"][-1].tolist()
+    assert known["newest"]["pressure"]["setpoint"] == pressure["setpoint"][-1].tolist()
+    assert known["newest"]["spine"]["length"] == recording.stream("/spine")["length"][-1]
+    assert known["newest"]["vacuum"]["absolute"] == recording.stream("/vacuum")["absolute"][-1]
+    assert known["newest"]["tip"]["valid"] == bool(tip["valid"][-1])
+    at = {t: k for k, t in enumerate(pressure["t"].tolist())}
+    seen = [p["pressure"] for p in known["points"] if "pressure" in p]
+    assert seen and all(p["measured"] == pressure["measured"][at[p["t"]]].tolist() for p in seen)
+    counts = {topic: len(recording.stream(topic)) for topic in recording.streams}
+    assert {topic: s["count"] for topic, s in known["streams"].items()} == {t: n for t, n in counts.items() if n}
+
+
+@pytest.fixture(scope="module")
+def run(virtual_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """What a viewer of a run was told, and its recording."""
+    folder = tmp_path_factory.mktemp("watched")
+    program = command("run", "bending", "--rig", virtual_lab.rig, *SHORT, *SAID, "--out", folder, "--watch")
+    try:
+        where = urlsplit(page := address(program))
+        with (
+            socket.create_connection((where.hostname, where.port)) as stuck,
+            socket.create_connection((where.hostname, where.port)) as hostile,
+        ):
+            stuck.sendall(f"GET {where.path}events HTTP/1.1\r\n\r\n".encode())  # and takes nothing of it
+            hostile.sendall(b"GET /" + b"x" * 5000)
+            known = told(page)
+        out, _ = program.communicate(timeout=300)
+    finally:
+        program.kill()
+    assert program.returncode in (0, 3), out
+    (file,) = folder.glob("*.mcap")
+    return known, file
+
+
+def test_a_viewer_of_a_run_is_told_what_is_in_its_recording(run: tuple[dict[str, Any], Path]) -> None:
+    known, file = run
+    demand_equal(known, file)
+    assert known["outcome"] == {"outcome": "completed", "detail": ""}
+    assert known["progress"]["steps"] == known["progress"]["planned"] == len(known["about"]["steps"]) == 6
+    assert known["about"]["missing"] == [] and known["about"]["limits"]["pressure"] == 250e3
+    recording = Recording.open(file)
+    clock, newest = known["clock"], max(recording.newest(topic) for topic in recording.streams)
+    assert clock == pytest.approx(newest)
+
+
+def test_what_is_said_of_a_run_is_on_its_page_and_finds_it(
+    run: tuple[dict[str, Any], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    known, file = run
+    assert known["about"]["labels"] == ["operator Ada", "specimen S 7", "batch <b>3</b>"]
+    for words, found in ((["specimen=S 7", "batch=<b>3</b>"], [file.name]), (["operator=Eve"], [])):
+        assert main(["runs", str(file.parent), "--json", *(w for word in words for w in ("--where", word))]) == 0
+        assert [one["path"] for one in json.loads(capsys.readouterr().out)] == found
+    assert main(["runs", str(file.parent), "--where", "operator"]) == 2
+    assert "--where 'operator': write KEY=VALUE" in " ".join(capsys.readouterr().err.split())
+
+
+def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], virtual_lab: VirtualLab) -> None:
+    _, file = run
+    program = command("watch", file, "--speed", "1000", "--no-browser")
+    try:
+        known = told(address(program))
+        program.send_signal(signal.SIGINT)
+        out, _ = program.communicate(timeout=60)
+        assert program.returncode == 0, out
+    finally:
+        program.kill()
+    demand_equal(known, file)
+    case = read_case([file])
+    found = expected(case, stated_by(case.robot), intervals=True)
+    measured = np.array([row.tip for row in found.rows])
+    assert [g["tip"] for g in known["gaps"]] == found.prediction.tip.tolist()
+    assert [g["gap"] for g in known["gaps"]] == (measured - found.prediction.tip).tolist()
+
+
+def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
+    run: tuple[dict[str, Any], Path], virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, file = run
+    assert main(["watch", str(virtual_lab.rig)]) == 2
+    assert "no run is going on" in (said := " ".join(capsys.readouterr().err.split())) and file.name in said
+    (rig := tmp_path / "rig.yaml").write_bytes(virtual_lab.rig.read_bytes())
+    assert main(["watch", str(rig)]) == 2 and "no run of it is known" in capsys.readouterr().err
+    with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
+        announce(rig, recorder.path)
+        recorder.push("/vacuum", 1.0, (20e3,))
+        recorder.sync()
+        program = command("watch", rig, "--json", "--no-browser")
+        try:
+            assert program.stdout is not None
+            answer = json.loads(program.stdout.readline())
+            assert answer["live"] is True and answer["file"] == str(recorder.path)
+            stream = events(answer["address"])
+            until(stream, lambda d: d.get("streams", {}).get("/vacuum", {}).get("count") == 1)
+            recorder.push("/vacuum", 2.0, (21e3,))
+            recorder.sync()
+            found = until(stream, lambda d: d.get("streams", {}).get("/vacuum", {}).get("count") == 2)
+            assert found["newest"]["vacuum"] == {"t": 2.0, "absolute": 21e3} and found["outcome"] is None
+        finally:
+            program.kill()
+            program.wait()
+
+
+def until(stream: Iterator[tuple[str, dict[str, Any]]], fits: Any) -> dict[str, Any]:
+    return next(data for _, data in stream if fits(data))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--bind", "here"], "--bind here: must be an address"),
+        (["--bind", "192.0.2.1"], "cannot listen there"),
+        (["--port", "70000"], "--port 70000"),
+        (["--speed", "0"], "--speed 0"),
+        (["--speed", "nan"], "--speed nan"),
+    ],
+)
+def test_wrong_words_get_one_clear_error(
+    run: tuple[dict[str, Any], Path], words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["watch", str(run[1]), *words]) == 2
+    assert says in " ".join(capsys.readouterr().err.split())
+
+
+# -- in a browser
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Browser]:
+    path = installed()
+    if path is None:
+        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
+    with Browser(path, tmp_path / "profile") as browser:
+        yield browser
+
+
+def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
+    virtual_lab: VirtualLab, tmp_path: Path, page: Browser
+) -> None:
+    words = (*SHORT, "--set", "settle.within=3600 s", "--out", tmp_path / "out", "--watch")
+    program = command("run", "bending", "--rig", virtual_lab.rig, *words)
+    try:
+        shown_at = address(program)
+        # No state can be read from now on, however long a browser takes.
+        virtual_lab.fakes.door.answer(b'{"tip_visible": false}')
+        page.open(shown_at)
+        page.until("document.getElementById('lead').textContent.includes('hidden')", 120)
+        virtual_lab.fakes.door.answer(b'{"tip_visible": true}')
+        page.until("live.state", 120)
+        page.until("live.outcome", 240)
+        out, _ = program.communicate(timeout=120)
+    finally:
+        virtual_lab.fakes.door.answer(b'{"tip_visible": true}')
+        program.kill()
+    assert program.returncode in (0, 3), out
+    (file,) = (tmp_path / "out").glob("*.mcap")
+    demand_equal(page.value("live"), file)
+    page.until("document.getElementById('lead').textContent === 'Completed'")
+    shown, rows = page.text(), Recording.open(file).trials
+    x, y, z = (f"{1e3 * v:.2f}".replace("-0.00", "0.00") for v in rows[-1].row.tip or ())
+    assert f"{x}\t{y}\t{z}" in shown and f"{len(rows)} states read" in shown
+    assert page.said == []
+    inked = "(id) => new Set(document.getElementById(id).getContext('2d').getImageData(0, 0, 300, 200).data).size"
+    for canvas in ("plane-xy", "plane-xz", "plane-yz", "chart-pressure", "chart-spine", "chart-vacuum"):
+        assert page.value(f"({inked})('{canvas}')") > 20, canvas
+
+
+def test_buttons_pause_a_run_and_a_note_is_written_down(virtual_lab: VirtualLab, tmp_path: Path, page: Browser) -> None:
+    words = (
+        "--set",
+        "spine_lengths=[0.0, 3 cm]",
+        *SHORT[2:],
+        "--set",
+        "rate=1 kPa/s",
+        "--out",
+        tmp_path / "out",
+        "--watch",
+    )
+    program = command("run", "bending", "--rig", virtual_lab.rig, *words)
+    press = "document.getElementById('{}').click()"
+    try:
+        page.open(address(program))
+        page.until("live.steered", 120)
+        page.value(press.format("pause"))
+        page.until("live.pause && live.pause.begun", 120)
+        page.until("document.getElementById('pause').textContent === 'Go on'")
+        page.until("document.getElementById('lead').textContent.startsWith('Paused for')")
+        assert float(virtual_lab.fakes.plant.regulator.max()) < 5e3
+        page.value(f"document.getElementById('note').value = {json.dumps(HOSTILE)}")
+        page.value("document.getElementById('note-form').requestSubmit()")
+        page.until("live.log.some((line) => line.level === 'note')")
+        page.until("document.getElementById('log').textContent.includes('note: <img src=x')")
+        page.value(press.format("pause"))
+        page.until("live.pause === null")
+        page.value(press.format("skip"))
+        page.until("live.log.some((line) => line.text === 'skip: done')", 120)
+        page.value(press.format("finish"))
+        page.until("live.outcome", 240)
+        page.until("document.getElementById('steer').hidden")
+        assert page.value("document.images.length") == 0 and page.said == []
+        out, _ = program.communicate(timeout=120)
+    finally:
+        program.kill()
+    assert "Note: " in out and "(page)" in out and "\x1b" not in out
+    (file,) = (tmp_path / "out").glob("*.mcap")
+    requests = Recording.open(file).requests
+    assert {r.by for r in requests} == {"page"}
+    assert [r.kind for r in requests if r.done] == ["pause", "note", "go on", "skip"]
+    assert [r.text for r in requests if r.kind == "note"] == [HOSTILE]
+
+
+def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], page: Browser) -> None:
+    program = command("watch", run[1], "--speed", "1000", "--no-browser")
+    try:
+        page.open(address(program))
+        page.until("live.outcome")
+        assert page.value("live.steered") is False and page.value("document.getElementById('steer').hidden")
+        assert run[0]["steered"] is True
+    finally:
+        program.kill()
+        program.wait()
+
+
+def test_a_browser_shows_text_from_outside_as_text_and_asks_for_nothing_beyond_the_page(
+    tmp_path: Path, page: Browser
+) -> None:
+    plan = json.dumps({"steps": [{"label": HOSTILE, "seconds": 1.0}]}).encode()
+    robot = json.dumps({"name": HOSTILE}).encode()
+    attachments = {"plan.json": plan, "robot.yaml": robot, "protocol.yaml": json.dumps({"protocol": HOSTILE}).encode()}
+    with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments=attachments) as recorder:
+        recorder.push("/vacuum", 1.0, (20e3,))
+        recorder.log("error", HOSTILE)
+        recorder.close("failed", HOSTILE)
+    program = command("watch", recorder.path, "--speed", "1000", "--no-browser")
+    try:
+        page.open(address(program))
+        page.until("live.outcome")
+        page.until(f"document.getElementById('lead').textContent === {json.dumps('Failed: ' + SHOWN)}")
+        assert page.text().count(SHOWN) >= 3
+        assert page.value("document.images.length + document.querySelectorAll('[onerror]').length") == 0
+        asked = page.value("performance.getEntriesByType('resource').map((e) => e.name)")
+        assert asked and all(name.startswith(page.value("location.origin")) for name in asked)
+        assert page.said == []
+    finally:
+        program.kill()
+        program.wait()

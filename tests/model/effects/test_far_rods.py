@@ -1,0 +1,72 @@
+"""How equilibria are found that are far from a known one, or close to buckling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model.effects import layout as at
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.solver import integration_steps, solve
+from model.robot import Robot
+from model.rods import Fast, Status, rods
+
+LENGTH, BEND = 0.4, 0.5
+CRITICAL = np.pi**2 * BEND / (4 * LENGTH**2)
+"""N, Euler's load of a clamped column."""
+NOWHERE = np.zeros(0)
+
+
+def rows(*pushes: float) -> np.ndarray:
+    """Columns under shares of Euler's load and a little force sideways."""
+    made = rods(
+        at.UNIFORM.form, len(pushes), length=[0.0, LENGTH], bend_stiffness=BEND, stretch_stiffness=2e3,
+        dead_force=[[0.02, 0.0, -share * CRITICAL] for share in pushes],
+    )  # fmt: skip
+    values = made.values.copy()
+    for element in at.UNIFORM.elements:
+        values[:, element + at.REST_STRAIN + 2] -= 1.0
+    return values
+
+
+def test_a_column_near_buckling_is_reached_by_way_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    free, pressed = rows(0.0, 0.0), rows(0.8, 0.9)
+    steps = integration_steps(at.UNIFORM, free)
+    known = solve(at.UNIFORM, free, NOWHERE, steps)
+    followed = solve(at.UNIFORM, pressed, NOWHERE, steps)
+    assert (followed.solution.margin < 0.5).all()
+    monkeypatch.setattr(Fast, "_follow", None)
+    found = solve(at.UNIFORM, pressed, NOWHERE, steps, known)
+    np.testing.assert_allclose(found.result[:, :3], followed.result[:, :3], atol=1e-6)
+    assert found.converged.all()
+
+
+def test_a_trial_gives_up_what_would_have_to_be_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    free, pressed = rows(0.0, 0.0), rows(0.5, 1.05)
+    steps = integration_steps(at.UNIFORM, free)
+    known = solve(at.UNIFORM, free, NOWHERE, steps)
+    monkeypatch.setattr(Fast, "_follow", None)
+    found = solve(at.UNIFORM, pressed, NOWHERE, steps, known, trial=True)
+    assert found.converged.tolist() == [True, False]
+    assert np.isnan(found.result[1, :3]).all()
+
+
+def test_a_state_is_told_where_and_only_where_its_rods_were_found(paper_robot: Robot) -> None:
+    pressure = np.array([0.0, 150e3, 300e3, 450e3, 900e3])
+    n = len(pressure)
+    columns = {"trial": np.ones(n, int), **{c: np.zeros(n) for c in ("spine_length", "x", "y", "z")}}
+    columns |= dict.fromkeys(("p1", "p2", "p9"), pressure)
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    names = [p.name for p in forward.parameters]
+    for growth, fast in ((0.0, 0.05), (0.6, 0.0), (1.0, 0.05)):
+        theta = np.zeros(len(names))
+        theta[names.index("chamber_ballooning.growth")] = growth
+        theta[names.index("viscoelastic.fast")] = fast
+        for trial in (True, False):
+            predicted = forward.predict(theta, trial).reshape(n, 3)
+            here = forward._solved(theta, trial=trial)
+            found = here.bare.converged[:n] & here.final.converged
+            np.testing.assert_array_equal(np.isfinite(predicted).all(axis=1), found)
+            assert not trial or here.bare.solution.status.max() in (Status.SOLVED, Status.FAILED)
+        assert found[:3].all()

@@ -1,0 +1,104 @@
+"""What tendons lose on their way: friction makes a loop that no rate changes, slack takes the first newtons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.robot import Robot, robot_from_dict
+
+TENSIONS = np.array([0.0, 10.0, 20.0, 10.0, 0.0])
+"""N, one tendon in and out."""
+
+
+@pytest.fixture
+def pulled(reference_robot: Robot) -> Robot:
+    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
+    return robot_from_dict(
+        {**reference_robot.model_dump(), "chambers": None, "tendons": ring, "spine": None, "area_factor": 1.0}
+    )
+
+
+@pytest.fixture
+def moved(pulled: Robot) -> Callable[..., np.ndarray]:
+    def made(rate: float = 20e3, **values: float) -> np.ndarray:
+        """(5,) m sideways."""
+        n = len(TENSIONS)
+        columns: dict[str, Any] = {name: np.zeros(n) for name in ("spine_length", "p2", "p3", "x", "y", "z")}
+        columns |= {
+            "trial": np.ones(n, int),
+            "p1": TENSIONS / 1e-4,
+            "rate": np.full(n, rate),
+            "branch": ["load"] * 3 + ["unload"] * 2,
+        }
+        forward = ForwardModel(pulled, design_from_columns(pulled, columns))
+        names = [p.name for p in forward.parameters]
+        theta = np.zeros(len(names))
+        for name, value in values.items():
+            theta[names.index(name.replace("__", "."))] = value
+        return forward.predict(theta).reshape(n, 3)[:, 0]
+
+    return made
+
+
+def test_friction_pulls_less_on_the_way_in_and_holds_on_the_way_out(moved: Callable[..., np.ndarray]) -> None:
+    free, held = moved(), moved(tendon_friction__coefficient=0.5)
+    assert free[1] == pytest.approx(free[3], abs=1e-9) and free[2] > 0.02
+    assert held[2] < free[2] - 4e-4
+    assert held[3] > held[1] + 1e-4
+    assert held[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_no_rate_changes_the_loop(moved: Callable[..., np.ndarray]) -> None:
+    slow, fast = (moved(rate, tendon_friction__coefficient=0.5) for rate in (1e3, 100e3))
+    np.testing.assert_allclose(slow, fast, atol=1e-12)
+
+
+def test_slack_takes_the_first_newtons(moved: Callable[..., np.ndarray]) -> None:
+    free, slack = moved(), moved(tendon_slack__tension=2.0)
+    assert slack[0] == 0.0
+    assert slack[1] / free[1] == pytest.approx(0.8, abs=0.03)
+    assert slack[2] / free[2] == pytest.approx(0.9, abs=0.03)
+
+
+def test_its_derivatives_are_those_of_its_predictions(pulled: Robot) -> None:
+    n = len(TENSIONS)
+    columns: dict[str, Any] = {name: np.zeros(n) for name in ("spine_length", "p2", "p3", "x", "y", "z")}
+    columns |= {"trial": np.ones(n, int), "p1": TENSIONS / 1e-4, "branch": ["load"] * 3 + ["unload"] * 2}
+    forward = ForwardModel(pulled, design_from_columns(pulled, columns))
+    names = [p.name for p in forward.parameters]
+    theta = np.zeros(len(names))
+    theta[names.index("tendon_friction.coefficient")] = 0.4
+    _, slope = forward.linearise(theta)
+    for name, step in (
+        ("tendon_friction.coefficient", 1e-4),
+        ("body_modulus.excess", 1e-4),
+        ("tendon_slack.tension", 1e-3),
+    ):
+        k = names.index(name)
+        there = theta.copy()
+        there[k] += step
+        moved = (forward.predict(there) - forward.predict(theta)) / step
+        np.testing.assert_allclose(slope[:, k], moved, atol=0.02 * np.abs(moved).max())
+
+
+def test_each_kind_of_robot_has_its_own_causes(pulled: Robot, paper_robot: Robot) -> None:
+    n = 5
+    for robot, own, other in (
+        (pulled, "tendon_friction", "chamber_ballooning"),
+        (paper_robot, "chamber_ballooning", "tendon_friction"),
+    ):
+        columns = {
+            "trial": np.ones(n, int),
+            "p1": TENSIONS / 1e-4,
+            **{c: np.zeros(n) for c in ("spine_length", "x", "y", "z")},
+        }
+        design = design_from_columns(robot, columns)
+        shown = {id for id, spec in CATALOGUE.items() if spec.shown is None or spec.shown(robot, design)}
+        assert own in shown and other not in shown

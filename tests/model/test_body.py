@@ -1,0 +1,178 @@
+"""Bodies whose section is not the same all along, and bodies whose stiffness is given."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import body
+from model.body import body_of
+from model.condition import conditions
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.errors import BadRobot
+from model.robot import Robot, robot_from_dict
+from model.rods import FINE, REFERENCE, Rods, solve
+from model.section import rods_of
+
+PRESSURES = np.outer([0.0, 60e3, 120e3], [0, 0, 0, 1, 1, 1, 0, 0, 0])
+SPINES = np.array([0.0, 0.1, 0.25])
+
+
+def changed(robot: Robot, **fields: Any) -> Robot:
+    return robot_from_dict({**robot.model_dump(), **fields})
+
+
+def tips(robot: Robot, method: Any = FINE) -> np.ndarray:
+    return solve(rods_of(robot, conditions(robot, SPINES, PRESSURES)), method).trusted().tip
+
+
+def predicted(robot: Robot) -> np.ndarray:
+    """(n, 3) tips of the forward model of a campaign in the same states."""
+    columns = {"trial": np.arange(3), "spine_length": SPINES, "x": np.zeros(3), "y": np.zeros(3), "z": np.zeros(3),
+               **{f"p{i + 1}": p for i, p in enumerate(PRESSURES.T)}}  # fmt: skip
+    forward = ForwardModel(robot, design_from_columns(robot, columns), "per_length", {})
+    values = forward.predict(np.zeros(len(forward.parameters)))
+    out = np.zeros((3, 3))
+    for (row, channel), value in zip(forward.labels, values, strict=True):
+        out[row, "xyz".index(channel)] = value
+    return out
+
+
+def test_sections_that_are_all_alike_are_the_uniform_body(reference_robot: Robot) -> None:
+    cut = changed(reference_robot, sections=[{"length": 0.1}, {"length": 0.25}, {"length": 0.05}])
+    assert len(body_of(cut)) == 3
+    np.testing.assert_allclose(tips(cut), tips(reference_robot), atol=2e-8)
+    np.testing.assert_allclose(predicted(cut), predicted(reference_robot), atol=2e-6)
+
+
+def test_stiffness_and_mass_that_are_given_stand_for_radii_and_material(reference_robot: Robot) -> None:
+    area = np.pi * (0.05**2 - 0.029**2)
+    second = np.pi / 4 * (0.05**4 - 0.029**4)
+    e = reference_robot.youngs_modulus
+    given = changed(
+        reference_robot, bending_stiffness=e * second, axial_stiffness=e * area, torsional_stiffness=2 * e * second,
+        mass_per_length=reference_robot.density * area, outer_radius=0.06, inner_radius=0.03,
+    )  # fmt: skip
+    np.testing.assert_allclose(tips(given), tips(reference_robot), atol=1e-9)
+    np.testing.assert_allclose(predicted(given), predicted(reference_robot), atol=1e-8)
+
+
+def test_forward_model_and_rods_agree_on_a_body_of_sections(reference_robot: Robot) -> None:
+    segmented = changed(
+        reference_robot,
+        sections=[
+            {"length": 0.15, "bending_stiffness": 2.0, "mass_per_length": 6.0},
+            {"length": 0.1, "youngs_modulus": 8e5, "chamber_radius": 0.004},
+            {"length": 0.15, "outer_radius": (0.05, 0.045), "path_radius": (0.04, 0.038)},
+        ],
+    )
+    np.testing.assert_allclose(predicted(segmented), tips(segmented), atol=2e-6)
+    assert np.abs(tips(segmented) - tips(reference_robot)).max() > 3e-3
+
+
+def test_a_taper_converges_with_its_pieces(reference_robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    taper = {
+        "sections": [
+            {"length": 0.4, "outer_radius": (0.05, 0.035), "inner_radius": (0.02, 0.014), "path_radius": (0.04, 0.026)}
+        ],
+        "spine": None,
+    }
+    tapered = changed(reference_robot, **taper)
+    states = conditions(tapered, 0.0, PRESSURES)
+    found = solve(rods_of(tapered, states), FINE).trusted().tip
+    monkeypatch.setattr(body, "PIECES", 200)
+    exact = solve(rods_of(tapered, states), FINE).trusted().tip
+    moved = np.linalg.norm(exact - exact[0], axis=1)
+    assert np.linalg.norm(found - exact, axis=1).max() < 0.003 * moved.max()
+
+
+def test_a_cantilever_of_two_sections_bends_as_beam_theory_says(reference_robot: Robot) -> None:
+    soft, stiff = 0.2, 0.8
+    two = changed(
+        reference_robot, spine=None, gravity=[0.0, 0.0, 0.0], tip_mass=0.0,
+        sections=[{"length": 0.15, "bending_stiffness": stiff}, {"length": 0.25, "bending_stiffness": soft}],
+    )  # fmt: skip
+    push = 1e-3
+    tip = solve(rods_of(two, conditions(two, 0.0, np.zeros(9), force=[push, 0.0, 0.0])), FINE).tip[0]
+    shear = 0.4 / (two.shear_modulus * np.pi * (0.05**2 - 0.029**2))
+    bending = (0.4**3 - 0.25**3) / (3 * stiff) + 0.25**3 / (3 * soft)
+    assert tip[0] == pytest.approx(push * (bending + shear), rel=1e-4)
+
+
+def test_chambers_that_end_half_way_leave_the_rest_straight(reference_robot: Robot) -> None:
+    half = changed(
+        reference_robot, spine=None, gravity=[0.0, 0.0, 0.0],
+        sections=[{"length": 0.2}, {"length": 0.2, "chamber_radius": 0.0}],
+    )  # fmt: skip
+    rods = rods_of(half, conditions(half, 0.0, PRESSURES[-1]))
+    found = solve(rods, FINE, arc_lengths=[0.2, 0.3, 0.4])
+    assert found.shape is not None
+    first, second = np.diff(found.shape[0], axis=0)
+    assert np.linalg.norm(np.cross(first, second)) < 1e-9 < np.linalg.norm(np.cross(first, [0.0, 0.0, 1.0]))
+
+
+def test_the_adaptive_method_solves_sections_alike(reference_robot: Robot) -> None:
+    two = changed(reference_robot, sections=[{"length": 0.2}, {"length": 0.2, "path_radius": 0.036, "density": 900.0}])
+    rods: Rods = rods_of(two, conditions(two, SPINES, PRESSURES))
+    np.testing.assert_allclose(solve(rods, FINE).tip, solve(rods, REFERENCE).tip, atol=1e-7)
+
+
+TENDONS = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
+
+
+def test_a_tendon_bends_towards_itself_in_a_circle_and_shortens(reference_robot: Robot) -> None:
+    pulled = changed(
+        reference_robot, chambers=None, tendons=TENDONS, area_factor=1.0, spine=None, gravity=[0, 0, 0],
+        bending_stiffness=0.5, axial_stiffness=800.0, tip_mass=0.0,
+    )  # fmt: skip
+    tension = 3.0
+    found = solve(rods_of(pulled, conditions(pulled, 0.0, [tension / 1e-4, 0.0, 0.0])), FINE, arc_lengths=[0.2, 0.4])
+    assert found.shape is not None
+    curvature, stretch = tension * 0.04 / 0.5, 1 - tension / 800.0
+    for s, place in zip((0.2, 0.4), found.shape[0], strict=True):
+        circle = stretch / curvature * np.array([1 - np.cos(curvature * s), 0.0, np.sin(curvature * s)])
+        np.testing.assert_allclose(place, circle, atol=1e-6)
+
+
+def test_tendons_fastened_half_way_bend_the_first_half(reference_robot: Robot) -> None:
+    two = changed(
+        reference_robot, chambers=None, area_factor=1.0, spine=None, gravity=[0, 0, 0],
+        tendons={"path_radius": 0.04, "azimuths_deg": [0.0, 90.0], "ends": [0.2, 0.4]},
+    )  # fmt: skip
+    np.testing.assert_allclose(body_of(two).chamber_area, [[-1e-4, -1e-4], [0.0, -1e-4]])
+    rods = rods_of(two, conditions(two, 0.0, [60e3, 0.0]))
+    found = solve(rods, FINE, arc_lengths=[0.2, 0.3, 0.4])
+    assert found.shape is not None
+    first, second = np.diff(found.shape[0], axis=0)
+    assert found.shape[0, 0, 0] > 1e-3 and np.linalg.norm(np.cross(first, second)) < 1e-9
+
+
+def test_the_forward_model_of_tendons_is_that_of_its_rods(reference_robot: Robot) -> None:
+    pulled = changed(
+        reference_robot, chambers=None, area_factor=0.9,
+        tendons={"path_radius": 0.04, "azimuths_deg": [40.0 * k for k in range(9)], "ends": [0.2, 0.4, 0.3] * 3},
+    )  # fmt: skip
+    np.testing.assert_allclose(predicted(pulled), tips(pulled), atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"sections": [{"length": 0.3}]}, "sections: lengths add up to 0.3 m, must be length 0.4 m"),
+        ({"sections": [{"length": 0.4, "outer_radius": 0.02}]}, r"sections\[0\]: inner_radius 0.029 m"),
+        ({"sections": [{"length": 0.4, "path_radius": [0.04, 0.047]}]}, r"sections\[0\]: chambers reach"),
+        ({"sections": [{"length": 0.4, "inner_radius": 0.02}]}, r"sections\[0\]: spine.radius 0.029 m"),
+        ({"tendons": TENDONS}, "either chambers or tendons"),
+        ({"chambers": None}, "either chambers or tendons"),
+        ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4]}}, "tendons.ends: 1 arc lengths"),
+        ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4, 0.4, 0.5]}}, "tendons.ends: 0.5 m is beyond"),
+        ({"bending_stiffness": 0.0}, "bending_stiffness = 0.0 N m\\^2"),
+        ({"density": 0.0, "mass_per_length": 1.0}, "mass_per_length: needs a density"),
+    ],
+)
+def test_sections_that_do_not_fit_are_refused(reference_robot: Robot, fields: dict[str, Any], named: str) -> None:
+    with pytest.raises(BadRobot, match=named):
+        changed(reference_robot, **fields)

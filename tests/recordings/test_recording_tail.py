@@ -1,0 +1,152 @@
+"""A recording followed while it is written: everything that is in the file, once, in order, however it comes."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+from synthetic_run import TARGETS, Run
+
+from recordings.errors import Damaged, NotARecording, Oversized, RecordingError
+from recordings.file.container import walk
+from recordings.file.reader import Recording
+from recordings.file.tail import Piece, Tail
+from recordings.file.writer import Recorder
+from recordings.states.concluding import conclude
+from recordings.states.rules import Settled, State
+
+ASKED = State(
+    trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=2.0, ramp_end=2.0, rate=1.0, targets=TARGETS,
+    spine_length=0.2, tip_mass=0.0, rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
+)  # fmt: skip
+
+
+def recorded(path: Path) -> Path:
+    with Recorder(path, start_wall_ns=1_700_000_000_123_456_789, markers=2) as recorder:
+        recorder.progress(0.0, 0, 2, 0.0, 7.0)
+        for k, (topic, t, values) in enumerate(Run(duration=7.0, ramp=2.0, lag=0.4).messages()):
+            recorder.push(topic, t, values)
+            if k % 200 == 0:
+                recorder.sync()  # a chunk each
+        recorder.state(2.0, ASKED)
+        row = conclude(recorder.buffers, ASKED)
+        assert row is not None
+        recorder.trial(6.9, 1, row)
+        recorder.progress(6.9, 1, 2, 3.5, 7.0)
+    return path
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("tail") / "run.mcap")
+
+
+def followed(tail: Tail, most: int = 64) -> list[Piece]:
+    """All pieces that are there."""
+    found: list[Piece] = []
+    while pieces := tail.read(most):
+        found += pieces
+    return found
+
+
+def samples(pieces: list[Piece], topic: str) -> NDArray[np.void]:
+    return np.concatenate([piece.samples[topic] for piece in pieces if topic in piece.samples])
+
+
+def same(a: NDArray[np.void], b: NDArray[np.void]) -> bool:
+    """To the last bit; what lies between the fields does not count."""
+    return a.dtype == b.dtype and all(a[name].tobytes() == b[name].tobytes() for name in a.dtype.names or ())
+
+
+def test_a_finished_file_is_read_whole(path: Path) -> None:
+    recording = Recording.open(path)
+    with Tail(path) as tail:
+        pieces = followed(tail, most=3)
+        assert tail.contents.finished and tail.contents.metadata == dict(recording.metadata) and not tail.grown()
+    assert len(pieces) > 5
+    for topic in recording.streams:
+        expected = recording.stream(topic)
+        if len(expected):
+            assert same(samples(pieces, topic), expected)
+    assert [s for piece in pieces for s in piece.states] == recording.states
+    assert [t.row.to_json() for piece in pieces for t in piece.trials] == [t.row.to_json() for t in recording.trials]
+    assert [line for piece in pieces for line in piece.log] == recording.log
+    assert [(m.steps, m.steps_planned, m.seconds) for p in pieces for m in p.progress] == [(0, 2, 0.0), (1, 2, 3.5)]
+
+
+def test_what_was_pushed_is_there_after_the_next_sync_and_its_numbers_have_no_gap(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.mcap", start_wall_ns=10**18)
+    with Tail(recorder.path) as tail:
+        count = 0
+        for k in range(50):
+            for _ in range(7):
+                count += 1
+                recorder.push("/vacuum", count * 0.01, (20e3 + count,))
+            recorder.sync()
+            pieces = followed(tail)
+            assert samples(pieces, "/vacuum")["absolute"].tolist() == [20e3 + count - 6 + i for i in range(7)]
+            assert [n for p in pieces for n in p.numbers.get("/vacuum", [])] == list(range(count - 6, count + 1))
+            assert not tail.contents.finished and k < 50
+        recorder.close("completed")
+        followed(tail)
+        assert tail.contents.finished and tail.contents.metadata["outcome"]["outcome"] == "completed"
+
+
+@given(cuts=st.lists(st.integers(1, 60_000), max_size=12))
+def test_however_the_bytes_come_the_pieces_are_the_same(path: Path, cuts: list[int]) -> None:
+    data = path.read_bytes()
+    growing = path.with_suffix(".growing")
+    growing.write_bytes(b"")
+    with Tail(growing) as tail, open(growing, "ab", buffering=0) as file:
+        pieces: list[Piece] = []
+        for begin, end in zip([0, *sorted(cuts)], [*sorted(cuts), len(data)], strict=True):
+            file.write(data[begin:end])
+            pieces += followed(tail)
+        assert tail.contents.finished
+    recording = Recording.open(path)
+    assert all(same(samples(pieces, topic), recording.stream(topic)) for topic in ("/tip", "/force"))
+
+
+def test_an_older_recording_is_followed_too() -> None:
+    old = Path(__file__).parent / "data" / "bending-schema-1.mcap"
+    recording = Recording.open(old)
+    with Tail(old) as tail:
+        pieces = followed(tail)
+    assert same(samples(pieces, "/tip"), recording.stream("/tip"))
+    assert len([t for p in pieces for t in p.trials]) == len(recording.trials) > 0
+
+
+def test_a_changed_byte_in_a_chunk_is_told(path: Path, tmp_path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    chunk = walk(memoryview(bytes(data)), "run").chunks[2]
+    data[chunk.data_end - 5] ^= 1
+    (damaged := tmp_path / "damaged.mcap").write_bytes(data)
+    with Tail(damaged) as tail, pytest.raises(RecordingError, match="lab verify"):
+        followed(tail)
+
+
+def test_lengths_that_a_file_claims_are_not_believed(path: Path, tmp_path: Path) -> None:
+    begin = path.read_bytes()[:8]
+    (claims := tmp_path / "claims.mcap").write_bytes(begin + struct.pack("<BQ", Opcode.CHUNK, 2**60) + bytes(5000))
+    with Tail(claims) as tail, pytest.raises(Oversized, match="limit"):
+        followed(tail)
+    (senseless := tmp_path / "senseless.mcap").write_bytes(begin + struct.pack("<BQ", Opcode.CHUNK, 40) + b"\xff" * 40)
+    with Tail(senseless) as tail, pytest.raises(Damaged, match="byte 8"):
+        followed(tail)
+
+
+def test_only_recordings_are_followed(tmp_path: Path) -> None:
+    (text := tmp_path / "text.mcap").write_text("not a recording")
+    with Tail(text) as tail, pytest.raises(NotARecording, match="not an MCAP file"):
+        tail.read()
+    os.mkfifo(pipe := tmp_path / "pipe.mcap")
+    for other in (pipe, tmp_path, tmp_path / "none.mcap"):
+        with pytest.raises(NotARecording):
+            Tail(other)
