@@ -228,6 +228,7 @@ def _climb_back(bench: Bench, p: Bending, branch: str) -> None:
     """After a pause the chambers are empty: a state of the unload branch is reached by way of the highest again."""
     if branch == "unload":
         ramp(bench, _channels(bench, p, max(p.pressures)), p.rate)
+        bench.pause(p.settle.average)  # the chambers follow their set-points
 
 
 def _rules(p: Bending) -> list[Settled | Window]:
