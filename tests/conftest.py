@@ -8,6 +8,7 @@ back."""
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,9 @@ from lab.guard.priority import SESSION, take_place
 
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+"""A shell that starts the tests behind it has them ignore Ctrl-C; a program that a test starts would inherit that."""
 
 WHOLE, SAFETY, CALLS, RODS = "whole rig", "safety", "call order", "rods"
 GROUPS = {

@@ -89,7 +89,6 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
         [sys.executable, str(program), *map(str, marks)],
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
     )
     deadline = time.monotonic() + 120
     while not all(m.exists() and m.read_text() for m in marks):
