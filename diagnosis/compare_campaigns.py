@@ -20,6 +20,7 @@ from .answer.result import Change
 from .criticism.misfit import misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
 from .data.case import CaseLike, states
+from .data.noise import Lasting, Noise
 from .data.states import States
 from .errors import TooLittle
 from .inference.budget import budget, by_what_is_carried, parts
@@ -201,6 +202,7 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
         state=np.concatenate([first.noise.state, second.noise.state + first.noise.state.max() + 1]),
         sd=np.concatenate([first.noise.sd, second.noise.sd]),
         pressure_response=np.concatenate([_wide(x.noise.pressure_response, wide) for x in (first, second)]),
+        lasting=_lasting(first.noise, second.noise),
     )
     n, m = first.discrepancy.shape[1], second.discrepancy.shape[1]
     smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
@@ -210,6 +212,15 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     shared_basis, channel_basis = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in later)
     measured = np.concatenate([first.observed, second.observed])
     return Problem(forward, forward.parameters, measured, noise, smooth, shared_basis, channel_basis)
+
+
+def _lasting(first: Noise, second: Noise) -> Lasting | None:
+    """What lasts of the errors of both; where none does in one, none of it lasts there."""
+    if first.lasting is None and second.lasting is None:
+        return None
+    both = (x.lasting or Lasting.none(len(x.sd)) for x in (first, second))
+    before, after = both
+    return before.then(after)
 
 
 def _wide(columns: Array, wide: int) -> Array:

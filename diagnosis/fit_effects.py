@@ -217,7 +217,7 @@ def _noise(p: Prepared) -> dict[str, float]:
     components = p.noise_components
     return {
         "floor": _rounded(p.noise_floor),
-        "reading": _rounded(rms(p.problem.noise.sd[p.labels.kind == 0])),
+        "reading": _rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
         "pressure": _rounded(components.pressure),
         **{name: _rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
     }

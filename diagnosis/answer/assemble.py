@@ -149,6 +149,8 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
             "channel": dict(p.noise_components.channel),
             "pressure": p.noise_components.pressure,
             "trial": dict(p.noise_components.trial),
+            "lasting": dict(p.noise_components.lasting),
+            "memory": p.noise_components.memory,
         },
         "calibrated_on": f.probability_calibration.benchmark,
         "sizes": [

@@ -2,8 +2,9 @@
 
 Evidence is overconfident, because no model is exact. Log evidence is divided by a temperature, so that the stated
 probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue begins at the
-share that the prior leaves to it, and follows from what free-form errors of the stages and large errors of the laws gain, which
-is evidence like any other, and from three misfit diagnostics (decisions 059, 066).
+share that the prior leaves to it, less what it tells against one that nothing asks for it. It follows from what free-form errors
+of the stages and large errors of the laws gain, which is evidence like any other, and from three misfit diagnostics (decisions
+059, 066, 089).
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from .misfit import MisfitDiagnostics
 
 TYPICAL_EXCESS, MOST_EXCESS = 2.0, 10.0
 """Factors of excess scatter: less than the first is chance, more than the second counts as the second."""
+NO_SIGN = 0.77
+"""How much rarer a cause outside the catalogue is where nothing asks for it: in seven unseen worlds at most 31 of 42 such causes
+gave no sign, and 227 of 238 robots without one."""
 USUAL_GAIN = 4.0
 """Log evidence that free-form errors of the stages gain where the cause is known: slow errors of cameras, laws that differ."""
 MOST_LAW_ODDS = 2.0
@@ -44,10 +48,16 @@ class ProbabilityCalibration:
     benchmark: str
     """What they were fitted on; shown with every probability."""
 
+    @property
+    def outside_without_sign(self) -> float:
+        """Probability of a cause outside the catalogue where nothing asks for it: its least."""
+        odds = NO_SIGN * self.prior_outside / (1 - self.prior_outside)
+        return odds / (1 + odds)
+
     def probability_outside(self, s: MisfitDiagnostics, stage_gain: float = 0.0) -> float:
         """Probability of a cause outside the catalogue; `stage_gain` the log evidence that free-form errors of the stages
         gain."""
-        odds = math.log(self.prior_outside / (1 - self.prior_outside))
+        odds = math.log(self.outside_without_sign / (1 - self.outside_without_sign))
         odds += max(stage_gain - USUAL_GAIN, 0.0) / self.temperature
         odds += min(max(s.law_error_gain, 0.0) / self.temperature, MOST_LAW_ODDS)
         odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))

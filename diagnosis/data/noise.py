@@ -1,78 +1,173 @@
-"""The noise of the measured values: each channel's own, and what wrong readings of the pressures do to a whole state.
+"""The noise of the measured values: what each reading errs by itself, what wrong readings of the pressures do to a whole state,
+and errors that last from one reading to the next.
 
-Chambers of one regulator are read wrongly together, and so are all channels of a state: with the columns
-s_g = d(prediction)/d(pressure of regulator g) * sd(pressure) its covariance is diag(sd^2) + sum_g s_g s_g^T, whose inverse
-square root needs no more than an eigenvalue problem as small as the regulators are many.
+Cameras and pressure sensors wander: an error is forgotten over a time T, not from reading to reading. Within a block of readings
+(those of a trial) the covariance of two values i and j, read |t_i - t_j| apart, is
+
+    C_ij = sd_i^2 [i = j] + slow_i slow_j k_ij [same channel] + sum_g s_ig s_jg ((1 - q) [same state] + q k_ij),
+    k_ij = exp(-|t_i - t_j| / T),
+
+with s_g the response to one standard deviation of the pressure reading of regulator g, and q the share of its variance that
+lasts. Chambers of one regulator are read wrongly together. Readings of different blocks are independent.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array, csr_array, diags_array, eye_array
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+LEAST = 1e-9
+"""Least eigenvalue of a correlation matrix: what rounding leaves of zero."""
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """Errors that last from one reading of a block to the next."""
+
+    block: Ints
+    """(n,) readings of one trial, or of a part of it; -1 for values that have no part in it."""
+    time: Array
+    """(n,) s."""
+    channel: Ints
+    """(n,) values of a channel share what lasts of it."""
+    sd: Array
+    """(n,) in the unit of each channel."""
+    pressure: Array
+    """(n,) share of the variance of pressure readings, one a block."""
+    memory: Array
+    """(n,) s over which an error falls to 1/e, one a block."""
+
+    def take(self, kept: NDArray[np.bool_]) -> Lasting:
+        """Of some of the values."""
+        return Lasting(*(a[kept] for a in vars(self).values()))
+
+    @staticmethod
+    def none(count: int) -> Lasting:
+        """Of values of which nothing lasts."""
+        zero, one = np.zeros(count), np.ones(count)
+        return Lasting(np.full(count, -1), zero, np.zeros(count, np.intp), zero, zero, one)
+
+    def then(self, other: Lasting) -> Lasting:
+        """With other values after these, of other blocks."""
+        later = replace(other, block=np.where(other.block < 0, -1, other.block + self.block.max(initial=-1) + 1))
+        return Lasting(*(np.concatenate(both) for both in zip(vars(self).values(), vars(later).values(), strict=True)))
 
 
 @dataclass(frozen=True)
 class Noise:
     """Noise of n measured values that belong to some states; values and sd in the unit of each channel."""
 
-    state: NDArray[np.intp]
+    state: Ints
     """(n,) which state each value belongs to."""
     sd: Array
-    """(n,) each value's own standard deviation."""
+    """(n,) each value's own standard deviation, of what does not last."""
     pressure_response: Array
     """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
-
-    @cached_property
-    def _norm(self) -> tuple[csr_array, Array, Array]:
-        """s / sd (n, states r), and eigenvalues (states, r) and vectors (states, r, r) of each state's s^T s / sd^2."""
-        n, r = self.pressure_response.shape
-        states = int(self.state.max(initial=-1)) + 1
-        ratio = self.pressure_response / self.sd[:, None]
-        place = self.state[:, None] * r + np.arange(r)
-        spread = csr_array((ratio.ravel(), place.ravel(), np.arange(0, n * r + 1, r)), shape=(n, states * r))
-        squares = np.zeros((states, r, r))
-        np.add.at(squares, self.state, ratio[:, :, None] * ratio[:, None, :])
-        value, vector = np.linalg.eigh(squares)
-        return spread, np.maximum(value, 0.0), vector
-
-    @cached_property
-    def _white(self) -> csr_array:
-        """(n, n)"""
-        return csr_array(self._power(-0.5) @ diags_array(1 / self.sd))
-
-    @cached_property
-    def _root(self) -> csr_array:
-        """(n, n)"""
-        return self._power(0.5)
+    lasting: Lasting | None = None
 
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""
-        return np.asarray(self._white @ values)
+        return self._applied(values, lambda b: b.white)
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
-        return np.asarray(diags_array(self.sd) @ (self._root @ white))
-
-    def _power(self, power: float) -> csr_array:
-        """(n, n) (I + s s^T / sd^2)^power, state by state."""
-        spread, value, vector = self._norm
-        grown = np.expm1(power * np.log1p(value)) / np.maximum(value, 1e-300)
-        inner = (vector * grown[:, None, :]) @ vector.swapaxes(1, 2)
-        states = len(value)
-        blocks = bsr_array((inner, np.arange(states), np.arange(states + 1)), shape=(spread.shape[1],) * 2)
-        return csr_array(eye_array(len(self.sd)) + spread @ blocks @ spread.T)
+        return self._applied(white, lambda b: b.root)
 
     @property
     def log_sd(self) -> float:
         """Half the log determinant of the covariance."""
-        return float(np.log(self.sd).sum() + 0.5 * np.log1p(self._norm[1]).sum())
+        return float(sum(b.log_sd for b in self._blocks))
+
+    @property
+    def own(self) -> Array:
+        """(n,) standard deviation of each value's own error, with what lasts of it."""
+        return self.sd if self.lasting is None else np.hypot(self.sd, self.lasting.sd)
 
     def take(self, kept: NDArray[np.bool_]) -> Noise:
         """The noise of some of the values."""
-        return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept])
+        lasting = None if self.lasting is None else self.lasting.take(kept)
+        return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept], lasting)
+
+    def _applied(self, values: Array, matrix: Callable[[_Blocks], Array]) -> Array:
+        columns = values.reshape(len(values), -1)
+        out = np.empty(columns.shape)
+        for b in self._blocks:
+            out[b.own] = matrix(b) @ columns[b.own]
+        return out.reshape(values.shape)
+
+    @cached_property
+    def _blocks(self) -> Sequence[_Blocks]:
+        """Blocks of equal size side by side, so that each size is one product of matrices."""
+        block = (
+            self.state
+            if self.lasting is None
+            else np.where(self.lasting.block < 0, -1 - self.state, self.lasting.block)
+        )
+        order = np.argsort(block, kind="stable")
+        begins = np.flatnonzero(np.diff(block[order], prepend=block[order[:1]] - 1))
+        each = np.split(order, begins[1:])
+        return [
+            _Blocks.of(own, self._covariance(own))
+            for size in sorted({len(e) for e in each})
+            for own in [np.array([e for e in each if len(e) == size])]
+            if size
+        ]
+
+    def _covariance(self, own: Ints) -> Array:
+        """(b, s, s) of b blocks of s values (b, s)."""
+        state, response = self.state[own], self.pressure_response[own]
+        same = (state[:, :, None] == state[:, None, :]).astype(float)
+        by_pressure = response @ response.swapaxes(1, 2)
+        out = np.eye(own.shape[1]) * self.sd[own][:, :, None] ** 2
+        if self.lasting is None:
+            return np.asarray(out + same * by_pressure)
+        time, channel, sd = self.lasting.time[own], self.lasting.channel[own], self.lasting.sd[own]
+        kept = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.lasting.memory[own][:, :1, None])
+        kept = np.where(same > 0, 1.0, np.where(np.isfinite(kept), kept, 0.0))
+        share = self.lasting.pressure[own][:, :1, None]
+        out += kept * sd[:, :, None] * sd[:, None, :] * (channel[:, :, None] == channel[:, None, :])
+        return np.asarray(out + by_pressure * ((1 - share) * same + share * kept))
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """b blocks of s values."""
+
+    own: Ints
+    """(b, s) their places."""
+    white: Array
+    """(b, s, s) what makes them independent, of standard deviation 1."""
+    root: Array
+    """(b, s, s) the inverse."""
+    log_sd: float
+    """Half the log determinant of their covariance."""
+
+    @staticmethod
+    def of(own: Ints, covariance: Array) -> _Blocks:
+        sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        value, vector = np.linalg.eigh(covariance / sd[:, :, None] / sd[:, None, :])
+        value = np.maximum(value, LEAST)
+        turned = vector.swapaxes(1, 2)
+        white = (vector / np.sqrt(value)[:, None, :]) @ turned / sd[:, None, :]
+        root = sd[:, :, None] * ((vector * np.sqrt(value)[:, None, :]) @ turned)
+        return _Blocks(own, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()))
+
+
+def blocks(trial: Ints, time: Array, longest: int) -> Ints:
+    """(n,) block of each of n states: its trial, cut so that none has more than `longest` states; -1 where no time is known."""
+    out = np.full(len(trial), -1, np.intp)
+    count = 0
+    for t in np.unique(trial):
+        own = np.flatnonzero((trial == t) & np.isfinite(time))
+        own = own[np.argsort(time[own], kind="stable")]
+        for k in range(0, len(own), longest):
+            out[own[k : k + longest]] = count
+            count += 1
+    return out

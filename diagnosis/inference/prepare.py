@@ -21,8 +21,9 @@ from recordings.trials import TEXTS
 
 from ..data.baseline import Baseline
 from ..data.chamber_sides import leave_out
-from ..data.noise import Noise
-from ..data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
+from ..data.noise import Lasting, Noise, blocks
+from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
+from ..data.noise_estimate import estimate_noise
 from ..data.states import States
 from ..errors import BadCase
 from .discrepancy import Settings, by_channel, columns, settings
@@ -42,6 +43,8 @@ DEFAULT_PRESSURE_NOISE = 500.0
 """Pa."""
 VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
+LONGEST_BLOCK = 40
+"""States of a trial whose errors are taken to go together at most."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 LEAST_CARRIED, TINY = 1.0, 1e-12
@@ -219,6 +222,9 @@ def _noise(
     """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
     default = np.array([floor.channel.get(k, 1.0) for k in KINDS])
     white = default[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
+    if floor.lasting:
+        at_once = np.sqrt(1 - np.array([floor.lasting.get(k, 0.0) for k in KINDS]))[labels.kind]
+        white *= np.where(_blocks(states)[labels.state] < 0, 1.0, at_once)
     by_pressure = floor.pressure * response
     if pushes is not None:
         own = labels.kind == 3
@@ -226,7 +232,26 @@ def _noise(
         # The error of the deflection takes the place of the pressure's, in the first column.
         by_pressure[own] = 0.0
         by_pressure[own, 0] = pushes.noise_components.pressure * pushes.stiffness[labels.state[own]]
-    return Noise(labels.state, white, by_pressure)
+    return Noise(labels.state, white, by_pressure, _lasting(states, labels, floor))
+
+
+def _lasting(states: States, labels: Labels, floor: NoiseComponents) -> Lasting | None:
+    """What lasts of the errors of cameras and pressure sensors, from one state of a trial to the next."""
+    if not floor.lasting:
+        return None
+    block = _blocks(states)[labels.state]
+    sd = np.array([floor.channel.get(k, 0.0) * np.sqrt(floor.lasting.get(k, 0.0)) for k in KINDS])[labels.kind]
+    _, channel = np.unique(labels.channel, return_inverse=True)
+    every = np.ones(len(sd))
+    return Lasting(
+        block, states.time[labels.state], channel, np.where(block < 0, 0.0, sd), floor.lasting[PRESSURE] * every,
+        floor.memory * every,
+    )  # fmt: skip
+
+
+def _blocks(states: States) -> Ints:
+    """(n,) states of the robot whose errors last from one to the next."""
+    return np.where(states.pushed, -1, blocks(states.trial, states.time, LONGEST_BLOCK))
 
 
 def observable_effects(robot: Robot, design: Design, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
@@ -331,6 +356,8 @@ def _floor(
         {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in scattered.items()},
         resting(states)[complete],
         grid(slope[:, [i for i, p in enumerate(infos) if p.scope == "campaign"]])[complete],
+        _blocks(states)[complete],
+        states.time[complete],
     )
     trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
     found = estimate_noise(data, replace(default, trial=trial))
@@ -354,7 +381,7 @@ def resting(states: States) -> NDArray[np.bool_]:
 def pressure_response(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
     """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
     row, pressure = forward.observations.row, with_vented_at_zero(states)
-    together = regulators(pressure)
+    together = regulators(states.pressure, pressure)
     if "pressure_offset.offset" not in made.names:
         return np.zeros((len(slope), len(together)))
     inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
@@ -369,12 +396,12 @@ def pressure_response(forward: ForwardModel, states: States, made: Parameters, s
     return np.asarray(np.nan_to_num(out))
 
 
-def regulators(pressure: Array) -> list[Ints]:
-    """Chambers (indices) that are inflated together wherever they are (n, chambers) Pa: taken as fed by one regulator."""
-    pattern = np.unique(pressure > 0, axis=0).T
-    _, member = np.unique(pattern, axis=0, return_inverse=True)
+def regulators(read: Array, pressure: Array) -> list[Ints]:
+    """Chambers (indices) that read the same (n, chambers) Pa wherever they are: one sensor, that of their regulator, reads them.
+    Of those that are inflated in any state (`pressure`, vented ones at zero)."""
+    _, member = np.unique(read.T, axis=0, return_inverse=True)
     groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
-    found = [own for own in groups if pattern[own[0]].any()]
+    found = [own for own in groups if (pressure[:, own] > 0).any()]
     return found or [np.arange(pressure.shape[1])]
 
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from model.effects.parameters import ParameterInfo
 
-from ..data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
+from ..data.noise_components import NoiseComponents, Repeated, Scatter, reading_rms
+from ..data.noise_estimate import estimate_noise
 from ..data.states import States
 from .labels import Labels
 
@@ -79,6 +80,8 @@ def stiffness_trials(
         {source: Scatter(values[:, None, None], trial) for source, values in by_source.items()},
         np.zeros(len(own), bool),
         np.zeros((len(own), 1, 0)),
+        np.full(len(own), -1),
+        np.zeros(len(own)),
     )
     default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
     floor = estimate_noise(

@@ -162,7 +162,7 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     shares = np.array([PRIOR_SHARES[len(h)] / (len(d.effects) if h else 1) for h in named])
     score = evidence.T / CALIBRATED.temperature + np.log(shares)
     weight = np.exp(score - score.max(axis=1, keepdims=True))
-    return named, weight / weight.sum(axis=1, keepdims=True) * (1 - CALIBRATED.prior_outside)
+    return named, weight / weight.sum(axis=1, keepdims=True) * (1 - CALIBRATED.outside_without_sign)
 
 
 def _span(blocks: Sequence[Array]) -> tuple[Array, int]:

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from diagnosis.data.case import states
-from diagnosis.data.noise_components import NoiseComponents, Repeated, Scatter, estimate_noise, reading_rms
+from diagnosis.data.noise import blocks
+from diagnosis.data.noise_components import NoiseComponents, Repeated, Scatter, contrasts, reading_rms
+from diagnosis.data.noise_estimate import Loss, estimate_noise
 from diagnosis.inference.prepare import prepare
 from tests.diagnosis.small_campaigns import FEW, measured
 from tests.diagnosis.test_case import case
@@ -33,7 +35,15 @@ def repeated(
     residual += error * np.sin(condition)[:, None]
     scatter = {"spine_length": Scatter(per_trial[:, :, None], trial)}
     return Repeated(
-        residual, condition, ("tip",) * 3, per_pascal[:, :, None], scatter, np.zeros(n, bool), np.zeros((n, 3, 0))
+        residual,
+        condition,
+        ("tip",) * 3,
+        per_pascal[:, :, None],
+        scatter,
+        np.zeros(n, bool),
+        np.zeros((n, 3, 0)),
+        np.full(n, -1),
+        np.zeros(n),
     )
 
 
@@ -86,3 +96,58 @@ def test_errors_of_the_pressure_reading_are_no_scatter_of_the_tip() -> None:
     calm, noisy = (prepare(c.robot, states(c)[0]) for c in (campaign, case(rows)))
     assert noisy.noise_floor == pytest.approx(calm.noise_floor, rel=0.15)
     assert noisy.unit > 1.5 * calm.unit
+
+
+def wandering(memory: float, tip: float, pressure: float, seed: int = 2) -> Repeated:
+    """A sweep of 21 trials of eleven readings ten seconds apart; shares of the variance that are forgotten over a memory, s."""
+    rng = np.random.default_rng(seed)
+    trial, step = np.repeat(np.arange(21), 11), np.tile(np.arange(11), 21)
+    time, n = 300.0 * trial + 10.0 * step, len(trial)
+    keep = np.exp(-np.diff(time, prepend=-np.inf) / memory)
+    slow = rng.normal(size=(n, 4))
+    for i in range(1, n):
+        slow[i] = keep[i] * slow[i - 1] + math.sqrt(1 - keep[i] ** 2) * slow[i]
+    white, condition = rng.normal(size=(n, 4)), step + 11 * (trial % 7)
+    error = np.sqrt([tip] * 3 + [pressure]) * slow + np.sqrt(1 - np.array([tip] * 3 + [pressure])) * white
+    per_pascal = np.abs(np.sin(condition / 7.0))[:, None] * np.array([3e-6, 5e-7, 1e-6])
+    residual = 0.25e-3 * error[:, :3] + 800.0 * per_pascal * error[:, 3:]
+    return Repeated(
+        residual, condition, ("tip",) * 3, per_pascal[:, :, None], {}, np.zeros(n, bool), np.zeros((n, 3, 0)),
+        blocks(trial, time, 40), time,
+    )  # fmt: skip
+
+
+BARE = replace(DEFAULT_NOISE, trial={})
+
+
+def test_errors_that_last_are_told_from_those_that_do_not() -> None:
+    lasting, passing = (estimate_noise(wandering(60.0, *share), BARE) for share in ((0.6, 0.95), (0.0, 0.0)))
+    for found in (lasting, passing):
+        assert found.channel["tip"] == pytest.approx(0.25e-3, rel=0.1)
+        assert found.pressure == pytest.approx(800.0, rel=0.25)
+    assert 25.0 < lasting.memory < 130.0
+    assert lasting.lasting["tip"] == pytest.approx(0.6, abs=0.2) and lasting.lasting["pressure"] > 0.75
+    # What is left of an error at the next reading.
+    assert all(share * math.exp(-10.0 / passing.memory) < 0.1 for share in passing.lasting.values())
+
+
+def test_without_times_nothing_lasts() -> None:
+    data = wandering(60.0, 0.6, 0.95)
+    assert estimate_noise(replace(data, block=np.full(len(data.time), -1)), BARE).lasting == {}
+
+
+def test_the_gradient_of_the_loss_is_its_gradient() -> None:
+    data = repeated(1, 0.2e-3, 800.0, 2e-3)
+    data = replace(data, block=data.scatter["spine_length"].part, time=10.0 * np.arange(len(data.condition)))
+    data = replace(
+        data, resting=data.condition % 3 == 0, drift=np.ones((len(data.condition), 3, 1)) * data.time[:, None, None]
+    )
+    loss = Loss(data, contrasts(data.condition), DEFAULT_NOISE)
+    x = 0.1 * np.array([1.0, -2, 3, 1, -1, 2, 1])
+    steps = 1e-5 * np.eye(len(x))
+    assert loss(x)[1] == pytest.approx([(loss(x + h)[0] - loss(x - h)[0]) / 2e-5 for h in steps], rel=1e-4, abs=1e-3)
+
+
+def test_a_long_trial_is_cut() -> None:
+    trial, time = np.repeat([4, 7], 5), np.array([5.0, 4, 3, 2, 1, 0, 1, 2, np.nan, 4])
+    assert blocks(trial, time, 3).tolist() == [1, 1, 0, 0, 0, 2, 2, 2, -1, 3]

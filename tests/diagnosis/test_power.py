@@ -55,7 +55,7 @@ def test_many_worlds_at_once_are_weighed_as_one_is(design: Planned) -> None:
         shares = [PRIOR_SHARES[len(h)] / (len(design.effects) if h != NONE else 1) for h in named]
         score = np.array(log) / CALIBRATED.temperature + np.log(shares)
         p = np.exp(score - score.max())
-        p *= (1 - CALIBRATED.prior_outside) / p.sum()
+        p *= (1 - CALIBRATED.outside_without_sign) / p.sum()
         # one cuts all parameters at their bounds, the other those of what is named
         assert named[int(found[i].argmax())] == named[int(p.argmax())]
         assert found[i] == pytest.approx(p, abs=0.08)
@@ -65,7 +65,7 @@ def test_a_large_effect_is_told_and_one_that_carries_little_is_not(design: Plann
     found = power(design, tuple(EFFECTS), each=20, clutter=(0.0,))
     of = {e.effect: e for e in found.effects}
     assert set(of) | set(found.unseen) == set(EFFECTS)
-    assert of["chamber_azimuth"].carries > 1.5 and (of["chamber_azimuth"].right["large"] or 0) >= 0.8
+    assert of["chamber_azimuth"].carries > 1.0 and (of["chamber_azimuth"].right["large"] or 0) >= 0.8
     assert of["self_weight"].carries < 1.0
     sums = {e.effect: np.mean([v for v in e.right.values() if v is not None]) for e in found.effects}
     assert sums["self_weight"] < sums["chamber_azimuth"]

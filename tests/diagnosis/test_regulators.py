@@ -13,12 +13,18 @@ from tests.diagnosis.test_case import ROBOT, case, sweep
 ALL = tuple(range(9))
 
 
-def test_chambers_that_are_always_inflated_together_have_one_regulator() -> None:
+def test_chambers_that_always_read_the_same_have_one_regulator() -> None:
     bend, other = [1, 1, 0, 0, 0, 0, 0, 0, 1], [0, 0, 1, 1, 1, 0, 0, 0, 0]
     pressure = 1e5 * np.array([[0] * 9, bend, other, [1] * 9], float)
-    assert sorted(tuple(own) for own in regulators(pressure)) == [(0, 1, 8), (2, 3, 4), (5, 6, 7)]
-    assert [tuple(own) for own in regulators(pressure[:2])] == [(0, 1, 8)]
-    assert [tuple(own) for own in regulators(np.zeros((2, 9)))] == [ALL]
+    assert sorted(tuple(own) for own in regulators(pressure, pressure)) == [(0, 1, 8), (2, 3, 4), (5, 6, 7)]
+    assert [tuple(own) for own in regulators(pressure[:2], pressure[:2])] == [(0, 1, 8)]
+    assert [tuple(own) for own in regulators(np.zeros((2, 9)), np.zeros((2, 9)))] == [ALL]
+
+
+def test_chambers_that_are_inflated_together_and_read_apart_have_two() -> None:
+    pressure = 1e5 * np.array([[0] * 9, [1, 1, 0, 0, 0, 0, 0, 0, 1], [1] * 9], float)
+    read = pressure + np.array([0, 0, 400, 400, 400, -700, -700, -700, 0])
+    assert sorted(tuple(own) for own in regulators(read, pressure)) == [(0, 1, 8), (2, 3, 4), (5, 6, 7)]
 
 
 def test_with_all_chambers_inflated_each_regulator_moves_the_tip_its_own_way() -> None:

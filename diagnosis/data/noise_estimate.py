@@ -1,0 +1,259 @@
+"""Noise components estimated by maximum a posteriori, with log-normal priors at the instruments' defaults.
+
+The contrasts v are normal with covariance C = B + U U^T: B of the readings, block by block of conditions that share trials, U the
+columns of what a trial has of its own and of drift. With a = C^-1 v the loss has the gradient
+
+    d(log det C / 2 + v^T C^-1 v / 2) = tr((C^-1 - a a^T) dC) / 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LOG_PRIOR_SD = 0.7
+"""Prior standard deviation of the logarithm of each component, a factor of two either way."""
+WIDE = 1.0
+"""Standard deviation of what drifts, relative: far more than it ever does."""
+LEAST_SHARE = 0.05
+"""Least value of a component, as a share of its default."""
+USUAL_LASTING, LOGIT_SD = 0.3, 1.5
+"""Share of a variance that lasts, and prior standard deviation of its logit."""
+LOG_MEMORY_SD, LONGEST_MEMORY = 1.0, 600.0
+"""Prior standard deviation of the logarithm of the memory, and the longest, s: more is drift."""
+MOST_CONTRASTS = 150
+"""Contrasts whose errors are taken to go together at most."""
+
+
+def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
+    """Maximum a posteriori; `default` holds the centre of the priors and is returned where nothing was repeated."""
+    contrast = contrasts(data.condition)
+    if not len(contrast):
+        return default
+    loss = Loss(data, contrast, default)
+    # Components that no contrast depends on stay at their defaults.
+    found = minimize(loss, np.zeros(len(loss.centre)), jac=True, method="L-BFGS-B", bounds=loss.bounds)
+    sds = found.x[: loss.sds]
+    return replace(
+        loss.components(found.x),
+        contrasts=len(contrast),
+        excess_scatter=float(np.exp(max(sds[len(default.channel)], *sds[len(default.channel) + 2 :], -np.inf))),
+    )
+
+
+class Loss:
+    """Minus the log posterior of the components, with its gradient: logarithms of standard deviations (of each kind of channel,
+    the pressure, rest, each component of the trials), logits of what lasts (of each kind and the pressure), logarithm of the
+    memory; each relative to the centre of its prior."""
+
+    def __init__(self, data: Repeated, contrast: Array, default: NoiseComponents) -> None:
+        self._kinds, self._names = list(default.channel), list(data.scatter)
+        g, count = len(self._kinds), len(self._kinds) + 2 + len(self._names)
+        self.sds = count
+        trial = [default.trial[k] for k in self._names]
+        self.centre = np.concatenate(
+            [
+                np.log([*default.channel.values(), default.pressure, default.rest, *trial]),
+                np.full(g + 1, np.log(USUAL_LASTING / (1 - USUAL_LASTING))),
+                [np.log(default.memory)],
+            ]
+        )
+        self._prior_sd = np.concatenate([np.full(count, LOG_PRIOR_SD), np.full(g + 1, LOGIT_SD), [LOG_MEMORY_SD]])
+        lasts = bool((data.block >= 0).any())
+        self._lasts = float(lasts)
+        most = float(np.log(LONGEST_MEMORY / default.memory))
+        self.bounds = [
+            *[(np.log(LEAST_SHARE), 3.0)] * count, *[(-6.0, 6.0) if lasts else (0.0, 0.0)] * (g + 1),
+            (-3.0, most) if lasts else (0.0, 0.0),
+        ]  # fmt: skip
+        k, c = len(contrast), data.residual.shape[1]
+        self._member = np.array([self._kinds.index(kind) for kind in data.group])
+        order, parts = _together(contrast, data.block)
+        contrast = contrast[order]
+        drift = WIDE * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
+        trials = [_parted(contrast, data.scatter[name]) for name in self._names]
+        self._columns, self._of = _side_by_side([*trials, drift])
+        self._parts = [_Part(data, contrast[own], slice(own.start * c, own.stop * c)) for own in parts]
+
+    def components(self, x: Array) -> NoiseComponents:
+        """What a point stands for."""
+        g, at = len(self._kinds), self.centre + x
+        sd, share = np.exp(at[: self.sds]), self._lasts / (1 + np.exp(-at[self.sds : -1]))
+        return NoiseComponents(
+            channel=dict(zip(self._kinds, sd[:g].tolist(), strict=True)),
+            pressure=float(sd[g]),
+            trial=dict(zip(self._names, sd[g + 2 :].tolist(), strict=True)),
+            rest=float(sd[g + 1]),
+            contrasts=0,
+            lasting=dict(zip([*self._kinds, PRESSURE], share.tolist(), strict=True)) if self._lasts else {},
+            memory=float(np.exp(at[-1])),
+        )
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        found, g = self.components(x), len(self._kinds)
+        kinds = [_Kind(found.channel[k], found.lasting.get(k, 0.0)) for k in self._kinds]
+        channels = [kinds[m] for m in self._member]
+        scale = np.array([*found.trial.values(), 1.0])[self._of]
+        u = self._columns * scale
+        solved = [p.solved(channels, found, u[p.own]) for p in self._parts]
+        inner = np.eye(u.shape[1]) + sum(u[p.own].T @ s.columns for p, s in zip(self._parts, solved, strict=True))
+        factor = cho_factor(inner, lower=True)
+        pulled = sum((s.columns.T @ p.value for p, s in zip(self._parts, solved, strict=True)), np.zeros(u.shape[1]))
+        total = sum(s.log_det for s in solved) + float(np.log(np.diag(factor[0])).sum())
+        weight = cho_solve(factor, pulled)
+        total += 0.5 * (
+            sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight)
+        )
+        inverse = cho_solve(factor, np.eye(u.shape[1]))
+        by = np.zeros(len(x))
+        along, spread = np.zeros(u.shape[1]), np.zeros(u.shape[1])
+        for p, s in zip(self._parts, solved, strict=True):
+            a, w = s.value - s.columns @ weight, s.columns @ inverse
+            half = 0.5 * (s.inverse - w @ s.columns.T - np.outer(a, a))
+            gradient = p.gradient(half, channels, found)
+            np.add.at(by, self._member, gradient.sd)
+            np.add.at(by, self.sds + self._member, gradient.share)
+            by[[g, g + 1, self.sds + g, -1]] += gradient.others
+            along += u[p.own].T @ a
+            spread += np.einsum("nu,nu->u", u[p.own], w)
+        for j in range(len(self._names)):
+            own = self._of == j
+            by[g + 2 + j] = spread[own].sum() - (along[own] ** 2).sum()
+        prior = x / self._prior_sd
+        return total + 0.5 * float(prior @ prior), by + prior / self._prior_sd
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Standard deviation of a kind of channel, and the share of its variance that lasts."""
+
+    sd: float
+    lasting: float
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """B^-1 of one part, applied to the contrasts and to the columns U, and half its log determinant."""
+
+    inverse: Array
+    value: Array
+    columns: Array
+    log_det: float
+
+
+@dataclass(frozen=True)
+class _Gradient:
+    """By the logarithm of the sd and the logit of what lasts, of each channel (c,); of the pressure's sd, rest, the pressure's
+    share and the memory (4,)."""
+
+    sd: Array
+    share: Array
+    others: Array
+
+
+class _Part:
+    """k contrasts (k, n) whose errors go together, in c channels."""
+
+    def __init__(self, data: Repeated, contrast: Array, own: slice) -> None:
+        self.own = own
+        used = np.flatnonzero(np.abs(contrast).max(axis=0) > 0)
+        self._contrast = contrast[:, used]
+        self.value = (contrast @ data.residual).ravel()
+        block, time = data.block[used], data.time[used]
+        apart = np.abs(time[:, None] - time[None, :])
+        self._apart = np.where((block[:, None] == block[None, :]) & (block[:, None] >= 0), apart, np.inf)
+        np.fill_diagonal(self._apart, 0.0)
+        # A contrast's weights squared sum to one: the response of its states, averaged.
+        weight = contrast**2
+        self._resting = weight @ data.resting
+        response = np.einsum("kn,ncr->kcr", weight, data.pressure_response)
+        self._by_pressure = np.einsum("kcr,ldr->kcld", response, response)
+        self._kept = (np.nan, np.zeros(0), np.zeros(0))
+
+    def _lasting(self, memory: float) -> tuple[Array, Array]:
+        """(k, k) covariance of contrasts of what lasts, of variance one, and its derivative by the logarithm of the memory."""
+        if self._kept[0] != memory:
+            ratio = self._apart / memory
+            kept = np.exp(-ratio)
+            grown = np.where(np.isfinite(ratio), ratio, 0.0) * kept
+            a = self._contrast
+            self._kept = (memory, a @ kept @ a.T, a @ grown @ a.T)
+        return self._kept[1], self._kept[2]
+
+    def solved(self, channels: list[_Kind], found: NoiseComponents, columns: Array) -> _Solved:
+        """The covariance B solved."""
+        lasting, _ = self._lasting(found.memory)
+        k, c = len(lasting), len(channels)
+        q = found.lasting.get(PRESSURE, 0.0)
+        b = found.pressure**2 * self._by_pressure * ((1 - q) * np.eye(k) + q * lasting)[:, None, :, None]
+        quiet = self._quiet(found)
+        for j, kind in enumerate(channels):
+            b[:, j, :, j] += kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet))
+        factor = cho_factor(b.reshape(k * c, k * c), lower=True)
+        inverse = cho_solve(factor, np.eye(k * c))
+        log_det = float(np.log(np.diag(factor[0])).sum())
+        return _Solved(inverse, inverse @ self.value, inverse @ columns, log_det)
+
+    def _quiet(self, found: NoiseComponents) -> Array:
+        """(k,) white variance, as a factor on that of states read while ramping."""
+        return np.asarray(1 + (found.rest**2 - 1) * self._resting)
+
+    def gradient(self, half: Array, channels: list[_Kind], found: NoiseComponents) -> _Gradient:
+        """sum(half * dB), half (k c, k c)."""
+        lasting, grown = self._lasting(found.memory)
+        k, c, quiet = len(lasting), len(channels), self._quiet(found)
+        half = half.reshape(k, c, k, c)
+        own = np.einsum("kclc->ckl", half)
+        slow, longer = (own * lasting).sum(axis=(1, 2)), (own * grown).sum(axis=(1, 2))
+        diagonal = np.einsum("ckk->ck", own)
+        white = diagonal @ quiet
+        var, share = np.array([(kind.sd**2, kind.lasting) for kind in channels]).T
+        by_rest = 2 * found.rest**2 * float((var * (1 - share) * (diagonal @ self._resting)).sum())
+        shared = found.pressure**2 * np.einsum("kcld,kcld->kl", half, self._by_pressure)
+        q = found.lasting.get(PRESSURE, 0.0)
+        at_once, kept = float(np.trace(shared)), float((shared * lasting).sum())
+        by_memory = float((var * share * longer).sum() + q * (shared * grown).sum())
+        others = np.array([2 * ((1 - q) * at_once + q * kept), by_rest, q * (1 - q) * (kept - at_once), by_memory])
+        return _Gradient(
+            2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), others
+        )
+
+
+def _parted(contrast: Array, scatter: Scatter) -> Array:
+    """(contrasts, columns) of a component: one column for each parameter of each trial or repeat."""
+    own = (scatter.part[:, None] == np.unique(scatter.part)[None, :]).astype(float)
+    made = np.einsum("kn,nca,nt->kcta", contrast, scatter.response, own, optimize=True)
+    return np.asarray(made.reshape(made.shape[0] * made.shape[1], -1))
+
+
+def _side_by_side(several: list[Array]) -> tuple[Array, Ints]:
+    """Columns of all, and of which each is."""
+    return np.hstack(several), np.repeat(np.arange(len(several)), [x.shape[1] for x in several])
+
+
+def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:
+    """An order of the contrasts (k, n), and slices of it whose errors go together as their states are of the same blocks."""
+    k = len(contrast)
+    used = (contrast != 0) & (block >= 0)
+    links = csr_array(used @ (block[:, None] == np.unique(block)[None, :]).astype(float))
+    _, part = connected_components(links @ links.T, directed=False)
+    order = np.argsort(part, kind="stable")
+    cuts = {0, k, *(np.flatnonzero(np.diff(part[order])) + 1).tolist()}
+    ends = sorted(cuts)
+    each = [
+        slice(a, min(a + MOST_CONTRASTS, e))
+        for b, e in zip(ends, ends[1:], strict=False)
+        for a in range(b, e, MOST_CONTRASTS)
+    ]
+    return order, each
