@@ -20,6 +20,9 @@ from scipy.linalg import cholesky, solve_triangular
 
 Array = NDArray[np.float64]
 
+ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
+"""By what shares of itself the diagonal of a matrix is raised until it can be factorised."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -98,12 +101,26 @@ class Linear:
         n, p = self.effects.shape
         half_log_det = 0.0
         if len(within):
-            factor = cholesky(np.eye(len(within)) + within, lower=True, check_finite=False)
+            factor = _factor(np.eye(len(within)) + within)
             half = solve_triangular(factor, across, lower=True, check_finite=False)
             own = own - half.T @ half
             half_log_det = float(np.log(np.diag(factor)).sum())
         base = -0.5 * (own[p, p] + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
         return Reduced(0.5 * (own[:p, :p] + own[:p, :p].T), own[:p, p].copy(), float(base), float(own[p, p]), n)
+
+
+def _factor(matrix: Array) -> Array:
+    """Lower Cholesky factor of a positive definite matrix.
+
+    Columns that are huge and nearly the same (a robot about to buckle) leave of it what rounding leaves; then its diagonal is raised
+    by as little as helps.
+    """
+    for share in ROUNDING:
+        try:
+            return np.asarray(cholesky(matrix + np.diag(share * np.diag(matrix)), lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            continue
+    raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
 
 
 @dataclass(frozen=True)
