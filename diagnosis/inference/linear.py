@@ -112,8 +112,8 @@ class Linear:
 def _factor(matrix: Array) -> Array:
     """Lower Cholesky factor of a positive definite matrix.
 
-    Columns that are huge and nearly the same (a robot about to buckle) leave of it what rounding leaves; then its diagonal is raised
-    by as little as helps.
+    Columns that are huge and nearly the same (a robot about to buckle) leave of it what rounding leaves; then its diagonal is
+    raised by as little as helps.
     """
     for share in ROUNDING:
         try:
