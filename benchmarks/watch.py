@@ -27,7 +27,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.live.beside import shown_beside
+from lab.live.beside import Page
 
 from .browser import Browser, installed
 from .figures import Figure, show
@@ -100,10 +100,18 @@ def look(address: str) -> None:
 
 
 @contextmanager
+def page_of(file: Path) -> Iterator[str]:
+    """The address of a page beside a recording that is about to be written."""
+    with Page() as page:
+        page.show(file, lambda kind, by, text: None)
+        yield page.address
+
+
+@contextmanager
 def looked_at(file: Path) -> Iterator[list[dict[str, Any]]]:
     """The page beside a recording that is about to be written, and those who look; filled with what they saw at the end."""
     seen: list[dict[str, Any]] = []
-    with shown_beside(file) as address:
+    with page_of(file) as address:
         command = [sys.executable, "-m", "benchmarks.watch", "--look", address]
         eyes = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert eyes.stdout is not None
@@ -164,7 +172,7 @@ def drawn(folder: Path, seconds: float) -> Figure:
         return Figure("age on the page", "p99 <= 250 ms", "no browser is installed", True, {})
     file, ages = folder / "drawn.mcap", dict[int, float]()
     with ExitStack() as stack:
-        address = stack.enter_context(shown_beside(file))
+        address = stack.enter_context(page_of(file))
         run = threading.Thread(target=paced_run, args=(file, seconds, seconds, 1.0))
         run.start()
         page = stack.enter_context(Browser(path, folder / "profile"))

@@ -43,8 +43,8 @@ def _campaign(a: argparse.Namespace) -> int:
     if a.resume is not None:
         if a.plan or a.out is not None:
             raise _usage("--resume goes on with the campaign as it is in its folder: do not give --plan or --out")
-        return command.resume(a.resume, a.rig, said, a.json)
-    return command.plan(a.file, a.rig, a.json) if a.plan else command.run(a.file, a.rig, a.out, said, a.json)
+        return command.resume(a.resume, a.rig, said, a.json, a.watch)
+    return command.plan(a.file, a.rig, a.json) if a.plan else command.run(a.file, a.rig, a.out, said, a.json, a.watch)
 
 
 def _investigate(a: argparse.Namespace) -> int:
@@ -56,7 +56,8 @@ def _investigate(a: argparse.Namespace) -> int:
     limits = Limits(a.budget, a.experiments)
     labels = (*said, *map(_label, a.tag))
     menu = not a.no_hands, tuple(a.without), tuple(a.set)
-    return run(Wanted(tuple(a.inputs), a.rig, a.out, limits, a.robot, a.effects, *menu, labels, a.workers), a.json)
+    wanted = Wanted(tuple(a.inputs), a.rig, a.out, limits, a.robot, a.effects, *menu, labels, a.workers, a.watch)
+    return run(wanted, a.json)
 
 
 def _power(a: argparse.Namespace) -> int:
@@ -323,6 +324,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--plan", action="store_true", help="what it will do, how long it takes, its limits; nothing moves")
     p.add_argument("--out", type=Path, help="folder for all its recordings (default: the campaign's name)")
     p.add_argument("--resume", type=Path, metavar="FOLDER", help="go on with the campaign of this folder")
+    p.add_argument("--watch", action="store_true", help="show run after run on a page in the browser")
     own_labels(p)
 
     p = verb("watch", _watch, "a run on a page in the browser while it goes on, or a recording played", reads=True)
@@ -581,6 +583,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, default=Path("investigation"), help="folder for recordings, answer and page")
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
     p.add_argument("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
+    p.add_argument("--watch", action="store_true", help="show the experiments on a page in the browser")
     own_labels(p)
     own_effects(p)
 

@@ -114,7 +114,14 @@ def plan_dict(c: Campaign) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def run(path: Path, rig_path: Path, folder: Path | None, said: Sequence[tuple[str, str]], as_json: bool) -> int:
+def run(
+    path: Path,
+    rig_path: Path,
+    folder: Path | None,
+    said: Sequence[tuple[str, str]],
+    as_json: bool,
+    watched: bool = False,
+) -> int:
     """Begin a campaign; returns the exit code. `said`: further labels. Raises ConfigError."""
     c = _checked(path, rig_path, as_json)
     own_labels = _labels(said)
@@ -122,17 +129,17 @@ def run(path: Path, rig_path: Path, folder: Path | None, said: Sequence[tuple[st
     place.mkdir(parents=True, exist_ok=True)
     with Journal.begin(place, c.file.campaign, c.digest, own_labels) as journal:
         fill(place, c)
-        return _session(c, place, journal, as_json)
+        return _session(c, place, journal, as_json, watched)
 
 
-def resume(place: Path, rig_path: Path, said: Sequence[tuple[str, str]], as_json: bool) -> int:
+def resume(place: Path, rig_path: Path, said: Sequence[tuple[str, str]], as_json: bool, watched: bool = False) -> int:
     """Go on with the campaign of a folder, or of a file in it; returns the exit code. Raises ConfigError, BadJournal."""
     folder = folder_of(place)
     with Journal.reopen(folder) as journal:
         c = _checked(folder / FILE, rig_path, as_json)
         demand_same(folder, c, journal.done.design)
         journal.done.labels |= _labels(said)
-        return _session(c, folder, journal, as_json)
+        return _session(c, folder, journal, as_json, watched)
 
 
 def _labels(said: Sequence[tuple[str, str]]) -> dict[str, str]:
@@ -150,9 +157,9 @@ def resume_command(folder: Path, rig_path: Path) -> str:
     return shlex.join(["lab", "campaign", "--resume", str(folder), "--rig", str(rig_path)])
 
 
-def _session(c: Campaign, folder: Path, journal: Journal, as_json: bool) -> int:
+def _session(c: Campaign, folder: Path, journal: Journal, as_json: bool, watched: bool) -> int:
     try:
-        ended = Session(c, folder, journal, quiet=as_json).go()
+        ended = Session(c, folder, journal, quiet=as_json, watched=watched).go()
     except Exception:
         if not as_json:
             out.print(f"go on with: {resume_command(folder, c.rig_path)}", soft_wrap=True)

@@ -14,6 +14,7 @@ from protocols.errors import Stopped
 from ..console import Screen, err, out
 from ..files.resume import Broken
 from ..guard.messages import RigLanded
+from ..live.beside import Page, page_where
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
 from ..rig.checked import last
@@ -68,8 +69,10 @@ class PartOfScreen(Screen):
 class Session:
     """One process's share of a campaign."""
 
-    def __init__(self, campaign: Campaign, folder: Path, journal: Journal, quiet: bool) -> None:
+    def __init__(self, campaign: Campaign, folder: Path, journal: Journal, quiet: bool, watched: bool = False) -> None:
         self.campaign, self.folder, self.journal, self.quiet = campaign, folder, journal, quiet
+        self.watched = watched
+        self._page: Page | None = None
         self.hands = Prepared()
         self.stops = Stops(campaign.file.stop, campaign.chambers)
         self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed, quiet=quiet)
@@ -86,7 +89,7 @@ class Session:
         """Do what is left. Whatever ends it, the rig is safe, and what is done is in the journal."""
         self._look_back()
         try:
-            with self.screen:
+            with page_where(self.watched, self.screen.say) as self._page, self.screen:
                 ended = self._all()
         except KeyboardInterrupt:
             ended = Ended(False, "stopped by the operator")
@@ -149,7 +152,10 @@ class Session:
         if why := self.stops.before(job.plan, self.journal.done):
             return Ended(False, why)
         number = None if run is None else run.number
-        self.screen.say(f"Run {run.number} of {len(self.campaign.runs)}: {run.text}" if run is not None else "Warm-up")
+        said = f"Run {run.number} of {len(self.campaign.runs)}: {run.text}" if run is not None else "Warm-up"
+        self.screen.say(said)
+        if self._page is not None:
+            self._page.part(f"Campaign {self.campaign.file.campaign}. {said}", more=True)
         try:
             rig = self._opened(job, needs)
             self.stops.count(job.plan)
@@ -157,7 +163,7 @@ class Session:
             begun = rig.clock.now()
             folder.mkdir(exist_ok=True)
             part = PartOfScreen(self.screen, self._done_s, self._total_s) if run is not None else _Silent(self.screen)
-            result = execute(rig, replace(job, labels=self._labels(run)), folder, part, broken)
+            result = execute(rig, replace(job, labels=self._labels(run)), folder, part, broken, self._page)
         except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
             return self._failed(number, e, 0.0, 0)
         seconds, lost = rig.clock.now() - begun, sum(result.lost.values())

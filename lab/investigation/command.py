@@ -25,6 +25,7 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case, same_robot
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
+from ..live.beside import page_where
 from ..pages import diagnosis_report, investigation_page
 from ..processes import for_case
 from .laboratory import RigLaboratory
@@ -51,6 +52,8 @@ class Wanted:
     """KEY=VALUE, for every experiment."""
     labels: tuple[tuple[str, str], ...] = ()
     workers: int | None = None
+    watched: bool = False
+    """On a page in the browser."""
 
 
 class _Weighing:
@@ -103,6 +106,7 @@ def run(w: Wanted, as_json: bool) -> int:
         as_json,
     )
     rounds: list[Round] = []
+    say = Screen("", quiet=as_json).say
 
     def diagnosed(r: Round) -> None:
         rounds.append(r)
@@ -114,7 +118,7 @@ def run(w: Wanted, as_json: bool) -> int:
     cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
     weighing = _Weighing(as_json)
     try:
-        with for_case(len(case.table), cores) as others:
+        with for_case(len(case.table), cores) as others, page_where(w.watched, say) as at.page:
             fits = Executor(progress=weighing.progress, remote_map=None if others is None else others.in_order)
             found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
     except (DiagnosisError, ModelError) as e:

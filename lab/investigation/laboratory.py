@@ -19,6 +19,7 @@ from ..campaign.hands import Prepared
 from ..console import Screen, err
 from ..files.config import ConfigError, Source
 from ..files.inputs import Case, read_case
+from ..live.beside import Page
 from ..rig.assembly import Rig
 from ..verbs.run import Job, Outcome, connect, execute, job
 
@@ -51,6 +52,8 @@ class RigLaboratory:
         self.lost = 0
         """Samples."""
         self.safe = True
+        self.page: Page | None = None
+        """Where the experiments are seen."""
 
     @property
     def inputs(self) -> tuple[Path, ...]:
@@ -106,7 +109,9 @@ class RigLaboratory:
             rig.operator = self._prepared.over(rig.operator)
             connect(rig, j.experiment.needs, quiet=True)
             screen = Screen(j.experiment.name, j.rig.clock.speed, quiet=self._quiet)
-            result = execute(rig, j, place, screen)
+            if self.page is not None:
+                self.page.part(f"Investigation {self._folder.name}. Experiment {place.name}", more=True)
+            result = execute(rig, j, place, screen, page=self.page)
             for text in rig.notices:
                 err.print(f"warning: {text}")
         return result

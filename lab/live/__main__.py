@@ -1,8 +1,9 @@
-"""The page of one run, beside it: `python -m lab.live FILE NUMBER open|quiet`.
+"""The page beside a run: `python -m lab.live NUMBER open|quiet`.
 
 The program that runs the experiment has opened the socket and passes its number; `open`: in the person's browser. The token
-comes as the first line of standard input, where no list of processes shows it. When that input ends, the run has ended. What
-viewers ask of the run goes out at standard output, a JSON line each; nothing waits where the run does not take it.
+comes as the first line of standard input, where no list of processes shows it. Each further line names a recording that is shown
+from then on. When that input ends, the run has ended. What viewers ask of the run goes out at standard output, a JSON line
+each; nothing waits where the run does not take it.
 """
 
 from __future__ import annotations
@@ -17,30 +18,32 @@ from pathlib import Path
 from ..guard.priority import take_place
 from .asking import BEHIND
 from .beside import opened_in_browser
-from .show import Place, Show
+from .show import Part, Place, Show
 
 
-def ask(kind: str, text: str) -> bool:
-    """Hand a request on to the run: a line that is written whole or not at all."""
-    line = json.dumps({"kind": kind, "text": text}, ensure_ascii=False).encode("utf-8", "backslashreplace") + b"\n"
-    try:
-        return os.write(sys.stdout.fileno(), line) == len(line)
-    except OSError:
-        return False
-
-
-def main(file: str, number: str, browser: str) -> None:
+def main(number: str, browser: str) -> None:
     """Serve until standard input ends."""
     take_place(BEHIND, BEHIND)
     at = Place(socket.socket(fileno=int(number)), sys.stdin.readline().strip())
     os.set_blocking(sys.stdout.fileno(), False)
-    show = Show(Path(file), at, steer=ask)
 
-    def wait() -> None:
-        sys.stdin.read()
+    def ask(kind: str, text: str) -> bool:
+        """Hand a request on to the run: a line that is written whole or not at all."""
+        asked = json.dumps({"shown": show.count, "kind": kind, "text": text}, ensure_ascii=False)
+        line = asked.encode("utf-8", "backslashreplace") + b"\n"
+        try:
+            return os.write(sys.stdout.fileno(), line) == len(line)
+        except OSError:
+            return False
+
+    def listen() -> None:
+        for line in sys.stdin:
+            told = json.loads(line)
+            show.follow(Part(Path(told["file"]), told["part"], told["more"]))
         show.over()
 
-    threading.Thread(target=wait, name="live-until", daemon=True).start()
+    show = Show(at, steer=ask)
+    threading.Thread(target=listen, name="live-until", daemon=True).start()
     if browser == "open":
         opened_in_browser(at.address)
     show.run(stay=False)

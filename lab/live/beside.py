@@ -6,6 +6,7 @@ What its viewers ask of the run comes back through a pipe, which a thread reads 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import TracebackType
 from typing import IO
 
 from recordings.json_text import read_json
@@ -26,52 +28,90 @@ LONGEST_LINE = 4096
 PACE = 0.1
 """Host seconds between two requests that are taken."""
 
+Ask = Callable[[str, str, str], object]
+"""Is told what viewers ask, as `Steering.ask`."""
+
+
+class Page:
+    """Shows a run, or runs that follow each other, one recording at a time. Use as a context.
+
+    The socket listens at once, so that no run waits for the process that answers there. Raises OSError when it cannot.
+    """
+
+    def __init__(self, bind: str = LOOPBACK, port: int = 0, browser: bool = False) -> None:
+        at = place(bind, port)
+        self.address = at.address
+        self._part: tuple[str, bool] = ("", False)
+        self._shown = 0
+        self._ask: Ask = lambda kind, by, text: None
+        with at.listening:
+            number = at.listening.fileno()
+            process = subprocess.Popen(
+                [sys.executable, "-m", "lab.live", str(number), "open" if browser else "quiet"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                pass_fds=(number,),
+                start_new_session=True,
+            )
+        assert process.stdin is not None and process.stdout is not None
+        self._pipe = process.stdin
+        os.set_blocking(self._pipe.fileno(), False)  # the run waits for no page
+        self._write(at.token)
+        threading.Thread(target=self._listen, args=(process.stdout,), name="live-requests", daemon=True).start()
+
+    def part(self, text: str, more: bool) -> None:
+        """Which part of something larger is shown next, and whether more of it may follow."""
+        self._part = (text, more)
+
+    def show(self, file: Path, ask: Ask) -> None:
+        """From now on show this recording, which is about to be written; what viewers ask of its run is told to `ask` from
+        a thread of its own."""
+        self._shown, self._ask = self._shown + 1, ask
+        text, more = self._part
+        self._write(json.dumps({"file": str(file), "part": text, "more": more}))
+
+    def _write(self, line: str) -> None:
+        with contextlib.suppress(OSError):
+            os.write(self._pipe.fileno(), line.encode() + b"\n")
+
+    def _listen(self, pipe: IO[bytes]) -> None:
+        """Pass on what is asked at the page until its process ends; what is no request is passed over, and what was meant
+        for an earlier run too."""
+        with pipe:
+            while line := pipe.readline(LONGEST_LINE):
+                with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
+                    told = read_json(line)
+                    if told["shown"] == self._shown:
+                        self._ask(told["kind"], BY, told["text"])
+                time.sleep(PACE)
+
+    def close(self) -> None:
+        """Nothing more will be shown; who looks gets the end."""
+        with contextlib.suppress(OSError):
+            self._pipe.close()
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
 
 @contextlib.contextmanager
-def shown_beside(
-    file: Path,
-    bind: str = LOOPBACK,
-    port: int = 0,
-    browser: bool = False,
-    ask: Callable[[str, str, str], object] = lambda kind, by, text: None,
-) -> Iterator[str]:
-    """Have a recording that is about to be written shown while the block runs; yields the address. Raises OSError.
-
-    `ask` is told what viewers ask, as `Steering.ask`, from a thread of its own.
-    The socket listens at once, so that the run does not wait for the process that answers there.
-    """
-    at = place(bind, port)
-    address = at.address
-    with at.listening:
-        number = at.listening.fileno()
-        process = subprocess.Popen(
-            [sys.executable, "-m", "lab.live", str(file), str(number), "open" if browser else "quiet"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            pass_fds=(number,),
-            start_new_session=True,
-        )
-    assert process.stdin is not None and process.stdout is not None
-    threading.Thread(target=_listen, args=(process.stdout, ask), name="live-requests", daemon=True).start()
-    try:
-        with contextlib.suppress(OSError):
-            process.stdin.write(at.token.encode() + b"\n")
-            process.stdin.flush()
-        yield address
-    finally:
-        with contextlib.suppress(OSError):
-            process.stdin.close()
-
-
-def _listen(pipe: IO[bytes], ask: Callable[[str, str, str], object]) -> None:
-    """Pass on what is asked at the page until its process ends; what is no request is passed over."""
-    with pipe:
-        while line := pipe.readline(LONGEST_LINE):
-            with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
-                told = read_json(line)
-                ask(told["kind"], BY, told["text"])
-            time.sleep(PACE)
+def page_where(wanted: bool, say: Callable[[str], None]) -> Iterator[Page | None]:
+    """A page while the block runs, where one is wanted and can be; `say` is told its address, or why there is none."""
+    with contextlib.ExitStack() as beside:
+        page = None
+        if wanted:
+            try:
+                page = beside.enter_context(Page(browser=sys.stdout.isatty()))
+                say(f"watch it at {page.address}")
+            except OSError as e:
+                say(f"no page: {e}")
+        yield page
 
 
 def opened_in_browser(address: str) -> None:

@@ -77,6 +77,12 @@ class Foxglove:
         """Whether somebody has subscribed, and no further subscription has come for a moment."""
         return bool(self._asked) and time.monotonic() - self._asked[0] > SETTLED
 
+    def anew(self) -> None:
+        """Another recording follows, whose topics are its own."""
+        for channel in self._channels.values():
+            channel.close()
+        self._channels.clear()
+
     def offer(self, contents: Contents) -> None:
         """Name the topics of a recording so far."""
         for number, channel in contents.channels.items():

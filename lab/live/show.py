@@ -9,6 +9,7 @@ import secrets
 import socket
 import threading
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from recordings.errors import RecordingError
 from recordings.file.tail import Piece, Tail
 
 from . import http
-from .about import About, about, robot_text
+from .about import About, about, robot_text, shown
 from .asking import Model, NoModel
 from .feed import following, played
 from .foxglove_server import Foxglove
@@ -65,21 +66,37 @@ def place(bind: str = LOOPBACK, port: int = 0) -> Place:
     return Place(listening, secrets.token_urlsafe(16))
 
 
+@dataclass(frozen=True)
+class Part:
+    """A recording that is shown."""
+
+    path: Path
+    text: str = ""
+    """Which part of something larger it is."""
+    more: bool = False
+    """Others may follow it."""
+
+
 class Show:
-    """One recording at one place. `speed`: how fast a recording is played; None: a run that is going on is followed.
-    `steer`: where viewers may ask something of that run. `foxglove`: where it is shown too; a recording is played once
-    somebody has subscribed there."""
+    """Recordings at one place, one at a time. `speed`: how fast a recording is played; None: a run that is going on is
+    followed. `steer`: where viewers may ask something of that run. `foxglove`: where it is shown too; a recording is played
+    once somebody has subscribed there."""
 
     def __init__(
         self,
-        path: Path,
         at: Place,
+        part: Part | None = None,
         speed: float | None = None,
         model: bool = True,
         steer: Steer | None = None,
         foxglove: Foxglove | None = None,
     ) -> None:
-        self._path, self._at, self._speed = path, at, speed
+        self._at, self._speed = at, speed
+        self._parts = deque([] if part is None else [part])
+        """What is to be shown."""
+        self._part: Part | None = None
+        self.count = 0
+        """How many were shown, with the present one."""
         self._over = threading.Event()
         self._with_model = model
         self._foxglove = foxglove
@@ -88,12 +105,16 @@ class Show:
         self._viewers = Viewers(at.token, self._whole, steer)
         self._clock: Callable[[], float] = lambda: self._picture.t if self._picture is not None else 0.0
 
+    def follow(self, part: Part) -> None:
+        """Show this recording once the present one has ended; from any thread."""
+        self._parts.append(part)
+
     def over(self) -> None:
-        """The run has ended, or nobody wants to look any more; from any thread."""
+        """The last run has ended, or nobody wants to look any more; from any thread."""
         self._over.set()
 
     def run(self, stay: bool) -> None:
-        """Serve until `over`; `stay`: also after the recording has ended. Raises `RecordingError` for a file that is none."""
+        """Serve until `over`, and if not `stay` a moment longer. Raises `RecordingError` for a file that is none."""
         with contextlib.suppress(asyncio.CancelledError):
             asyncio.run(self._run(stay))
 
@@ -101,22 +122,40 @@ class Show:
         server = await asyncio.start_server(self._viewers.serve, sock=self._at.listening, limit=http.LARGEST_HEAD)
         async with server:
             try:
-                with await self._opened() as tail:
-                    await self._show(tail, stay)
+                while (part := await self._next()) is not None:
+                    self._part, self._picture, self.count = part, None, self.count + 1
+                    with await self._opened(part.path) as tail:
+                        await self._show(tail)
+                self._part = None if self._part is None else replace(self._part, more=False)
+                self._tell(self._of_part())
+                await asyncio.sleep(0.0 if stay else NO_LONGER)
             finally:
                 await self._viewers.end()
 
-    async def _opened(self) -> Tail:
-        """The recording, once it is there."""
-        while not self._path.exists() and not self._over.is_set():
+    async def _next(self) -> Part | None:
+        """What is to be shown next; None when all is over."""
+        while not self._parts and not self._over.is_set():
             await asyncio.sleep(0.05)
-        return Tail(self._path)
+        return self._parts.popleft() if self._parts else None
 
-    async def _show(self, tail: Tail, stay: bool) -> None:
+    async def _opened(self, path: Path) -> Tail:
+        """The recording, once it is there."""
+        while not path.exists() and not self._over.is_set():
+            await asyncio.sleep(0.05)
+        return Tail(path)
+
+    def _leaves(self) -> bool:
+        """Whether a recording that was never finished is left where nothing more comes."""
+        return self._over.is_set() or bool(self._parts)
+
+    async def _show(self, tail: Tail) -> None:
+        """One recording, until it has ended and another one is there, or all is over."""
         beside = [asyncio.create_task(self._beat())]
         try:
-            if self._foxglove is not None and self._speed is not None:
-                await self._wanted(self._foxglove)
+            if self._foxglove is not None:
+                self._foxglove.anew()
+                if self._speed is not None:
+                    await self._wanted(self._foxglove, tail.path)
             async for pieces in self._pieces(tail):
                 if not pieces:
                     continue
@@ -139,27 +178,26 @@ class Show:
             self._stop_time()
             self._tell(self._picture.broken(str(e)))
         try:
-            end = math.inf if stay else time.monotonic() + NO_LONGER
-            while time.monotonic() < end and not (stay and self._over.is_set()):
+            while not self._leaves():
                 await asyncio.sleep(0.05)
         finally:
             for task in beside:
                 task.cancel()
             await asyncio.gather(*beside, return_exceptions=True)
 
-    async def _wanted(self, foxglove: Foxglove) -> None:
+    async def _wanted(self, foxglove: Foxglove, path: Path) -> None:
         """Wait until somebody has subscribed to topics of the recording."""
-        with Tail(self._path) as beginning:
+        with Tail(path) as beginning:
             await asyncio.to_thread(beginning.read, 1)
             foxglove.offer(beginning.contents)
         while not foxglove.wanted and not self._over.is_set():
             await asyncio.sleep(0.05)
 
     def _pieces(self, tail: Tail) -> AsyncIterator[list[Piece]]:
-        return following(tail, self._over.is_set) if self._speed is None else played(tail, self._speed)
+        return following(tail, self._leaves) if self._speed is None else played(tail, self._speed)
 
     def _about(self, tail: Tail) -> About:
-        found = about(self._path, tail.contents)
+        found = about(tail.path, tail.contents)
         return found if self._speed is None else replace(found, speed=min(self._speed, 1e6))
 
     def _keep_time(self, tail: Tail, pieces: list[Piece]) -> None:
@@ -180,8 +218,11 @@ class Show:
     # -- what is told
     def _whole(self) -> dict[str, Any]:
         if self._picture is None:
-            return {"waiting": True}
-        return self._timed({**self._picture.whole(), "steered": self._steered})
+            return {"waiting": True, **self._of_part()}
+        return self._timed({**self._picture.whole(), "steered": self._steered, **self._of_part()})
+
+    def _of_part(self) -> dict[str, Any]:
+        return {} if self._part is None else {"part": shown(self._part.text), "more": self._part.more}
 
     def _timed(self, data: dict[str, Any]) -> dict[str, Any]:
         """With the rig time now and the wall time (ms) of this update."""

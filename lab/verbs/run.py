@@ -39,7 +39,7 @@ from ..files.inputs import same_body
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.about import PLAN
-from ..live.beside import shown_beside
+from ..live.beside import Page, page_where
 from ..rig.assembly import Rig
 from ..rig.checked import last
 from ..rig.current import announce
@@ -246,7 +246,9 @@ def run(
         connect(rig, j.experiment.needs, quiet=as_json)
         if isinstance(none := last(rig_path, j.rig), str) and not as_json:
             out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
-        result = execute(rig, j, folder, Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json), broken, watched)
+        screen = Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json)
+        with page_where(watched, screen.say) as page:
+            result = execute(rig, j, folder, screen, broken, page)
     lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
     for text in rig.notices:
@@ -310,11 +312,11 @@ def execute(
     folder: Path,
     screen: Screen,
     broken: Broken | None = None,
-    watched: bool = False,
+    page: Page | None = None,
     steering: Steering | None = None,
 ) -> Outcome:
     """Run the experiment (or what is left of a broken one) on an opened rig: record, conclude, and land safe whatever
-    happens. `steering`: by which a program asks something of the run, as keys at a terminal do."""
+    happens. `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do."""
     steering = Steering() if steering is None else steering
     started = time.time_ns()
     file = folder / f"{j.experiment.name}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started / 1e9))}.mcap"
@@ -349,6 +351,8 @@ def execute(
     error: Exception | None = None
     outcome = "completed"
     announce(j.rig_path, file)
+    if page is not None:
+        page.show(file, steering.ask)
 
     def keep(kind: str, by: str, text: str, done: bool, trial: int, step: int) -> None:
         with contextlib.suppress(RecordingError):  # a file that fails ends the run by itself
@@ -359,7 +363,6 @@ def execute(
         screen,
         Interrupts(screen.say, rig.actuators.pulse) as interrupts,
         steering.of_run(keep, interrupts.finish, screen.say),
-        _shown(file, screen, watched, steering),
         _keys(steering, screen) as asked,
     ):
         rig.stop_now = lambda: interrupts.now
@@ -395,19 +398,6 @@ def _keys(steering: Steering, screen: Screen) -> Iterator[Callable[[], contextli
     screen.say(HELP)
     with Keys(sys.stdin.fileno(), Line(steering, screen.say, screen.typed)) as keys:
         yield keys.lent
-
-
-@contextlib.contextmanager
-def _shown(file: Path, screen: Screen, watched: bool, steering: Steering) -> Iterator[None]:
-    """The page beside the run, where it is wanted; a run goes on without one that cannot be."""
-    with contextlib.ExitStack() as beside:
-        if watched:
-            try:
-                page = shown_beside(file, browser=sys.stdout.isatty(), ask=steering.ask)
-                screen.say(f"watch it at {beside.enter_context(page)}")
-            except OSError as e:
-                screen.say(f"no page: {e}")
-        yield
 
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:

@@ -6,6 +6,7 @@ import contextlib
 import ipaddress
 import json
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -15,9 +16,11 @@ from ..console import out
 from ..files.config import ConfigError
 from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
-from ..live.show import LOOPBACK, Place, Show, place
+from ..live.show import LOOPBACK, Part, Place, Show, place
 from ..rig.current import recording_of
 
+LOOK = 0.2
+"""Host seconds between two looks at whether another run of the rig has begun."""
 GOING_ON = 3.0
 """Host seconds since a recording last grew within which its run is taken to go on: it grows ten times a second."""
 
@@ -25,8 +28,8 @@ GOING_ON = 3.0
 def watch(
     what: Path, speed: float | None, bind: str, port: int, browser: bool, as_json: bool, foxglove: int | None = None
 ) -> int:
-    """Serve the page until Ctrl-C. `what`: a recording, or a rig.yaml whose run is to be seen. `foxglove`: the port at which
-    Foxglove finds the same."""
+    """Serve the page until Ctrl-C. `what`: a recording, or a rig.yaml whose runs are to be seen, the present one and those
+    that follow it. `foxglove`: the port at which Foxglove finds the same."""
     if speed is not None and not speed > 0:
         raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
     file = _recording(what)
@@ -41,9 +44,22 @@ def watch(
         _tell(file, going_on, at, other, as_json)
         if browser and sys.stdout.isatty():
             opened_in_browser(at.address)
+        show = Show(at, Part(file, more=what != file), None if going_on else speed or 1.0, foxglove=other)
+        if what != file:
+            threading.Thread(target=_follow, args=(show, what, file), name="watch-rig", daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):
-            Show(file, at, None if going_on else speed or 1.0, foxglove=other).run(stay=True)
+            show.run(stay=True)
     return 0
+
+
+def _follow(show: Show, rig: Path, file: Path) -> None:
+    """Go on with each further run of a rig."""
+    while True:
+        time.sleep(LOOK)
+        with contextlib.suppress(ConfigError):
+            if (newest := recording_of(rig).resolve()) != file.resolve():
+                show.follow(Part(newest, more=True))
+                file = newest
 
 
 def _tell(file: Path, going_on: bool, at: Place, other: Foxglove | None, as_json: bool) -> None:
@@ -52,7 +68,7 @@ def _tell(file: Path, going_on: bool, at: Place, other: Foxglove | None, as_json
         there = {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
         print(json.dumps({"address": at.address, "file": str(file), "live": going_on, **there}), flush=True)
         return
-    said = "shows the run" if going_on else f"plays {file}"
+    said = "shows the run that goes on" if going_on else f"plays {file}"
     out.print(f"{at.address} {said}; Ctrl-C ends it", soft_wrap=True)
     if other is not None:
         when = "" if going_on else "; the recording is played from the first subscription on"

@@ -35,7 +35,7 @@ from lab.files.example import paper_robot
 from lab.files.own_effects import stated_by
 from lab.live import foxglove_server
 from lab.live.foxglove_server import EXPECTED, LAYOUT, Foxglove
-from lab.live.show import LOOPBACK, Show, place
+from lab.live.show import LOOPBACK, Part, Show, place
 from model.prediction import Predictor
 from model.robot import Robot
 from recordings.file.tail import Piece, Tail
@@ -154,7 +154,7 @@ def shown(path: Path, speed: float | None = None, model: bool = False) -> Iterat
     """The address at which a recording is handed on."""
     at = place()
     with at.listening, Foxglove(LOOPBACK, 0) as foxglove:
-        show = Show(path, at, speed, model=model, foxglove=foxglove)
+        show = Show(at, Part(path), speed, model=model, foxglove=foxglove)
         thread = threading.Thread(target=show.run, args=(True,))
         thread.start()
         try:

@@ -18,6 +18,7 @@ import pytest
 from virtual_lab import VirtualLab
 
 from benchmarks.browser import BROWSERS, Browser, installed
+from benchmarks.faults.night import write_campaign
 from lab.cli import main
 from lab.comparison import expected
 from lab.files.inputs import read_case
@@ -191,6 +192,16 @@ def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
             recorder.sync()
             found = until(stream, lambda d: d.get("streams", {}).get("/vacuum", {}).get("count") == 2)
             assert found["newest"]["vacuum"] == {"t": 2.0, "absolute": 21e3} and found["outcome"] is None
+            recorder.close("completed")
+            assert until(stream, lambda d: d.get("outcome"))["outcome"]["outcome"] == "completed"
+            with Recorder(tmp_path / "next.mcap", start_wall_ns=2 * 10**18) as following:
+                announce(rig, following.path)
+                following.push("/vacuum", 0.5, (22e3,))
+                following.sync()
+                found = until(stream, lambda d: d.get("about", {}).get("file") == "next.mcap")
+                assert found["outcome"] is None and found["streams"] == {} and found["more"] is True
+                found = until(stream, lambda d: "vacuum" in d.get("newest", {}))
+                assert found["newest"]["vacuum"] == {"t": 0.5, "absolute": 22e3}
         finally:
             program.kill()
             program.wait()
@@ -198,6 +209,34 @@ def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
 
 def until(stream: Iterator[tuple[str, dict[str, Any]]], fits: Any) -> dict[str, Any]:
     return next(data for _, data in stream if fits(data))
+
+
+def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
+    program = command("campaign", file, "--rig", virtual_lab.rig, "--out", tmp_path / "night", "--watch")
+    wholes: list[dict[str, Any]] = []
+    try:
+        for name, data in events(address(program)):  # one connection to the end
+            if name == "whole":
+                wholes.append({"rows": []})
+            if wholes:
+                wholes[-1]["rows"] += data.pop("rows", [])
+                wholes[-1] |= data
+        out, _ = program.communicate(timeout=300)
+    finally:
+        program.kill()
+    assert program.returncode in (0, 3), out
+    parts = [known for known in wholes if "about" in known]  # an early viewer was told that nothing is there yet
+    assert [known["part"].partition(":")[0] for known in parts] == [
+        "Campaign night. Warm-up", "Campaign night. Run 1 of 2", "Campaign night. Run 2 of 2",
+    ]  # fmt: skip
+    assert all(known["outcome"]["outcome"] == "completed" and known["steered"] for known in parts)
+    assert [known["more"] for known in parts] == [True, True, False]
+    for known, folder in zip(parts, ("warm-up", "0001-bending", "0002-bending"), strict=True):
+        (recording,) = (tmp_path / "night" / folder).glob("*.mcap")
+        assert known["about"]["file"] == recording.name
+        assert [r["tip"] for r in known["rows"]] == [list(e.row.tip or ()) for e in Recording.open(recording).trials]
+    assert [len(known["rows"]) for known in parts] == [0, 3, 3]
 
 
 @pytest.mark.parametrize(
@@ -300,6 +339,29 @@ def test_buttons_pause_a_run_and_a_note_is_written_down(virtual_lab: VirtualLab,
     assert {r.by for r in requests} == {"page"}
     assert [r.kind for r in requests if r.done] == ["pause", "note", "go on", "skip"]
     assert [r.text for r in requests if r.kind == "note"] == [HOSTILE]
+
+
+def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_for_that(
+    virtual_lab: VirtualLab, tmp_path: Path, page: Browser
+) -> None:
+    file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
+    program = command("campaign", file, "--rig", virtual_lab.rig, "--out", tmp_path / "night", "--watch")
+    try:
+        page.open(address(program))
+        page.until("document.getElementById('part').textContent.includes('Run 2 of 2')", 240)
+        page.until("live.state && !document.getElementById('steer').hidden", 120)
+        page.value("document.getElementById('note').value = 'of the second'")
+        page.value("document.getElementById('note-form').requestSubmit()")
+        page.until("document.getElementById('log').textContent.includes('note: of the second (page)')", 120)
+        page.until("live.more === false", 240)
+        page.until("document.getElementById('lead').textContent === 'Completed'")
+        out, _ = program.communicate(timeout=120)
+    finally:
+        program.kill()
+    assert program.returncode in (0, 3), out
+    (recording,) = (tmp_path / "night" / "0002-bending").glob("*.mcap")
+    assert [r.text for r in Recording.open(recording).requests if r.kind == "note"] == ["of the second"]
+    assert page.said == []
 
 
 def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], page: Browser) -> None:

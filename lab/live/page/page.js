@@ -12,7 +12,7 @@ source.addEventListener("whole", (event) => { take(JSON.parse(event.data), true)
 source.addEventListener("new", (event) => { take(JSON.parse(event.data), false); });
 source.onerror = () => {
   lost = true;
-  if (live.outcome) source.close(); // the run is over, and whoever served it too
+  if (live.outcome && !live.more) source.close(); // the run is over, and whoever served it too
   plan();
 };
 
@@ -66,6 +66,7 @@ function draw() {
   const a = live.about;
   document.title = `${a.protocol || a.file} - lab watch`;
   filled("title", a.protocol ? `${a.protocol} on ${a.robot || "a robot"}` : a.file);
+  filled("part", live.part ?? "");
   filled("subtitle", [a.file, a.rig, ...a.labels, a.speed !== 1 ? `${a.speed} rig seconds in a second` : "", ...a.missing].filter(Boolean).join("; "));
   lead();
   steer();
@@ -87,11 +88,12 @@ function lead() {
 }
 
 function standing() {
+  if (lost && live.more && (live.outcome || live.trouble)) return ["The connection to lab watch is lost; trying again ...", "bad"];
   if (live.trouble) return [`The recording cannot be read any further: ${live.trouble}`, "bad"];
   if (live.outcome) {
     const { outcome, detail } = live.outcome;
-    return [[outcome === "abrupt" ? "Ended abruptly" : outcome[0].toUpperCase() + outcome.slice(1), detail].filter(Boolean).join(": "),
-      outcome === "completed" ? "good" : "bad"];
+    const ended = [outcome === "abrupt" ? "Ended abruptly" : outcome[0].toUpperCase() + outcome.slice(1), detail].filter(Boolean).join(": ");
+    return [ended + (live.more ? "; the next run is shown when it begins" : ""), outcome === "completed" ? "good" : "bad"];
   }
   if (lost) return ["The connection to lab watch is lost; trying again ...", "bad"];
   if (!live.about) return ["Waiting for the recording ...", ""];
