@@ -106,7 +106,7 @@ def _sweeps(p: Bending) -> Iterator[tuple[int, float, float]]:
 
 def _reach(spine: float, vacuum: float) -> str:
     """How far the spine is grown and how it is jammed, for people."""
-    return f"spine {spine * 100:g} cm, {vacuum / 1e3:g} kPa" if spine or vacuum else "no spine"
+    return f"spine {spine * 100:g} cm, vacuum {vacuum / 1e3:g} kPa" if spine or vacuum else "no spine"
 
 
 def plan(p: Bending, name: str = "bending") -> Plan:

@@ -22,7 +22,7 @@ from recordings.file.tail import Piece
 from recordings.trials import TrialRow
 
 from ..console import seconds_left
-from .about import About, shown
+from .about import UNSAFE, About, shown
 
 KEPT = 60.0
 """s of the host for which the charts go back."""
@@ -87,6 +87,8 @@ class Picture:
         self.progress: Numbers | None = None
         self.trouble = ""
         """Why the recording is not read any further."""
+        self._unsafe = False
+        """The safe state was not confirmed at the end."""
         self._streams: dict[str, Stream] = {}
         self._points: deque[Numbers] = deque(maxlen=POINTS)
         self._log: deque[Numbers] = deque(maxlen=LINES)
@@ -189,6 +191,7 @@ class Picture:
             "pause": self._pause,
             "progress": self.progress,
             "outcome": self.outcome,
+            "unsafe": self._unsafe,
             "trouble": self.trouble,
         }
 
@@ -210,6 +213,7 @@ class Picture:
 
     def _line(self, line: LogLine) -> Numbers:
         t = (line.log_time - self.about.start_wall_ns) / 1e9
+        self._unsafe |= line.text.startswith(UNSAFE)
         return {"t": t, "level": line.level, "text": shown(line.text)}
 
     def _asked_of(self, request: Request) -> Numbers:

@@ -23,6 +23,7 @@ from lab.cli import main
 from lab.comparison import expected
 from lab.files.inputs import read_case
 from lab.files.own_effects import stated_by
+from lab.live.about import UNSAFE
 from lab.rig.current import announce
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
@@ -371,6 +372,32 @@ def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], 
         page.until("live.outcome")
         assert page.value("live.steered") is False and page.value("document.getElementById('steer').hidden")
         assert run[0]["steered"] is True
+    finally:
+        program.kill()
+        program.wait()
+
+
+def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path: Path, page: Browser) -> None:
+    with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
+        for k in range(60):
+            recorder.push("/pressure", 0.1 * k, ((0.0,) * 9, (0.0,) * 9))
+            if k < 10:
+                recorder.push("/vacuum", 0.1 * k, (20e3,))
+            recorder.sync()
+        recorder.log("error", f"{UNSAFE}; failed gauge: no answer")
+        recorder.close("failed", "gauge: no answer")
+    program = command("watch", recorder.path, "--no-browser")
+    box = "[...document.querySelectorAll('#numbers .bad')].map((e) => e.innerText).join()"
+    try:
+        page.open(address(program))
+        page.until("document.getElementById('lead').textContent.startsWith('No data on /vacuum for ')")
+        page.until(f"/pressure in the spine.*20.0 kPa abs, .* old/s.test({box})")
+        page.until("live.outcome")
+        lead = "The safe state was not confirmed. Failed: gauge: no answer"
+        page.until(f"document.getElementById('lead').textContent === {json.dumps(lead)}")
+        page.until(f"/pressure in the spine.*20.0 kPa abs, .* before the end/s.test({box})")
+        assert page.value("document.getElementById('planes').hidden") and page.said == []
+        assert "no motion capture in this recording" in page.text()
     finally:
         program.kill()
         program.wait()

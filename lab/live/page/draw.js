@@ -166,7 +166,7 @@ export function dots(canvas, { points, unit, across }) {
   const { pen, width, height } = prepared(canvas);
   const box = { left: 46, right: width - 6, top: 18, bottom: height - 20 };
   const xs = points.map((p) => p.x);
-  const most = Math.max(1e-9, ...points.map((p) => Math.max(p.y, p.bar ?? 0)));
+  const most = Math.max(points.length ? 1e-9 : 1, ...points.map((p) => Math.max(p.y, p.bar ?? 0)));
   const first = xs.length ? Math.min(...xs) - 0.5 : 0, last = Math.max(first + 10, ...xs.map((v) => v + 0.5));
   const x = (v) => box.left + ((v - first) / (last - first)) * (box.right - box.left);
   const y = (v) => box.bottom - (v / (1.1 * most)) * (box.bottom - box.top);

@@ -4,6 +4,7 @@ import { COLOURS, chart, dots, path, plane } from "./draw.js";
 const live = { about: null, points: [], rows: [], gaps: [], log: [], streams: {}, newest: {}, drawn: 0 };
 globalThis.live = live;
 const KEPT = 60, POINTS = 600, LINES = 200, SHOWN_ROWS = 12, LISTED = 2000;
+const LATE = 2, LATE_SAMPLES = 5; // s of the host, and samples, without which a stream is silent
 const $ = (id) => document.getElementById(id);
 let due = false, lost = false;
 
@@ -42,6 +43,7 @@ addEventListener("resize", plan);
 const speed = () => live.about?.speed || 1;
 const clock = () => (live.clock ?? 0) + (live.outcome || live.trouble ? 0 : ((performance.now() - live.received) / 1000) * Math.min(speed(), 1e3));
 const age = (t) => (t === null || t === undefined ? null : Math.max(0, (clock() - t) / speed()));
+const late = (s) => age(s.t) > Math.max(LATE, s.rate > 0 ? LATE_SAMPLES / (s.rate * speed()) : 0);
 const number = (value, digits) => (value === null || value === undefined ? "–" : (Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value).toFixed(digits));
 function seconds(s) {
   if (s === null || s === undefined) return "–";
@@ -92,21 +94,28 @@ function standing() {
   if (live.trouble) return [`The recording cannot be read any further: ${live.trouble}`, "bad"];
   if (live.outcome) {
     const { outcome, detail } = live.outcome;
-    const ended = [outcome === "abrupt" ? "Ended abruptly" : outcome[0].toUpperCase() + outcome.slice(1), detail].filter(Boolean).join(": ");
-    return [ended + (live.more ? "; the next run is shown when it begins" : ""), outcome === "completed" ? "good" : "bad"];
+    const unsafe = !live.unsafe ? "" : live.steered ? "The safe state is not confirmed: use the vent valve and the emergency stop. " : "The safe state was not confirmed. ";
+    const ended = unsafe + [outcome === "abrupt" ? "Ended abruptly" : outcome[0].toUpperCase() + outcome.slice(1), detail].filter(Boolean).join(": ");
+    return [ended + (live.more ? "; the next run is shown when it begins" : ""), outcome === "completed" && !live.unsafe ? "good" : "bad"];
   }
   if (lost) return ["The connection to lab watch is lost; trying again ...", "bad"];
   if (!live.about) return ["Waiting for the recording ...", ""];
   const quiet = age(live.t), s = live.state, paused = live.pause?.begun;
   if (quiet > 2) return [`No data for ${seconds(quiet)}`, "bad"];
   const hidden = live.newest.tip && !live.newest.tip.valid;
-  if (paused) return [`Paused for ${seconds(age(live.pause.t))} (${live.pause.by}): vented and stopped; the run goes on when somebody asks for it`, "warm"];
-  if (hidden) return [`The tip is hidden from the cameras, ${since(live.newest.tip.seen)}`, "warm"];
-  if (!s) return ["Preparing: no state was asked for yet", ""];
-  const most = Math.max(0, ...s.targets);
+  const silent = Object.keys(live.streams).filter((name) => late(live.streams[name])).sort();
+  if (silent.length) return [`No data on ${silent.map((name) => `${name} for ${seconds(age(live.streams[name].t))}`).join(", ")}`, "bad"];
+  if (paused) return [`Paused for ${seconds(age(live.pause.t))} (asked for at the ${live.pause.by}): vented and stopped; the run goes on when somebody asks for it` +
+    (hidden ? "; the tip is hidden" : ""), "warm"];
+  const now = (s ? asked(s) : "Preparing: no state was asked for yet") + (live.pause ? "; then a pause" : "");
+  if (hidden) return [`The tip is hidden from the cameras, ${since(live.newest.tip.seen)}. ${now}`, "warm"];
+  return [now, s?.clipped ? "warm" : ""];
+}
+function asked(s) {
+  const most = Math.max(0, ...s.targets), done = live.progress?.steps ?? 0, next = live.about.steps[done];
   const what = s.specimen ? `${s.specimen} pushed` : `${number(most / 1e3, 0)} kPa ${s.branch}`;
-  return [`Trial ${s.trial}, state ${s.step}: ${what}, spine ${number(s.spine * 1e2, 1)} cm, repeat ${s.repeat}; ` +
-    (s.read ? "read, on to the next" : `waits for the reading (${s.rule})`) + (s.clipped ? "; set-points were clipped" : "") + (live.pause ? "; then a pause" : ""), s.clipped ? "warm" : ""];
+  return `Trial ${s.trial}, state ${s.step}: ${what}, spine ${number(s.spine * 1e2, 1)} cm, repeat ${s.repeat}; ` +
+    (!s.read ? `waits for the reading (${s.rule})` : next ? `read; now step ${done + 1}: ${next[0]}` : "read") + (s.clipped ? "; set-points were clipped" : "");
 }
 const since = (t) => (t === null || t === undefined ? "never seen" : `last seen ${seconds(age(t))} ago`);
 
@@ -149,20 +158,23 @@ function progress() {
 
 function numbers() {
   const n = live.newest, limits = live.about.limits, out = [];
-  const add = (name, text, bad) => out.push([name, text, bad]);
+  const add = (name, text, bad, topic) => {
+    const silent = live.streams[topic] && late(live.streams[topic]);
+    out.push([name, silent ? `${text}, ${seconds(age(live.streams[topic].t))} ${live.outcome ? "before the end" : "old"}` : text, bad || silent]);
+  };
   if (n.tip) {
     add("tip x, y, z, mm", n.tip.valid ? n.tip.position.map((v) => number(v === null ? null : v * 1e3, 1)).join("  ") : "hidden", !n.tip.valid);
-    add("tip", n.tip.valid ? `seen, ${seconds(age(n.tip.t))} old` : since(n.tip.seen), !n.tip.valid || age(n.tip.t) > (limits.hidden ?? 2));
+    add("tip", !n.tip.valid ? since(n.tip.seen) : live.outcome ? "seen" : `seen, ${seconds(age(n.tip.t))} old`, !n.tip.valid || age(n.tip.t) > (limits.hidden ?? 2));
   }
   if (n.pressure) {
     const most = Math.max(...n.pressure.measured.map((v) => v ?? NaN));
-    add("highest pressure", `${number(most / 1e3, 1)} kPa`, limits.pressure && most > limits.pressure);
+    add("highest pressure", `${number(most / 1e3, 1)} kPa`, limits.pressure && most > limits.pressure, "/pressure");
   }
-  if (n.force) add("force", `${number(n.force.force, 2)} N`, limits.force && n.force.peak > limits.force);
-  if (n.force) add("moment", `${number(n.force.moment, 3)} N m`, limits.moment && n.force.moment > limits.moment);
-  if (n.spine) add("spine length", `${number(n.spine.length * 1e3, 1)} mm`);
-  if (n.vacuum) add("pressure in the spine", `${number(n.vacuum.absolute / 1e3, 1)} kPa abs`);
-  if (n.valve) add("vacuum valve", n.valve.on ? "on, jammed" : "off");
+  if (n.force) add("force", `${number(n.force.force, 2)} N`, limits.force && n.force.peak > limits.force, "/force");
+  if (n.force) add("moment", `${number(n.force.moment, 3)} N m`, limits.moment && n.force.moment > limits.moment, "/force");
+  if (n.spine) add("spine length", `${number(n.spine.length * 1e3, 1)} mm`, false, "/spine");
+  if (n.vacuum) add("pressure in the spine", `${number(n.vacuum.absolute / 1e3, 1)} kPa abs`, false, "/vacuum");
+  if (n.valve) add("vacuum valve", n.valve.on ? "on, jammed" : "off", false, "/valve");
   add("newest data", live.outcome ? "ended" : `${seconds(age(live.t))} old`, !live.outcome && age(live.t) > 1);
   const list = $("numbers");
   while (list.children.length > out.length) list.lastChild.remove();
@@ -181,6 +193,9 @@ function tips() {
   const seen = live.points.filter((p) => p.tip && p.tip.valid && whole3(p.tip.position));
   const trail = seen.map((p) => mm(p.tip.position));
   const states = live.rows.filter((r) => whole3(r.tip)).slice(-200).map((r) => mm(r.tip));
+  const none = !live.newest.tip && !states.length;
+  $("planes").hidden = $("tip-legend").hidden = none;
+  if (none) { filled("tip-line", "no motion capture in this recording"); return; }
   const now = live.now, fine = now && whole3(now.tip) ? now : null;
   const tip = live.newest.tip, hidden = tip ? !tip.valid : false;
   const place = tip && tip.valid && whole3(tip.position) ? mm(tip.position) : trail.at(-1);
@@ -189,7 +204,7 @@ function tips() {
   plane($("plane-xy"), { ...shown, axes: [0, 1], down: false });
   plane($("plane-xz"), { ...shown, axes: [0, 2], down: true });
   plane($("plane-yz"), { ...shown, axes: [1, 2], down: true });
-  const words = [tip ? (hidden ? `hidden, ${since(tip.seen)}` : "seen") : "no motion capture in this recording"];
+  const words = [tip ? (hidden ? `hidden, ${since(tip.seen)}` : "seen") : "not seen now"];
   // of the same moment: the model's answer is a little behind
   const then = fine ? seen.reduce((best, p) => (best && Math.abs(best.tip.t - now.t) <= Math.abs(p.tip.t - now.t) ? best : p), null) : null;
   if (then && Math.abs(then.tip.t - now.t) < 0.5 * speed()) {
@@ -264,7 +279,7 @@ function gaps() {
   }
   const compared = live.gaps.filter((g) => g && whole3(g.gap));
   const rms = Math.sqrt(compared.reduce((sum, g) => sum + length3(g.gap) ** 2, 0) / (compared.length || 1)) * 1e3;
-  filled("gap-line", [`${live.of ?? 0} states read`, compared.length ? `gap between measured tip and model ${number(rms, 2)} mm rms over ${compared.length} states` : "",
+  filled("gap-line", [`${live.of ?? 0} state${live.of === 1 ? "" : "s"} read`, compared.length ? `gap between measured tip and model ${number(rms, 2)} mm rms over ${compared.length} state${compared.length === 1 ? "" : "s"}` : "",
     compared.some((g) => whole3(g.low)) ? "band: 95 % interval, red: beyond it" : "",
     live.rows.length && !pushed && !compared.length && live.model.stands === "starting" ? "gaps follow when the model is ready" : ""].filter(Boolean).join("; "));
   const key = `${live.of}/${live.compared}/${live.gaps.length}`;
@@ -304,7 +319,7 @@ function lists() {
   table.replaceChildren(...names.map((name) => {
     const s = live.streams[name], old = age(s.t);
     const row = cells([name, String(s.count), `${number(s.rate, 1)} Hz`, live.outcome ? "–" : seconds(old), String(s.dropped), s.lost === null ? "–" : String(s.lost)]);
-    if (!live.outcome && old > 2) row.children[3].className = "bad";
+    if (!live.outcome && late(s)) row.children[3].className = "bad";
     if (s.dropped) row.children[4].className = "bad";
     if (s.lost) row.children[5].className = "bad";
     return row;
