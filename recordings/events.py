@@ -28,6 +28,8 @@ from .messages import PACKAGE, SCHEMA_VERSION
 from .states.rules import State
 from .trials import TrialRow
 
+CONFIRMED, UNCONFIRMED = "confirmed", "not confirmed"
+"""The rig's safe state at the end of a run: `safe_state` of the metadata `outcome`."""
 BASE_FRAME = "base"
 """Name of the robot's base frame in /tip/pose and /tip/markers."""
 JOINTS_OF_ARM = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")

@@ -20,8 +20,6 @@ from ..rig.limits import within_robot
 
 PLAN = "plan.json"
 """The attachment that holds the steps of the plan."""
-UNSAFE = "safe state NOT confirmed"
-"""Begin of the last line of the log of a run that could not be brought into its safe state."""
 MOST_STEPS = 10_000
 LONGEST = 300
 """Characters of a name that are shown."""

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.events import Request
+from recordings.events import UNCONFIRMED, Request
 from recordings.file.counts import counted
 from recordings.file.reader import LogLine, StateEvent, TrialEvent
 from recordings.file.tail import Piece
 from recordings.trials import TrialRow
 
 from ..console import seconds_left
-from .about import UNSAFE, About, shown
+from .about import About, shown
 
 KEPT = 60.0
 """s of the host for which the charts go back."""
@@ -148,6 +148,7 @@ class Picture:
     def end(self, metadata: Mapping[str, Mapping[str, str]], finished: bool) -> Numbers:
         """Nothing more comes; the metadata tell how it ended, and what was lost."""
         told = metadata.get("outcome", {})
+        self._unsafe = told.get("safe_state") == UNCONFIRMED
         if finished and "outcome" in told:
             self.outcome = {"outcome": shown(told["outcome"]), "detail": shown(told.get("detail", ""))}
         else:
@@ -213,7 +214,6 @@ class Picture:
 
     def _line(self, line: LogLine) -> Numbers:
         t = (line.log_time - self.about.start_wall_ns) / 1e9
-        self._unsafe |= line.text.startswith(UNSAFE)
         return {"t": t, "level": line.level, "text": shown(line.text)}
 
     def _asked_of(self, request: Request) -> Numbers:

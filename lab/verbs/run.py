@@ -38,7 +38,7 @@ from ..files.config import ConfigError, Source, check, load, parse_yaml, read_ya
 from ..files.inputs import same_body
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
-from ..live.about import PLAN, UNSAFE
+from ..live.about import PLAN
 from ..live.beside import Page, page_where
 from ..rig.assembly import Rig
 from ..rig.checked import last
@@ -417,11 +417,11 @@ def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
     """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
-    said = f"{'safe state confirmed' if safe else UNSAFE}; {outcome} {detail}".strip()
+    said = f"{'safe state confirmed' if safe else 'safe state NOT confirmed'}; {outcome} {detail}".strip()
     with contextlib.suppress(RecordingError):  # `close` tells the same, and must be reached
         recorder.log("info" if safe else "error", said)
     try:
-        counts = recorder.close(outcome, detail)
+        counts = recorder.close(outcome, detail, safe)
     except RecordingError as e:
         err.print(str(e))
         counts = recorder.counts()

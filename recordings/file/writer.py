@@ -385,16 +385,18 @@ class Recorder:
         """What became of each topic's messages so far."""
         return {name: topic.counts() for name, topic in self._topics.items()}
 
-    def close(self, outcome: str, detail: str = "") -> dict[str, StreamCounts]:
+    def close(self, outcome: str, detail: str = "", safe: bool | None = None) -> dict[str, StreamCounts]:
         """Write counts and outcome, finish the file, return the counts. A second call returns them again.
 
-        `outcome`: completed, stopped or failed. Raises `WriteFailed` when the file could not be finished.
+        `outcome`: completed, stopped or failed; `safe`: whether the rig's safe state was confirmed, where that is known. Raises
+        `WriteFailed` when the file could not be finished.
         """
         if self._outcome is None:
             self._outcome = {
                 "outcome": outcome,
                 "detail": events.bounded(detail),
                 "closed_wall_ns": str(time.time_ns()),
+                **({} if safe is None else {"safe_state": events.CONFIRMED if safe else events.UNCONFIRMED}),
             }
             self._queue.append(None)
             self._wake.set()
