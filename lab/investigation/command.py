@@ -17,7 +17,8 @@ from diagnosis.investigate import Foretold, Investigation, Limits, Round, invest
 from drivers.errors import InstrumentError
 from model.errors import ModelError
 from model.robot import Robot
-from protocols.errors import Stopped
+from protocols.errors import ProtocolError, Stopped
+from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
 from ..console import Screen, err, out
@@ -123,7 +124,7 @@ def run(w: Wanted, as_json: bool) -> int:
             found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
-    except (Stopped, InstrumentError, KeyboardInterrupt) as e:
+    except (ProtocolError, InstrumentError, RecordingError, KeyboardInterrupt) as e:
         ended = e
     finally:
         weighing.stop()
@@ -139,18 +140,26 @@ def run(w: Wanted, as_json: bool) -> int:
         out.print(found.answer.statement)
         out.print(f"{found.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
     if ended is not None:
+        unreadable = (
+            at.begun if isinstance(ended, (ProtocolError, RecordingError)) and not isinstance(ended, Stopped) else ""
+        )
         if not as_json:
-            out.print(f"go on with: {_again(w, at.inputs)}", soft_wrap=True)
+            out.print(f"go on with: {_again(w, at.inputs, unreadable)}", soft_wrap=True)
         if not isinstance(ended, (Stopped, KeyboardInterrupt)):
             raise ended
         return 1
     return 1 if not at.safe else 3 if at.lost else 0
 
 
-def _again(w: Wanted, inputs: Sequence[Path]) -> str:
-    """What to type to go on with what is measured by now."""
+def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
+    """What to type to go on with what is measured by now, as it was asked for. `unreadable`: an experiment that could not be
+    read on this rig and is left out from now on."""
     words = ["lab", "investigate", *map(str, inputs), "--rig", str(w.rig), "--out", f"{w.folder}-2"]
-    words += ["--robot", str(w.robot)] if w.robot is not None else []
+    for option, place in (("--robot", w.robot), ("--effects", w.effects)):
+        words += [option, str(place)] if place is not None else []
+    words += [] if w.hands else ["--no-hands"]
+    for option, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
+        words += [word for one in several for word in (option, one)]
     return shlex.join(words)
 
 

@@ -49,6 +49,8 @@ class RigLaboratory:
         self._without, self._settings = frozenset(without), list(settings)
         self._prepared = Prepared()
         self._jobs: dict[str, Job | str] = {}
+        self.begun = ""
+        """Id of the experiment that was begun last."""
         self.lost = 0
         """Samples."""
         self.safe = True
@@ -92,6 +94,7 @@ class RigLaboratory:
         replaced(place / PROTOCOL, yaml.safe_dump(dict(proposal.protocol), sort_keys=False))
         replaced(place / FORETOLD, json.dumps(asdict(foretold), indent=1) + "\n")
         self._told(foretold)
+        self.begun = proposal.id
         result = self._run(j, place)
         self.lost += sum(result.lost.values())
         self.safe = result.safe

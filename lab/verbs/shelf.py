@@ -10,11 +10,28 @@ from pathlib import Path
 from rich.table import Table as Sheet
 
 from recordings.campaign.labels import split
+from recordings.campaign.shelf import Run
 from recordings.campaign.shelf import runs as recorded
 from recordings.errors import BadMessage
 
 from ..console import clock, out
 from ..files.config import ConfigError
+
+WIDEST = 10_000
+"""Columns of a terminal beyond any."""
+
+
+def _listed(found: Sequence[Run]) -> None:
+    """The same where a table would be too wide: each recording with two lines below its path."""
+    for run in found:
+        notes = f", {run.notes} note{'s' if run.notes > 1 else ''}" if run.notes else ""
+        spines = ", ".join(f"{100 * length:g}" for length in run.spines)
+        spine = f", spine {spines} cm" if spines else ""
+        out.print(run.path, soft_wrap=True, style="bold")
+        out.print(f"  {run.start[:19].replace('T', ' ')} UTC, {clock(run.duration)}, {run.protocol or 'no protocol'}{spine}, "
+                  f"{run.rows} of {run.states} states, {run.outcome}, {run.lost} lost{notes}", soft_wrap=True)  # fmt: skip
+        if run.labels:
+            out.print("  " + ", ".join(f"{k}={v}" for k, v in run.labels.items()), soft_wrap=True)
 
 
 def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: bool, where: Sequence[str] = ()) -> int:
@@ -53,7 +70,10 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
         notes, labels = str(run.notes or ""), ", ".join(f"{k}={v}" for k, v in run.labels.items())
         sheet.add_row(run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol, spines, states,
                       run.outcome, str(run.lost), notes, labels)  # fmt: skip
-    out.print(sheet)
+    if out.measure(sheet, options=out.options.update(max_width=WIDEST)).maximum <= out.width:
+        out.print(sheet)
+    else:
+        _listed(found)
     for run in found:
         if run.outcome == "unreadable":
             out.print(f"{run.path}: {run.detail}")

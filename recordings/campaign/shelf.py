@@ -24,7 +24,7 @@ from .info import info
 from .labels import MOST, labels_of
 
 INDEX = ".recordings.sqlite"
-VERSION = 3
+VERSION = 4
 LONGEST = 1_000_000
 """Bytes of a text in the index."""
 TOLERANCE = 0.5e-3
@@ -167,6 +167,14 @@ def _refresh(index: sqlite3.Connection, folder: Path) -> None:
         index.executemany("DELETE FROM runs WHERE path = ?", [(name,) for name in known.keys() - there])
 
 
+def _planned(recording: Recording) -> str:
+    """The protocol that its plan names: of a recording without states."""
+    try:
+        return str(read_json(recording.attachments["plan.json"])["protocol"])
+    except (KeyError, TypeError, ValueError):
+        return ""
+
+
 def _entry(file: Path) -> tuple[Any, ...]:
     """What the index says of a file, from its start on; a file that cannot be read is listed as such."""
     try:
@@ -177,7 +185,7 @@ def _entry(file: Path) -> tuple[Any, ...]:
         return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "", "{}", 0)
     lost = sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values())
     outcome = (summary.outcome if summary.finished else None) or "abrupt"
-    protocols = ", ".join(sorted({state.protocol for state in states}))
+    protocols = ", ".join(sorted({state.protocol for state in states})) or _planned(recording)
     spines = json.dumps(sorted({state.spine_length for state in states}))
     campaign = summary.metadata.get("campaign", {}).get("id", "")
     when = (summary.start, summary.duration)

@@ -100,6 +100,7 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualL
     assert [(r.trial, r.step) for r in table] == [(t, s) for t in (1, 2) for s in (1, 2, 3)]
     found = runs(folder, where=[("campaign", "night"), ("operator", "Ada")])
     assert {run.labels.get("run", "warm-up") for run in found} == {"warm-up", "1", "2"}
+    assert {run.protocol for run in found if "run" not in run.labels} == {"cycles"}  # its recording has no states
     (second,) = [run for run in found if run.labels.get("run") == "2"]
     assert second.labels["block"] == "1" and second.labels["condition"].startswith("spine_lengths 0.0")
     journal = (folder / "campaign.journal").read_text()

@@ -16,9 +16,12 @@ from diagnosis.investigate import SURE
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT_SETTLE
+from lab.verbs.run import Outcome
 from model.robot import load_robot
+from protocols.errors import NotReached
 from recordings.campaign.labels import labels_of
 from recordings.file.reader import Recording
+from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME
 
 PATIENTLY = [w for s in (*PATIENT_SETTLE, "settle.average=16") for w in ("--set", s)] + ["--without", "rate"]
@@ -76,6 +79,28 @@ def test_an_experiment_is_foretold_done_and_added(
     assert {"investigation.html", "diagnosis.html"} <= {p.name for p in place.iterdir()}
     again, _, err = told(capsys, "investigate", file, "--rig", virtual_lab.rig, "--out", place)
     assert again == 2 and "holds an investigation already" in err
+
+
+def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(rig: object, job: object, place: Path, *more: object, **named: object) -> Outcome:
+        return Outcome(place / "none.mcap", "failed", Table(()), {}, True, NotReached("1 usable samples"))
+
+    monkeypatch.setattr("lab.investigation.laboratory.execute", fails)
+    file, why = little(tmp_path / "case"), tmp_path / "why"
+    words = ["investigate", file, "--rig", virtual_lab.rig, "--out", why, "--no-hands", "--watch", *PATIENTLY]
+    assert main([*map(str, words)]) == 1
+    out, err = capsys.readouterr()
+    (line,) = [line for line in out.splitlines() if line.startswith("go on with: lab investigate ")]
+    (experiment,) = [p.name[3:] for p in why.iterdir() if p.is_dir()]
+    assert (
+        "--no-hands" in line and f"--without rate --without {experiment} --set" in line and "watch it at http://" in out
+    )
+    assert "1 usable samples" in err and json.loads((why / "investigation.json").read_text())["ended"].startswith(
+        "broken"
+    )
+    assert {"investigation.html", "diagnosis.html"} <= {p.name for p in why.iterdir()}
 
 
 def test_where_nothing_is_left_to_ask_nothing_moves(

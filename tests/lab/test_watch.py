@@ -147,6 +147,13 @@ def test_what_is_said_of_a_run_is_on_its_page_and_finds_it(
     for words, found in ((["specimen=S 7", "batch=<b>3</b>"], [file.name]), (["operator=Eve"], [])):
         assert main(["runs", str(file.parent), "--json", *(w for word in words for w in ("--where", word))]) == 0
         assert [one["path"] for one in json.loads(capsys.readouterr().out)] == found
+    assert main(["runs", str(file.parent)]) == 0
+    path, seen, said = capsys.readouterr().out.splitlines()  # no path is cut where a table would be too wide
+    assert (
+        path == file.name
+        and "5 of 5 states, completed" in seen
+        and said == "  operator=Ada, specimen=S 7, batch=<b>3</b>"
+    )
     assert main(["runs", str(file.parent), "--where", "operator"]) == 2
     assert "--where 'operator': write KEY=VALUE" in " ".join(capsys.readouterr().err.split())
 
