@@ -52,7 +52,9 @@ def _lead(found: Investigation) -> str:
     if after.verdict == "unknown":
         head = f"{said} the cause lies outside the catalogue with probability {after.probability:.2f}."
     else:
-        head = f"{said}: {_named(after.effects)} with probability {after.probability:.2f}."
+        head = f"{said}: {_named(after.effects)} with probability {after.probability:.2f}"
+        outside = next((r.probability for r in after.ranking if _named(r.effects) == "unknown"), 0.0)
+        head += f"; outside the catalogue with {outside:.2f}." if outside > after.probability else "."
     first = f" Before: {was}, {before.ranking[0].probability:.2f}." if experiments and before.ranking else ""
     return f"{head}{first} It ended because {_reason(found.ended)}."
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,11 @@ import pytest
 from diagnosed_case import ROBOT, campaign, folder
 from virtual_lab import VirtualLab
 
-from diagnosis.answer.result import Diagnosis
-from diagnosis.investigate import SURE
+from diagnosis.answer.result import Diagnosis, Ranked
+from diagnosis.investigate import SURE, Investigation, Round
 from lab.cli import main
 from lab.files.inputs import read_case
+from lab.pages import investigation_page
 from lab.verbs.fakes import PATIENT_SETTLE
 from lab.verbs.run import Outcome
 from model.robot import load_robot
@@ -77,6 +79,12 @@ def test_an_experiment_is_foretold_done_and_added(
     answer = Diagnosis.from_json((place / "diagnosis.json").read_text())
     assert answer.data.rows == len(read_case([file]).table) + len(rows)
     assert {"investigation.html", "diagnosis.html"} <= {p.name for p in place.iterdir()}
+    named = Ranked(("base_tilt",), 0.39, 0.0, None, {})
+    doubted = replace(answer.attribute, effects=("base_tilt",), verdict="effect", probability=0.39,
+                      ranking=(Ranked(("unknown",), 0.47, 0.0, None, {}), named))  # fmt: skip
+    story = Investigation((Round(replace(answer, attribute=doubted), 3.0),), "done")
+    page = investigation_page.write(story, tmp_path / "page.html", "why", "diagnosis.html").read_text()
+    assert "base_tilt with probability 0.39; outside the catalogue with 0.47." in page
     again, _, err = told(capsys, "investigate", file, "--rig", virtual_lab.rig, "--out", place)
     assert again == 2 and "holds an investigation already" in err
 
