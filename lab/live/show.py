@@ -103,7 +103,7 @@ class Show:
         self._picture: Picture | None = None
         self._steered = steer is not None
         self._viewers = Viewers(at.token, self._whole, steer)
-        self._clock: Callable[[], float] = lambda: self._picture.t if self._picture is not None else 0.0
+        self._clock: Callable[[], float] = self._newest
 
     def follow(self, part: Part) -> None:
         """Show this recording once the present one has ended; from any thread."""
@@ -124,6 +124,7 @@ class Show:
             try:
                 while (part := await self._next()) is not None:
                     self._part, self._picture, self.count = part, None, self.count + 1
+                    self._clock = self._newest
                     with await self._opened(part.path) as tail:
                         await self._show(tail)
                 self._part = None if self._part is None else replace(self._part, more=False)
@@ -209,6 +210,9 @@ class Show:
         t = (begun - self._picture.about.start_wall_ns) / 1e9
         since, looked = time.time() - begun / 1e9, time.monotonic()
         self._clock = lambda: t + speed * (since + time.monotonic() - looked)
+
+    def _newest(self) -> float:
+        return self._picture.t if self._picture is not None else 0.0
 
     def _stop_time(self) -> None:
         assert self._picture is not None

@@ -207,6 +207,7 @@ def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
                 following.sync()
                 found = until(stream, lambda d: d.get("about", {}).get("file") == "next.mcap")
                 assert found["outcome"] is None and found["streams"] == {} and found["more"] is True
+                assert found["clock"] == found["t"] == 0.0  # no age is counted from the run before
                 found = until(stream, lambda d: "vacuum" in d.get("newest", {}))
                 assert found["newest"]["vacuum"] == {"t": 0.5, "absolute": 22e3}
         finally:

@@ -152,7 +152,7 @@ function progress() {
   const share = p.seconds_planned > 0 ? Math.min(1, p.seconds / p.seconds_planned) : 1;
   $("done").style.width = `${(100 * share).toFixed(2)}%`;
   const passed = age(p.t) - (live.pause?.begun ? age(live.pause.t) : 0);
-  const left = live.outcome ? "" : `, about ${seconds(Math.max(0, p.left - passed))} left`;
+  const left = live.outcome ? "" : `, about ${seconds(Math.max(0, p.left - passed))} left${live.part ? " of this run" : ""}`;
   filled("plan-line", `${p.steps} of ${p.planned} steps done (${(100 * share).toFixed(0)} %)${left}`);
 }
 
@@ -163,8 +163,8 @@ function numbers() {
     out.push([name, silent ? `${text}, ${seconds(age(live.streams[topic].t))} ${live.outcome ? "before the end" : "old"}` : text, bad || silent]);
   };
   if (n.tip) {
-    add("tip x, y, z, mm", n.tip.valid ? n.tip.position.map((v) => number(v === null ? null : v * 1e3, 1)).join("  ") : "hidden", !n.tip.valid);
-    add("tip", !n.tip.valid ? since(n.tip.seen) : live.outcome ? "seen" : `seen, ${seconds(age(n.tip.t))} old`, !n.tip.valid || age(n.tip.t) > (limits.hidden ?? 2));
+    add("tip x, y, z, mm", n.tip.valid ? n.tip.position.map((v) => number(v === null ? null : v * 1e3, 1)).join("  ") : "hidden", !n.tip.valid, "/tip");
+    add("tip", !n.tip.valid ? since(n.tip.seen) : live.outcome || late(live.streams["/tip"]) ? "seen" : `seen, ${seconds(age(n.tip.t))} old`, !n.tip.valid || age(n.tip.t) > (limits.hidden ?? 2), "/tip");
   }
   if (n.pressure) {
     const most = Math.max(...n.pressure.measured.map((v) => v ?? NaN));
