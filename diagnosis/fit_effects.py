@@ -35,8 +35,9 @@ from .errors import BadCase
 from .fit_residual import learn_residual
 from .inference.evidence import KNOWN, weigh
 from .inference.linear import Linear, Prior
-from .inference.prepare import Prepared, prepare, with_vented_at_zero
+from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters
+from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Candidate, Search
 
 Array = NDArray[np.float64]

@@ -5,7 +5,8 @@ A prediction is a normal distribution about the hypothesis' own fit,
     cov = S C S^T + S' V S'^T + f^2 F F^T + g^2 D D^T + R,
 
 C the posterior covariance of the robot's parameters with every effect that is not named free within its tolerance, V that of
-parameters drawn anew with each trial, F the error of the laws (f), D the smooth discrepancy (g), R the readings' noise.
+parameters drawn anew with each trial, F the error of the laws (f), D the smooth discrepancy (g), R the readings' noise with what
+lasts of it from state to state.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from ..inference.discrepancy import Settings, by_channel, settings
 from ..inference.discrepancy import columns as smooth_columns
 from ..inference.evidence import SPIKES, Hypothesis
 from ..inference.posterior import UNKNOWN, Posterior
-from ..inference.prepare import KINDS, Prepared
+from ..inference.prepare import Prepared
+from ..inference.reading_noise import noise_to_come
 from ..inference.search import Candidate
 from .distinguishability import Distinguishability
 
@@ -121,9 +123,8 @@ class Rivals:
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
         fresh = np.setdiff1d(np.arange(len(own_sd)), new)
         mounted = [i for i, info in enumerate(forward.parameters) if info.source in MOUNTED]
-        white, smooth, laws = _noise(p, forward)
+        smooth, laws = _errors(p, forward)
         observed = forward.observations
-        same = observed.row[:, None] == observed.row[None, :]
         made = []
         for k, c in enumerate(self.candidates):
             theta = np.zeros(len(own_sd))
@@ -135,10 +136,10 @@ class Rivals:
             total += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T
             # Done another time, the robot stands a little differently.
             total += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T
-            pressure = p.noise_components.pressure * slope[:, names["pressure_offset.offset"]]
-            total += np.where(same, np.outer(pressure, pressure), 0.0)
             size = max(c.grid_point.size, LEAST_SIZE)
-            total += size**2 * smooth @ smooth.T + np.diag(white**2)
+            total += size**2 * smooth @ smooth.T
+            by_pressure = slope[:, [names["pressure_offset.offset"]]]
+            total += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance
             for effect in c.named:
                 done = mean - forward.predict(_without(theta, forward, effect))
                 if np.isfinite(done).all():
@@ -172,12 +173,9 @@ def _without(theta: Array, forward: ForwardModel, effect: str) -> Array:
     return out
 
 
-def _noise(p: Prepared, forward: ForwardModel) -> tuple[Array, Array, Array]:
-    """White noise (n,) of new values, columns (n, m) of a discrepancy of size 1 over them, the basis (n, b) of a law's error."""
-    channel = forward.observations.channel
-    kind = [1 if c.startswith("r") else 2 if c.startswith("m") else 0 for c in channel]
-    white = np.array([p.noise_components.channel[KINDS[k]] for k in kind])
-    design = forward.design
+def _errors(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:
+    """Columns (n, m) of a discrepancy of size 1 over new values, the basis (n, b) of a law's error."""
+    channel, design = forward.observations.channel, forward.design
     highest = design.pressure.max(axis=1)
     where = settings(
         design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length
@@ -188,4 +186,4 @@ def _noise(p: Prepared, forward: ForwardModel) -> tuple[Array, Array, Array]:
     row, smooth = forward.observations.row, smooth_columns(where)
     laws = smooth_columns(Settings(where.place, np.ones(len(design))))
     both = np.hstack([laws[row], by_channel(laws, row, number, np.ones(len(names)))])
-    return white, by_channel(smooth, row, number, size), np.sqrt(0.5) * both
+    return by_channel(smooth, row, number, size), np.sqrt(0.5) * both

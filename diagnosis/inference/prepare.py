@@ -21,32 +21,19 @@ from recordings.trials import TEXTS
 
 from ..data.baseline import Baseline
 from ..data.chamber_sides import leave_out
-from ..data.noise import Lasting, Noise, blocks
-from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
-from ..data.noise_estimate import estimate_noise
+from ..data.noise_components import NoiseComponents
 from ..data.states import States
 from ..errors import BadCase
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
 from .problem import LEAST_NAMED_SIZE, Forward, Parameters, Problem
-from .stiffness_trials import PUSH_SOURCES, StiffnessTrials, stiffness_trials
+from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
+from .stiffness_trials import StiffnessTrials, stiffness_trials
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-TIP = ("x", "y", "z")
-KINDS = ("tip", "turn", "marker", "force")
-DEFAULT_NOISE = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
-"""Default white noise of a reading: m, rad, m."""
-DEFAULT_PRESSURE_NOISE = 500.0
-"""Pa."""
-VENTED, VENTED_SHARE = 5e3, 0.025
-"""Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
-LONGEST_BLOCK = 40
-"""States of a trial whose errors are taken to go together at most."""
-PRESSURE_STEP = 500.0
-"""Pa by which pressures are moved for a derivative."""
 LEAST_CARRIED, TINY = 1.0, 1e-12
 """Noise floors that a named effect must carry; m."""
 LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT = 0.2e-3, 2e-3
@@ -185,11 +172,11 @@ def prepare(
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
-    floor, beside_model, repeated = _floor(
+    floor, beside_model, repeated = floor_of(
         states, labels, forward.parameters, missed, observed[kept], slope[kept], response
     )
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
-    noise = _noise(states, labels, floor, pushes, response)
+    noise = noise_of(states, labels, floor, pushes, response)
     if pushes is not None and states.pushed.all():
         known = beside_model = pushes.noise_floor
     else:
@@ -216,44 +203,6 @@ def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
     return {id: spec for id, spec in forward.catalogue.items() if id in moved}
 
 
-def _noise(
-    states: States, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array
-) -> Noise:
-    """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
-    default = np.array([floor.channel.get(k, 1.0) for k in KINDS])
-    white = default[labels.kind] * np.where(resting(states), floor.rest, 1.0)[labels.state]
-    if floor.lasting:
-        at_once = np.sqrt(1 - np.array([floor.lasting.get(k, 0.0) for k in KINDS]))[labels.kind]
-        white *= np.where(_blocks(states)[labels.state] < 0, 1.0, at_once)
-    by_pressure = floor.pressure * response
-    if pushes is not None:
-        own = labels.kind == 3
-        white[own] = pushes.noise_components.channel["force"]
-        # The error of the deflection takes the place of the pressure's, in the first column.
-        by_pressure[own] = 0.0
-        by_pressure[own, 0] = pushes.noise_components.pressure * pushes.stiffness[labels.state[own]]
-    return Noise(labels.state, white, by_pressure, _lasting(states, labels, floor))
-
-
-def _lasting(states: States, labels: Labels, floor: NoiseComponents) -> Lasting | None:
-    """What lasts of the errors of cameras and pressure sensors, from one state of a trial to the next."""
-    if not floor.lasting:
-        return None
-    block = _blocks(states)[labels.state]
-    sd = np.array([floor.channel.get(k, 0.0) * np.sqrt(floor.lasting.get(k, 0.0)) for k in KINDS])[labels.kind]
-    _, channel = np.unique(labels.channel, return_inverse=True)
-    every = np.ones(len(sd))
-    return Lasting(
-        block, states.time[labels.state], channel, np.where(block < 0, 0.0, sd), floor.lasting[PRESSURE] * every,
-        floor.memory * every,
-    )  # fmt: skip
-
-
-def _blocks(states: States) -> Ints:
-    """(n,) states of the robot whose errors last from one to the next."""
-    return np.where(states.pushed, -1, blocks(states.trial, states.time, LONGEST_BLOCK))
-
-
 def observable_effects(robot: Robot, design: Design, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
     """A catalogue without the effects that such states cannot show."""
     return {id: spec for id, spec in catalogue.items() if spec.shown is None or spec.shown(robot, design)}
@@ -266,21 +215,6 @@ def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
     table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in cells]) for name in names}
     pressures = {f"p{i}": column for i, column in enumerate(with_vented_at_zero(states).T, 1)}
     return table | {"spine_length": states.spine_length} | pressures
-
-
-def with_vented_at_zero(states: States) -> Array:
-    """(n, chambers) Pa, readings with those of vented chambers set to zero.
-
-    A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which
-    would otherwise bend the model.
-    """
-    out = states.pressure.copy()
-    idle = min(VENTED, VENTED_SHARE * float(out.max()))
-    for t in np.unique(states.trial):
-        own = np.flatnonzero(states.trial == t)
-        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < idle))] = 0.0
-    out[out.max(axis=1) < states.pressure_gap] = 0.0
-    return out
 
 
 def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
@@ -310,99 +244,6 @@ def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> L
     axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
     kind = np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
     return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
-
-
-def _floor(
-    states: States,
-    labels: Labels,
-    infos: tuple[ParameterInfo, ...],
-    missed: Array,
-    observed: Array,
-    slope: Array,
-    response: Array,
-) -> tuple[NoiseComponents, float, float]:
-    """Components of the noise of the robot's states, and the rms of a single tip reading (m): beside what the model makes of the
-    states that were read, and as it is; of cameras as usual where nothing was repeated."""
-    names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
-    default = NoiseComponents(dict(DEFAULT_NOISE), DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
-    if not names:
-        return default, _usual(default), _usual(default)
-    of_robot = labels.kind < 3
-    column = np.array([names.index(c) for c in labels.channel[of_robot]])
-
-    def grid(values: Array) -> Array:
-        out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
-        out[labels.state[of_robot], column] = values[of_robot]
-        return out
-
-    residual = grid(missed)
-    complete = np.isfinite(residual).all(axis=1)
-    part = {"trial": states.trial, "repeat": states.repeat}
-    scattered = {p.source: part[p.scope] for p in infos if p.scope in part and p.source not in PUSH_SOURCES}
-
-    def response_to(source: str) -> Array:
-        """(n, a): each row takes one copy of each of its a parameters."""
-        own = [(p.slot, i) for i, p in enumerate(infos) if p.source == source]
-        return np.column_stack(
-            [slope[:, [i for s, i in own if s == slot]].sum(axis=1) for slot in sorted({s for s, _ in own})]
-        )
-
-    kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
-    data = Repeated(
-        residual[complete],
-        states.condition[complete],
-        kinds,
-        grid(response)[complete],
-        {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in scattered.items()},
-        resting(states)[complete],
-        grid(slope[:, [i for i, p in enumerate(infos) if p.scope == "campaign"]])[complete],
-        _blocks(states)[complete],
-        states.time[complete],
-    )
-    trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
-    found = estimate_noise(data, replace(default, trial=trial))
-    tips = np.array([name in TIP for name in names])
-    as_read = replace(data, residual=grid(observed)[complete])
-    if not found.contrasts:
-        return found, _usual(found), _usual(found)
-    return found, reading_rms(data, tips), reading_rms(as_read, tips)
-
-
-def _usual(floor: NoiseComponents) -> float:
-    """m, rms of a tip reading with the white noise of its three channels."""
-    return float(np.sqrt(3)) * floor.channel["tip"]
-
-
-def resting(states: States) -> NDArray[np.bool_]:
-    """(n,) states that were read at rest, not while ramping."""
-    return np.array([r.hold is None or r.hold > 0 for r in states.rows])
-
-
-def pressure_response(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
-    """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
-    row, pressure = forward.observations.row, with_vented_at_zero(states)
-    together = regulators(states.pressure, pressure)
-    if "pressure_offset.offset" not in made.names:
-        return np.zeros((len(slope), len(together)))
-    inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
-    alone = inflated.sum(axis=1) == 1
-    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index("pressure_offset.offset")]]
-    several = (~alone & inflated.any(axis=1))[row]
-    if several.any():
-        for r, own in enumerate(together):
-            change = np.zeros(pressure.shape)
-            change[:, own] = PRESSURE_STEP * inflated[:, [r]]
-            out[several, r] = forward.respond(change)[several] / PRESSURE_STEP
-    return np.asarray(np.nan_to_num(out))
-
-
-def regulators(read: Array, pressure: Array) -> list[Ints]:
-    """Chambers (indices) that read the same (n, chambers) Pa wherever they are: one sensor, that of their regulator, reads them.
-    Of those that are inflated in any state (`pressure`, vented ones at zero)."""
-    _, member = np.unique(read.T, axis=0, return_inverse=True)
-    groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
-    found = [own for own in groups if (pressure[:, own] > 0).any()]
-    return found or [np.arange(pressure.shape[1])]
 
 
 def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:

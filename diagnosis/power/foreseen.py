@@ -19,7 +19,8 @@ from recordings.trials import TEXTS, Table, TrialRow
 from ..answer.candidate_experiments import Experiment, candidate_experiments, columns
 from ..data.case import CaseLike, states
 from ..errors import BadCase
-from ..inference.prepare import DEFAULT_NOISE, prepare
+from ..inference.prepare import prepare
+from ..inference.reading_noise import DEFAULT_NOISE
 from .rates import power
 from .worlds import Planned
 

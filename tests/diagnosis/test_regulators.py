@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from diagnosis.data.case import states
-from diagnosis.inference.prepare import prepare, regulators
+from diagnosis.inference.prepare import prepare
+from diagnosis.inference.reading_noise import regulators
 from tests.diagnosis.test_case import ROBOT, case, sweep
 
 ALL = tuple(range(9))

@@ -1,0 +1,196 @@
+"""The noise of a campaign's readings: estimated from its repeats (`data.noise_components`), and laid over its values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.effects.design import Design
+from model.effects.forward import ForwardModel
+from model.effects.observation import Observations
+from model.effects.parameters import ParameterInfo
+
+from ..data.noise import Lasting, Noise, blocks
+from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
+from ..data.noise_estimate import estimate_noise
+from ..data.states import States
+from .labels import Labels
+from .problem import Parameters
+from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TIP = ("x", "y", "z")
+KINDS = ("tip", "turn", "marker", "force")
+DEFAULT_NOISE = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
+"""Default white noise of a reading: m, rad, m."""
+DEFAULT_PRESSURE_NOISE = 500.0
+"""Pa."""
+VENTED, VENTED_SHARE = 5e3, 0.025
+"""Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
+LONGEST_BLOCK = 40
+"""States of a trial whose errors are taken to go together at most."""
+PRESSURE_STEP = 500.0
+"""Pa by which pressures are moved for a derivative."""
+
+
+def noise_of(
+    states: States, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array
+) -> Noise:
+    """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
+    block = _blocks(states)[labels.state]
+    white, lasting = _of_channels(floor, labels.kind, labels.channel, block, states.time[labels.state])
+    white *= np.where(resting(states), floor.rest, 1.0)[labels.state]
+    by_pressure = floor.pressure * response
+    if pushes is not None:
+        own = labels.kind == 3
+        white[own] = pushes.noise_components.channel["force"]
+        # The error of the deflection takes the place of the pressure's, in the first column.
+        by_pressure[own] = 0.0
+        by_pressure[own, 0] = pushes.noise_components.pressure * pushes.stiffness[labels.state[own]]
+    return Noise(labels.state, white, by_pressure, lasting)
+
+
+def noise_to_come(floor: NoiseComponents, observed: Observations, design: Design, response: Array) -> Noise:
+    """Noise of values (n,) that states of a robot would be read with, with their response (n, r) to the pressure readings."""
+    row, channel = observed.row, observed.channel.astype(np.str_)
+    kind = np.array([1 if c.startswith("r") else 2 if c.startswith("m") else 0 for c in channel])
+    block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
+    white, lasting = _of_channels(floor, kind, channel, block, design.t[row])
+    return Noise(row, white, floor.pressure * response, lasting)
+
+
+def _of_channels(
+    floor: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
+) -> tuple[Array, Lasting | None]:
+    """(n,) what values of kinds and channels (n,) err by at once, and what lasts of it and of pressure readings."""
+
+    def of_kind(share: Mapping[str, float], default: float) -> Array:
+        return np.array([share.get(k, default) for k in KINDS])[kind]
+
+    at_once = of_kind(floor.channel, 1.0)
+    if not floor.lasting:
+        return at_once, None
+    share = np.where(block < 0, 0.0, of_kind(floor.lasting, 0.0))
+    sd = of_kind(floor.channel, 0.0) * np.sqrt(share)
+    _, number = np.unique(channel, return_inverse=True)
+    every = np.ones(len(sd))
+    lasting = Lasting(block, time, number, sd, floor.lasting[PRESSURE] * every, floor.memory * every)
+    return at_once * np.sqrt(1 - share), lasting
+
+
+def _blocks(states: States) -> Ints:
+    """(n,) states of the robot whose errors last from one to the next."""
+    return np.where(states.pushed, -1, blocks(states.trial, states.time, LONGEST_BLOCK))
+
+
+def floor_of(
+    states: States,
+    labels: Labels,
+    infos: tuple[ParameterInfo, ...],
+    missed: Array,
+    observed: Array,
+    slope: Array,
+    response: Array,
+) -> tuple[NoiseComponents, float, float]:
+    """Components of the noise of the robot's states, and the rms of a single tip reading (m): beside what the model makes of the
+    states that were read, and as it is; of cameras as usual where nothing was repeated."""
+    names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
+    default = NoiseComponents(dict(DEFAULT_NOISE), DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
+    if not names:
+        return default, _usual(default), _usual(default)
+    of_robot = labels.kind < 3
+    column = np.array([names.index(c) for c in labels.channel[of_robot]])
+
+    def grid(values: Array) -> Array:
+        out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
+        out[labels.state[of_robot], column] = values[of_robot]
+        return out
+
+    residual = grid(missed)
+    complete = np.isfinite(residual).all(axis=1)
+    part = {"trial": states.trial, "repeat": states.repeat}
+    scattered = {p.source: part[p.scope] for p in infos if p.scope in part and p.source not in PUSH_SOURCES}
+
+    def response_to(source: str) -> Array:
+        """(n, a): each row takes one copy of each of its a parameters."""
+        own = [(p.slot, i) for i, p in enumerate(infos) if p.source == source]
+        return np.column_stack(
+            [slope[:, [i for s, i in own if s == slot]].sum(axis=1) for slot in sorted({s for s, _ in own})]
+        )
+
+    kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
+    data = Repeated(
+        residual[complete],
+        states.condition[complete],
+        kinds,
+        grid(response)[complete],
+        {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in scattered.items()},
+        resting(states)[complete],
+        grid(slope[:, [i for i, p in enumerate(infos) if p.scope == "campaign"]])[complete],
+        _blocks(states)[complete],
+        states.time[complete],
+    )
+    trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
+    found = estimate_noise(data, replace(default, trial=trial))
+    tips = np.array([name in TIP for name in names])
+    as_read = replace(data, residual=grid(observed)[complete])
+    if not found.contrasts:
+        return found, _usual(found), _usual(found)
+    return found, reading_rms(data, tips), reading_rms(as_read, tips)
+
+
+def _usual(floor: NoiseComponents) -> float:
+    """m, rms of a tip reading with the white noise of its three channels."""
+    return float(np.sqrt(3)) * floor.channel["tip"]
+
+
+def resting(states: States) -> NDArray[np.bool_]:
+    """(n,) states that were read at rest, not while ramping."""
+    return np.array([r.hold is None or r.hold > 0 for r in states.rows])
+
+
+def pressure_response(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
+    """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
+    row, pressure = forward.observations.row, with_vented_at_zero(states)
+    together = regulators(states.pressure, pressure)
+    if "pressure_offset.offset" not in made.names:
+        return np.zeros((len(slope), len(together)))
+    inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
+    alone = inflated.sum(axis=1) == 1
+    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index("pressure_offset.offset")]]
+    several = (~alone & inflated.any(axis=1))[row]
+    if several.any():
+        for r, own in enumerate(together):
+            change = np.zeros(pressure.shape)
+            change[:, own] = PRESSURE_STEP * inflated[:, [r]]
+            out[several, r] = forward.respond(change)[several] / PRESSURE_STEP
+    return np.asarray(np.nan_to_num(out))
+
+
+def regulators(read: Array, pressure: Array) -> list[Ints]:
+    """Chambers (indices) that read the same (n, chambers) Pa wherever they are: one sensor, that of their regulator, reads them.
+    Of those that are inflated in any state (`pressure`, vented ones at zero)."""
+    _, member = np.unique(read.T, axis=0, return_inverse=True)
+    groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
+    found = [own for own in groups if (pressure[:, own] > 0).any()]
+    return found or [np.arange(pressure.shape[1])]
+
+
+def with_vented_at_zero(states: States) -> Array:
+    """(n, chambers) Pa, readings with those of vented chambers set to zero.
+
+    A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which
+    would otherwise bend the model.
+    """
+    out = states.pressure.copy()
+    idle = min(VENTED, VENTED_SHARE * float(out.max()))
+    for t in np.unique(states.trial):
+        own = np.flatnonzero(states.trial == t)
+        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < idle))] = 0.0
+    out[out.max(axis=1) < states.pressure_gap] = 0.0
+    return out
