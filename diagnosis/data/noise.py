@@ -105,7 +105,11 @@ class Noise:
         columns = values.reshape(len(values), -1)
         out = np.empty(columns.shape)
         for b in self._blocks:
-            out[b.own] = matrix(b) @ columns[b.own]
+            if b.in_order:
+                own = slice(int(b.own[0, 0]), int(b.own[-1, -1]) + 1)
+                out[own] = (matrix(b) @ columns[own].reshape(*b.own.shape, -1)).reshape(b.own.size, -1)
+            else:
+                out[b.own] = matrix(b) @ columns[b.own]
         return out.reshape(values.shape)
 
     @cached_property
@@ -154,6 +158,8 @@ class _Blocks:
     """(b, s, s) the inverse."""
     log_sd: float
     """Half the log determinant of their covariance."""
+    in_order: bool
+    """Whether their values follow each other without a gap."""
 
     @staticmethod
     def of(own: Ints, covariance: Array) -> _Blocks:
@@ -163,7 +169,8 @@ class _Blocks:
         turned = vector.swapaxes(1, 2)
         white = (vector / np.sqrt(value)[:, None, :]) @ turned / sd[:, None, :]
         root = sd[:, :, None] * ((vector * np.sqrt(value)[:, None, :]) @ turned)
-        return _Blocks(own, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()))
+        in_order = bool((np.diff(own.ravel()) == 1).all())
+        return _Blocks(own, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()), in_order)
 
 
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:

@@ -24,6 +24,8 @@ STEP_TOLERANCE = 0.05
 """Steps shorter than this, in prior standard deviations, end the search: evidence changes by far less."""
 COST_TOLERANCE = 0.02
 """Steps that lower the cost by less end the search."""
+LEAST_PROMISE = 0.01
+"""Steps that promise to lower it by less are not tried."""
 HALVINGS = 6
 """Times a start without equilibrium is moved half way to the baseline."""
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
@@ -92,11 +94,15 @@ def _search(
     def total(theta: Array, predicted: Array) -> float:
         return misfit.cost(predicted) + _distance(theta, mean, scale)
 
-    def step(local: _Local, damping: float, trial: bool) -> tuple[Array, float]:
-        """A point and its cost."""
+    def step(local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
+        """A point and its cost; None where it promises too little."""
         goal = local.goal(damping)
-        there, along = problem.forward.predict(goal, trial), local.predicted(goal)
-        reached, predicted_cost = total(goal, there), total(goal, along)
+        along = local.predicted(goal)
+        predicted_cost = total(goal, along)
+        if 0 <= cost - predicted_cost < LEAST_PROMISE:
+            return None
+        there = problem.forward.predict(goal, trial)
+        reached = total(goal, there)
         if cost - reached >= TRUST_RATIO * (cost - predicted_cost) or not np.isfinite(reached):
             return goal, reached
         corrected = local.goal(damping, there - along)
@@ -127,7 +133,11 @@ def _search(
             break
         tried, reached, begun, given_up = theta, np.inf, damping, False
         while damping < len(DAMPINGS):
-            tried, reached = step(local, DAMPINGS[damping], not given_up)
+            point = step(local, DAMPINGS[damping], not given_up)
+            if point is None:
+                damping = len(DAMPINGS)
+                break
+            tried, reached = point
             if reached <= cost and np.isfinite(reached):
                 break
             damping += 1

@@ -237,27 +237,33 @@ class Problem:
             effect_size=p.effect_size(theta),
         )
 
-    def with_form_error(self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...]) -> Linear:
+    def with_form_error(
+        self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...], beside: Array | None = None
+    ) -> Linear:
         """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what an
-        effect does at theta. No law of material or contact is exact, be its effect named or tolerated (to first order then)."""
+        effect does at theta. No law of material or contact is exact, be its effect named or tolerated (to first order then).
+        `beside` (n, f): columns of what is tolerated, where they are known."""
         columns, leakage = [np.zeros((len(predicted), 0))], 0.0
         responses: dict[str, Array] = {}
-        p = self.parameters
         for effect in named:
             done = self.response(theta, predicted, effect)
             if np.isfinite(done).all() and done.any():
                 responses[effect] = done
-                wrong = p.law_error[effect] * done
+                wrong = self.parameters.law_error[effect] * done
                 columns.append(self.form_error_of(wrong))
                 leakage = float(np.hypot(leakage, LEAKAGE * self._typical(wrong)))
+        columns.append(self._tolerated(linear, theta, named) if beside is None else beside)
+        return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
+
+    def _tolerated(self, linear: Linear, theta: Array, named: tuple[str, ...]) -> Array:
+        """Columns (n, f) of the model-form error of all effects that are not named."""
+        p = self.parameters
         tolerated = [e not in named for e in p.ids]
         share = np.array([p.law_error[e] for e in p.ids])
         white = (((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members) * share)[:, tolerated]
         # Any rotation of what the effects do has the same errors, all of them together.
         together = [self.form_error_of(self.noise.colour(own)) for own in leading(white).T]
-        if together:
-            columns.append(leading(np.hstack(together)))
-        return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
+        return leading(np.hstack(together)) if together else np.zeros((len(white), 0))
 
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:
         """What an effect does to the values (n,) at parameters (k,), where they are predicted so; NaN where there is no

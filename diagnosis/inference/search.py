@@ -230,7 +230,8 @@ class Search:
         return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
 
     def _glanced(self, named: Hypothesis) -> list[Candidate]:
-        """The best by evidence in the linear problem at its starting points, without and with tolerances: no step taken."""
+        """The best by evidence in the linear problem at its starting points, without and with tolerances: no step taken, and
+        the errors of the laws of all that is not named as for none."""
         out = []
         for with_tolerances in (False, True):
             none = self._tried[NONE, with_tolerances]
@@ -238,7 +239,8 @@ class Search:
                 self._fit(named, with_tolerances, none.grid_point.size, start, 0, none.fit)
                 for start in self._starts(named, none.fit)
             )
-            tried = [self._weigh(named, fitted, with_tolerances) for fitted in begun]
+            beside = none.fit.linear.form_error
+            tried = [self._weigh(named, fitted, with_tolerances, beside) for fitted in begun]
             out.append(max(tried, key=lambda c: c.laplace_log_evidence))
         return out
 
@@ -444,8 +446,8 @@ class Search:
         predicted, slope = self.problem.linearise(f.theta)
         return replace(f, slope=slope, linear=self.problem.linear(f.theta, predicted, slope))
 
-    def _with_form_error(self, named: Hypothesis, f: Fit) -> Fit:
-        return replace(f, linear=self.problem.with_form_error(f.linear, f.theta, f.predicted, named))
+    def _with_form_error(self, named: Hypothesis, f: Fit, beside: Array | None = None) -> Fit:
+        return replace(f, linear=self.problem.with_form_error(f.linear, f.theta, f.predicted, named, beside))
 
     def _weigh_around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> dict[Hypothesis, Candidate]:
         """Hypotheses in the linear problem of a fit that was made for another."""
@@ -453,8 +455,8 @@ class Search:
         found = weigh(f.linear, grid, self.problem.parameters, named)
         return {h: Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)}
 
-    def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool) -> Candidate:
-        return self._weigh_around(self._with_form_error(named, fitted), [named], with_tolerances)[named]
+    def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, beside: Array | None = None) -> Candidate:
+        return self._weigh_around(self._with_form_error(named, fitted, beside), [named], with_tolerances)[named]
 
     def _keep(self, c: Candidate) -> None:
         known = self._tried.get((NONE, False))
