@@ -93,23 +93,25 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         other = None if other is None else first.moved(other)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
     found = attribute(prepared, stages, wanted.executor)
-    shrunk, unseen = shrink(prepared, found.calibrated, found.best) if wanted.quantify else (None, None)
+    shrunk, unseen = (
+        shrink(prepared, found.calibrated, found.best, wanted.executor) if wanted.quantify else (None, None)
+    )
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
     proposals = next_experiment.propose(prepared, rivals) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None
-    wanted.executor.progress(1.0)
     where = assemble.locate_section(found, stages)
     detail = assemble.detail_section(found, unseen, tested)
     if first.changed:
         detail["first_calibration"] = first.detail()
     budget = carried(found)
-    steps = waterfall(found, unseen) if unseen is not None else None
-    which = assemble.attribute_section(found, where.significant, unseen)
+    steps = waterfall(found, unseen, wanted.executor) if unseen is not None else None
+    which = assemble.attribute_section(found, where.significant, unseen, wanted.executor)
     facts = Facts(
         found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, shrunk, steps,
         which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking, found.misfit.outlier_trial,
         lacking(first.states), assemble.simulator_section(found),
     )  # fmt: skip
+    wanted.executor.progress(1.0)
     text = statement(facts)
     if first.changed:
         text = f"{first.sentence} {'Beside that: ' if first.order else ''}{text}"

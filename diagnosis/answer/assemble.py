@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from recordings.trials import Table
 
-from ..inference.evidence import NONE
+from ..inference.evidence import NONE, Hypothesis
+from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
@@ -23,7 +24,7 @@ from .distinguishability import TIED
 from .holdout import Holdout
 from .result import STAGES, Attribute, Data, Locate, Ranked, Simulator
 from .shapes import worst_states
-from .shrink import HeldOutErrors, candidate_model, folds, held_out_errors
+from .shrink import Folds, HeldOutErrors, candidate_model, folds, held_out_errors
 from .size import sizes, values
 from .verdict import conclude, rivals
 
@@ -34,6 +35,8 @@ LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
 PREDICTED = 4
 """Leading hypotheses whose held-out error is computed."""
+LISTING = (0.98, 1.0)
+"""Shares of a whole diagnosis that are done before and after that."""
 
 
 def data_section(p: Prepared, table: Table) -> Data:
@@ -86,30 +89,38 @@ def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
     return out
 
 
-def attribute_section(f: Attribution, significant: bool, unseen: HeldOutErrors | None) -> Attribute:
+def attribute_section(
+    f: Attribution, significant: bool, unseen: HeldOutErrors | None, executor: Executor = SINGLE_THREAD
+) -> Attribute:
     """The section `attribute`: verdict and ranking, held-out errors of the leading hypotheses where `unseen` was computed;
     `significant` whether the gap is above the noise floor anywhere."""
     p = f.prepared
-    fold = folds(p)[0]
+    heldout = _held_out(f, unseen, executor)
     ranked = []
     always = [x for x in f.posterior.ranking[LISTED:] if x[0] in (NONE, UNKNOWN)]
-    for rank, (named, probability) in enumerate((*f.posterior.ranking[:LISTED], *always)):
+    for named, probability in (*f.posterior.ranking[:LISTED], *always):
         c = f.posterior.candidates[named]
-        heldout = None
-        if unseen is not None and rank < PREDICTED and named != UNKNOWN:
-            known = unseen.before if named == NONE else unseen.after if named == f.best.named else None
-            errors = held_out_errors(p, candidate_model(p, c), fold)[0] if known is None else known
-            heldout = float(np.sqrt(np.nanmean(errors**2))) * MM
-        ranked.append(
-            Ranked(
-                named, probability, c.log_evidence, heldout, values(sizes(p, c, f.probability_calibration.sd_factor))
-            )
-        )
+        size = values(sizes(p, c, f.probability_calibration.sd_factor))
+        ranked.append(Ranked(named, probability, c.log_evidence, heldout.get(named), size))
     d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
         conclude(d, significant, f.asking), rivals(d, f.posterior),
     )  # fmt: skip
+
+
+def _held_out(f: Attribution, unseen: HeldOutErrors | None, executor: Executor) -> dict[Hypothesis, float]:
+    """mm rms by which the leading hypotheses miss states that they did not see."""
+    if unseen is None:
+        return {}
+    p = f.prepared
+    known = {NONE: unseen.before, f.best.named: unseen.after}
+    leading = [h for h, _ in f.posterior.ranking[:PREDICTED] if h != UNKNOWN]
+    rest = [h for h in leading if h not in known]
+    models = [candidate_model(p, f.posterior.candidates[h]) for h in rest]
+    found = held_out_errors(p, models, Folds(folds(p)[0], executor, LISTING))
+    known |= {h: errors for h, (errors, _, _) in zip(rest, found, strict=True)}
+    return {h: float(np.sqrt(np.nanmean(known[h] ** 2))) * MM for h in leading}
 
 
 def beside(a: Attribute, certain: str) -> Attribute:

@@ -7,6 +7,7 @@ length only); the share closed counts from the noise floor, its interval comes f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..data.levels import SPINE_GAP, levels
 from ..inference.cross_validation import Model, cross_validated_residuals
+from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit
 from ..inference.prepare import Prepared
 from ..inference.search import Candidate
@@ -23,6 +25,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MM = 1e3
+SHRINKING = (0.86, 0.88)
+"""Shares of a whole diagnosis that are done before and after."""
 DRAWS = 500
 SEED = 31337
 LEAST_RATIO = 1.1
@@ -65,24 +69,40 @@ def candidate_model(p: Prepared, c: Candidate) -> Model:
     return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit)
 
 
-def held_out_errors(p: Prepared, model: Model, fold: Ints) -> tuple[Array, Array, Array]:
-    """Distance (states,) m between measured and predicted, each state predicted without its fold (states,).
+@dataclass(frozen=True)
+class Folds:
+    """What is left out together, and who works."""
+
+    fold: Ints
+    """(states,)"""
+    executor: Executor = SINGLE_THREAD
+    shares: tuple[float, float] = (0.0, 1.0)
+    """Of a whole diagnosis that are done before and after."""
+
+
+def held_out_errors(p: Prepared, models: Sequence[Model], folds: Folds) -> list[tuple[Array, Array, Array]]:
+    """Distances (states,) m between measured and predicted by each of the models, each state predicted without its fold.
 
     The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections; the third the
     first as vectors (states, 3).
     """
-    missed = cross_validated_residuals(p.problem, model, fold[p.labels.state])
-    gap = p.gap(missed)
-    return np.asarray(np.linalg.norm(gap, axis=1)), np.abs(p.deflection(missed)), gap
+    missed = cross_validated_residuals(p.problem, models, folds.fold[p.labels.state], folds.executor, folds.shares)
+    gaps = [p.gap(m) for m in missed]
+    return [
+        (np.asarray(np.linalg.norm(g, axis=1)), np.abs(p.deflection(m)), g) for g, m in zip(gaps, missed, strict=True)
+    ]
 
 
-def shrink(p: Prepared, calibrated: Fit, best: Candidate) -> tuple[Shrink, HeldOutErrors] | tuple[None, None]:
+def shrink(
+    p: Prepared, calibrated: Fit, best: Candidate, executor: Executor = SINGLE_THREAD
+) -> tuple[Shrink, HeldOutErrors] | tuple[None, None]:
     """Before and after for the named hypothesis; nothing where there is but one part, of which none can be left out."""
     fold, how = folds(p)
     if len(np.unique(fold)) < 2:
         return None, None
-    before, pushes_before, missed_before = held_out_errors(p, baseline_model(p, calibrated), fold)
-    after, pushes_after, missed_after = held_out_errors(p, candidate_model(p, best), fold)
+    models = [baseline_model(p, calibrated), candidate_model(p, best)]
+    both = held_out_errors(p, models, Folds(fold, executor, SHRINKING))
+    (before, pushes_before, missed_before), (after, pushes_after, missed_after) = both
     seen = np.isfinite(before) & np.isfinite(after)
     share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
     by = by_length(p.states.spine_length[seen], before[seen], after[seen])

@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 from ..data.levels import SPINE_GAP, levels
 from ..inference.cross_validation import Model
 from ..inference.evidence import NONE, Hypothesis
+from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import fit
 from ..inference.prepare import Prepared, prepare
 from .attribute import Attribution, calibrated
 from .result import Absorbed, Level, Step, StepName, Waterfall
-from .shrink import HeldOutErrors, baseline_model, candidate_model, folds, held_out_errors, resampled, rms
+from .shrink import Folds, HeldOutErrors, baseline_model, candidate_model, folds, held_out_errors, resampled, rms
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,17 +41,23 @@ INTERVAL = (0.025, 0.975)
 SMOOTH_SIZES = (0.35, 1.4)
 """Sizes of the smooth function that are tried, in noise floors; the one that predicts best is taken, none where none helps."""
 FIT_ROUNDS = 4
+STEPS, ABSORBED = (0.9, 0.95), (0.95, 0.98)
+"""Shares of a whole diagnosis that are done before and after."""
 
 
-def waterfall(f: Attribution, unseen: HeldOutErrors) -> Waterfall:
+def waterfall(f: Attribution, unseen: HeldOutErrors, executor: Executor = SINGLE_THREAD) -> Waterfall:
     """From what was found; `unseen` the errors that `shrink` has computed already."""
     p, named = f.prepared, f.decision.effects
     fold, how = folds(p)
-    last = candidate_model(p, f.best if named else f.none)
-    tolerant = unseen.after if named else held_out_errors(p, last, fold)[0]
+    last, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
+    smooth = [replace(last, size=s, smooth=True) for s in SMOOTH_SIZES]
+    models = [*([] if named else [last]), *smooth, *(_only(f, s) for s in subsets)]
+    found = [errors for errors, _, _ in held_out_errors(p, models, Folds(fold, executor, STEPS))]
+    tolerant = unseen.after if named else found.pop(0)
+    helped = min([tolerant, *found[: len(smooth)]], key=lambda e: float(np.nanmean(e**2)))
     by_causes = {frozenset[str](): unseen.before}
-    by_causes |= {frozenset(s): held_out_errors(p, _only(f, s), fold)[0] for s in _subsets(named)}
-    errors = _Errors(p, by_causes, tolerant, _smooth(p, last, fold, tolerant), _simulator_as_it_is(p, fold))
+    by_causes |= {frozenset(s): errors for s, errors in zip(subsets, found[len(smooth) :], strict=True)}
+    errors = _Errors(p, by_causes, tolerant, helped, _simulator_as_it_is(p, fold))
     order = errors.largest_first(named)
     columns = errors.in_order(order)
     left = [errors.rms(c) for c in columns] + [np.full(errors.draws, p.noise_floor), np.zeros(errors.draws)]
@@ -67,7 +74,7 @@ def waterfall(f: Attribution, unseen: HeldOutErrors) -> Waterfall:
         "spine_length": errors.by(p.states.spine_length, SPINE_GAP, columns),
         "pressure": errors.by(p.states.highest, p.states.pressure_gap, columns),
     }
-    return Waterfall(how, int(errors.seen.sum()), float(left[0][0]) * MM, tuple(steps), by, _absorbed(f))
+    return Waterfall(how, int(errors.seen.sum()), float(left[0][0]) * MM, tuple(steps), by, _absorbed(f, executor))
 
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
@@ -82,18 +89,12 @@ def _only(f: Attribution, named: Hypothesis) -> Model:
     return Model(prior, 0.0, fit(problem, prior, 0.0, start, FIT_ROUNDS))
 
 
-def _smooth(p: Prepared, model: Model, fold: Ints, without: Array) -> Array:
-    """Errors (states,) m with a smooth function of the state beside the model; `without` it where it does not help."""
-    tried = [held_out_errors(p, replace(model, size=s, smooth=True), fold)[0] for s in SMOOTH_SIZES]
-    return min([without, *tried], key=lambda e: float(np.nanmean(e**2)))
-
-
 def _simulator_as_it_is(p: Prepared, fold: Ints) -> Array | None:
     """Errors (states,) m of the simulator in the rod's place, calibrated and not taken back to the rod."""
     if p.baseline is None:
         return None
     own = p.simulator_as_it_is
-    return held_out_errors(own, baseline_model(own, calibrated(own)), fold)[0]
+    return held_out_errors(own, [baseline_model(own, calibrated(own))], Folds(fold))[0][0]
 
 
 class _Errors:
@@ -155,17 +156,18 @@ class _Errors:
         return self._by_causes[frozenset(causes)]
 
 
-def _absorbed(f: Attribution) -> Absorbed | None:
+def _absorbed(f: Attribution, executor: Executor) -> Absorbed | None:
     """One area factor, one for each spine length, and one with what is named, each pressure predicted from the others."""
     p = f.prepared
     length = levels(p.states.spine_length, SPINE_GAP)
     pressure = levels(p.states.highest, p.states.pressure_gap)
     if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
         return None
-    one = held_out_errors(p, baseline_model(p, f.calibrated), pressure)[0]
+    models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
+    one, *causes = (errors for errors, _, _ in held_out_errors(p, models, Folds(pressure, executor, ABSORBED)))
+    cause = causes[0] if causes else None
     by_length = prepare(p.robot, p.states, "per_length", {})
-    each = held_out_errors(by_length, baseline_model(by_length, calibrated(by_length)), pressure)[0]
-    cause = held_out_errors(p, candidate_model(p, f.best), pressure)[0] if f.decision.effects else None
+    each = held_out_errors(by_length, [baseline_model(by_length, calibrated(by_length))], Folds(pressure))[0][0]
     seen = np.isfinite(one) & np.isfinite(each)
     return Absorbed(
         "leave one pressure out", rms(one[seen]) * MM, rms(each[seen]) * MM,

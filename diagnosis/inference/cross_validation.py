@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .executor import SINGLE_THREAD, Executor
 from .fit import Fit, fit, refit
 from .linear import Prior
 from .problem import Forward, Problem
@@ -38,16 +40,30 @@ class Model:
     """Whether the discrepancy predicts too."""
 
 
-def cross_validated_residuals(problem: Problem, model: Model, fold: Ints) -> Array:
-    """Measured minus predicted (n,) for each value, predicted by a fit to all values of the other folds.
+def cross_validated_residuals(
+    problem: Problem,
+    models: Sequence[Model],
+    fold: Ints,
+    executor: Executor = SINGLE_THREAD,
+    shares: tuple[float, float] = (0.0, 1.0),
+) -> list[Array]:
+    """Measured minus predicted (n,) of each model, each value predicted by a fit to all values of the other folds.
 
-    `fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN).
+    `fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN). `shares` of the work are done
+    before and after.
     """
-    missed = np.full(len(problem.observed), np.nan)
-    for part in np.unique(fold[fold >= 0]):
-        seen, own = fold != part, fold == part
-        missed[own] = (problem.observed - _predicted(problem, model, seen))[own]
+    wanted = [(k, int(part)) for k in range(len(models)) for part in np.unique(fold[fold >= 0])]
+    missed = [np.full(len(problem.observed), np.nan) for _ in models]
+    left_out = executor.map(partial(_left_out, problem, tuple(models), fold), wanted, *shares)
+    for (k, part), found in zip(wanted, left_out, strict=True):
+        missed[k][fold == part] = found
     return missed
+
+
+def _left_out(problem: Problem, models: tuple[Model, ...], fold: Ints, wanted: tuple[int, int]) -> Array:
+    """Measured minus predicted for the values of one part, by a fit of one of the models to the others."""
+    k, part = wanted
+    return np.asarray((problem.observed - _predicted(problem, models[k], fold != part))[fold == part])
 
 
 def _predicted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
