@@ -16,7 +16,7 @@ from typing import Any
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (
     "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update", "--remote-debugging-pipe", "about:blank",
+    "--disable-background-networking", "--disable-component-update", "--remote-debugging-pipe", "--no-startup-window",
 )  # fmt: skip
 ANSWER_WITHIN = 60.0
 
@@ -42,7 +42,8 @@ class Browser:
         self._number, self._rest, self._session = 0, b"", ""
         self.said: list[dict[str, Any]] = []
         """What the page complained of."""
-        target = self._call("Target.getTargets")["targetInfos"][0]["targetId"]
+        # A tab of our own: the first target a browser lists at its start need not be a page that has a size.
+        target = self._call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log"):
             self._call(f"{domain}.enable")
