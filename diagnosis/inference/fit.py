@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from .box_constrained import box_constrained_minimum
 from .linear import Linear, Prior
-from .problem import Problem
+from .problem import Problem, linearise
 
 Array = NDArray[np.float64]
 
@@ -81,12 +81,12 @@ def _search(
     within `tolerance` is not taken."""
     p = problem.parameters
     scale, mean = p.scaled(prior)
-    misfit = _Misfit(problem, size)
+    misfit, forward = _Misfit(problem, size), problem.forward
     known = np.zeros((len(problem.observed), len(scale))) if frozen is None else frozen.slope
     anew = np.flatnonzero(fresh)
 
     def linearised(theta: Array) -> tuple[Array, Array]:
-        predicted, columns = problem.linearise(theta, anew.tolist())
+        predicted, columns = linearise(forward, theta, anew.tolist())
         slope = known.copy()
         slope[:, anew] = columns
         return predicted, slope
@@ -101,14 +101,14 @@ def _search(
         predicted_cost = total(goal, along)
         if 0 <= cost - predicted_cost < LEAST_PROMISE:
             return None
-        there = problem.forward.predict(goal, trial)
+        there = forward.predict(goal, trial)
         reached = total(goal, there)
         if cost - reached >= TRUST_RATIO * (cost - predicted_cost) or not np.isfinite(reached):
             return goal, reached
         corrected = local.goal(damping, there - along)
         if np.linalg.norm((corrected - goal) / p.sd) > MOST_CORRECTION * np.linalg.norm((goal - theta) / p.sd):
             return goal, reached
-        other = total(corrected, problem.forward.predict(corrected, trial))
+        other = total(corrected, forward.predict(corrected, trial))
         return (corrected, other) if other < reached else (goal, reached)
 
     if isinstance(start, Fit):
@@ -127,6 +127,7 @@ def _search(
     if (theta != mean)[absent].any():
         cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
     damping = 0
+    forward = forward.near(theta) if rounds else forward
     for _ in range(rounds):
         local = _Local(problem, misfit, theta, predicted, slope, scale, mean)
         if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < tolerance:
@@ -146,6 +147,7 @@ def _search(
         if damping == len(DAMPINGS):
             break
         gained, theta, cost = cost - reached, tried, reached
+        forward = forward.near(theta)
         predicted, slope = linearised(theta)
         if gained < COST_TOLERANCE:
             break

@@ -141,6 +141,10 @@ class MaskedForward:
         predicted, slope = self._forward.linearise(theta, columns)
         return predicted[self._kept], slope[self._kept]
 
+    def near(self, theta: Array) -> MaskedForward:
+        """The same, made quicker close to parameters (k,)."""
+        return MaskedForward(self._forward.near(theta), self._kept)
+
 
 def prepare(
     robot: Robot,

@@ -41,6 +41,15 @@ class Forward(Protocol):
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Predicted values (n,) and their derivatives (n, k), by some of the parameters where columns are given."""
 
+    def near(self, theta: Array) -> Forward:
+        """The same model, made quicker close to parameters (k,)."""
+
+
+def linearise(forward: Forward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+    """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
+    predicted, slope = forward.linearise(theta, columns)
+    return predicted, np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+
 
 @dataclass(frozen=True)
 class Parameters:
@@ -211,8 +220,7 @@ class Problem:
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
-        predicted, slope = self.forward.linearise(theta, columns)
-        return predicted, np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+        return linearise(self.forward, theta, columns)
 
     def at(self, theta: Array) -> Linear:
         """The linear problem around parameters (k,), in units of their priors."""

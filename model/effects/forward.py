@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -147,6 +148,7 @@ class ForwardModel:
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         }
         self._start: Solved | None = None
+        self._remembering: Solved | None = None
         self._points: tuple[_At, ...] = ()
         if plane_direction is None:
             plane_direction = obstacle_direction(robot)
@@ -198,6 +200,17 @@ class ForwardModel:
         In a `trial` also where its load would have to be followed to find it, at a thousand times the cost.
         """
         return self._solved(self._checked(theta), trial=trial).predicted[0].copy()
+
+    def near(self, theta: Array) -> ForwardModel:
+        """The same model, whose rods are solved from those at parameters (p,) on: quicker close by, and the same within the
+        tolerance of the solver. What this model has kept is not touched by what the other solves."""
+        here = self._solved(self._checked(theta))
+        if not here.settled or not here.bare.converged.all() or not here.final.converged.all():
+            return self
+        other = copy.copy(self)
+        other._points = (here,)
+        other._start, other._remembering = here.bare, here.final if here.remembers else None
+        return other
 
     def shapes(self, theta: Array, arcs: Array) -> Array:
         """Backbones (n, k, 3) m at parameters (p,) and arc lengths (k,) m, base frame, as motion capture would read them.
@@ -332,7 +345,8 @@ class ForwardModel:
             rest = self._memory(q, built, driven, spread)
             rows = final.rows.copy()
             rows[:, self._rest_columns] += by_element(self._layout, rest[0, self._moved_rows])
-            final = solve(self._layout, rows, self._arcs, final.steps, final, False, trial)
+            begin = self._remembering or final
+            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial)
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
         predicted = self._read(q, final.result[None], spread)

@@ -75,6 +75,9 @@ class ToyForward:
         )
         self._square = IDS.index("ballooning")
 
+    def near(self, theta: Array) -> ToyForward:
+        return self
+
     def predict(self, theta: Array, trial: bool = False) -> Array:
         return self.linearise(theta)[0]
 
