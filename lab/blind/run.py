@@ -73,26 +73,36 @@ def run(root: Path, diagnose: Diagnose, further: Further = Further(), crew: Crew
 
 def answer(folder: SetFolder, diagnose: Diagnose, further: Further, name: str) -> str:
     """Diagnose one case and write its rounds; a diagnosis that fails is an answer too. Returns the case's name."""
-    case = folder.case(name)
-    table, menu = read_csv(case / "trials.csv"), case / "menu"
-    rounds: list[Round] = []
-    asked: tuple[str, ...] = ()
-    while True:
-        began = time.monotonic()
-        found = _diagnosed(diagnose, [case / "robot.yaml", case / PREDICTED], table)
-        rounds.append(Round(asked, time.monotonic() - began, found))
-        if len(asked) >= further.most or not menu.is_dir():
-            break
-        wish = CHOICES[further.choose](found, asked, menu, name)
-        if wish is None:
-            break
-        table = granted(table, menu, wish)
-        asked = (*asked, wish)
+    found = rounds(folder.case(name), diagnose, further)
     target = folder.answers(name)
     target.mkdir(parents=True, exist_ok=True)
-    text = json.dumps([{"asked": r.asked, "seconds": r.seconds, "diagnosis": r.diagnosis} for r in rounds], indent=1)
-    replaced(target / "rounds.json", text)
+    write_rounds(target / "rounds.json", found)
     return name
+
+
+def rounds(case: Path, diagnose: Diagnose, further: Further, begun: Sequence[Round] = ()) -> list[Round]:
+    """Diagnoses of a case folder, each after one experiment more, until it is settled, asks for nothing more or had the most;
+    they go on from the first, where that is known (`begun`)."""
+    table, menu, name = read_csv(case / "trials.csv"), case / "menu", case.name
+    found = list(begun)
+    asked: tuple[str, ...] = ()
+    while True:
+        if len(found) == len(asked):
+            began = time.monotonic()
+            answered = _diagnosed(diagnose, [case / "robot.yaml", case / PREDICTED], table)
+            found.append(Round(asked, time.monotonic() - began, answered))
+        if len(asked) >= further.most or not menu.is_dir():
+            return found
+        wish = CHOICES[further.choose](found[-1].diagnosis, asked, menu, name)
+        if wish is None:
+            return found
+        table, asked = granted(table, menu, wish), (*asked, wish)
+
+
+def write_rounds(path: Path, found: Sequence[Round]) -> None:
+    """As `score` reads them."""
+    text = [{"asked": r.asked, "seconds": r.seconds, "diagnosis": r.diagnosis} for r in found]
+    replaced(path, json.dumps(text, indent=1))
 
 
 def _diagnosed(diagnose: Diagnose, files: Sequence[Path], table: Table) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """The search for a most probable point where a size and how it looks multiply each other: a narrow curved valley."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
