@@ -20,7 +20,7 @@ Steps = NDArray[np.int64]
 
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of two radians."""
-METHOD = rod.Fast(divisions=DIVISIONS, close=1e-10, remember=True)
+METHOD = rod.Fast(divisions=DIVISIONS, close=1e-9, remember=True)
 STRAIN_POINTS = 3
 """An element; strains change little along it."""
 NEAR_MARGIN = 0.02

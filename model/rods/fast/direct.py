@@ -66,6 +66,8 @@ MEMORY, MEMORY_SPRINGS = 23, 62
 """What a warm start needs: orientation (4), Jacobian (9), d PLACE / d TURN (9), largest moment (N m). With springs both matrices
 are for six unknowns (36, 18), and the position (3) comes behind the orientation."""
 
+FEW = 3
+"""Rods that are solved one by one, as quickly as a whole group."""
 COARSE_DIVISIONS = 1.0
 """Steps of a coarse pass along the whole rod: one an element, as a rule."""
 MOST_MOVED = 3.0
@@ -133,9 +135,11 @@ def solve_direct(
     work, count = new_work(), elements_of(rods, at)
     parts, elements = np.empty(count, np.int64), new_elements(count)
     for first in range(0, n, LANES):
-        group = Group(work, elements, full, parts, at.springs, min(LANES, n - first))
+        own = min(LANES, n - first)
+        # Side by side many are quicker than one by one: lanes without a rod then hold the last one.
+        group = Group(work, elements, full, parts, at.springs, own if own <= FEW else LANES)
         for l in range(group.active):
-            gather_rod(rods, first + l, at, group, l)
+            gather_rod(rods, min(first + l, n - 1), at, group, l)
         if warm:
             recall(memory, first, group)
         else:
@@ -156,7 +160,7 @@ def solve_direct(
             improve(group, close, ROUNDS)
         newton_turn(group)
         turn_tip(group)
-        for l in range(group.active):
+        for l in range(own):
             write_result(work, group.springs, out, first + l, l)
         if memory.shape[0] > 0:
             remember(group, memory, first)
@@ -169,7 +173,7 @@ def recall(memory: Array, first: int, group: Group) -> None:
     shift, unknowns = (3, 6) if group.springs > 0 else (0, 3)
     jacobian, by_turn = 4 + shift, 4 + shift + unknowns * unknowns
     for l in range(active):
-        row = first + l
+        row = min(first + l, memory.shape[0] - 1)
         for k in range(4):
             work[(TIP + k) * LANES + l] = memory[row, k]
         for k in range(shift):
@@ -185,7 +189,7 @@ def recall(memory: Array, first: int, group: Group) -> None:
 @inline
 def remember(group: Group, memory: Array, first: int) -> None:
     """Keep what `recall` reads."""
-    work, active = group.work, group.active
+    work, active = group.work, min(group.active, memory.shape[0] - first)
     shift, unknowns = (3, 6) if group.springs > 0 else (0, 3)
     jacobian, by_turn = 4 + shift, 4 + shift + unknowns * unknowns
     for l in range(active):

@@ -70,9 +70,16 @@ def section_of(elements: Array, full: Full, at: int, l: int) -> Section:
     )
 
 
+Soft = tuple[float, float]
+"""D and e of a hyperelastic section."""
+
+
 @inline
-def slope(y: State, force: Vector, section: Section, z: float, l: int, stages: Array | None, i: int) -> State:
-    """dy/dt of the state (q, m, r) under the internal force N (mount frame), at the share z of an element of lane l.
+def slope(
+    y: State, force: Vector, section: Section, z: float, l: int, stages: Array | None, i: int, near: Soft | None
+) -> tuple[State, Soft]:
+    """dy/dt of the state (q, m, r) under the internal force N (mount frame), at the share z of an element of lane l, and how soft
+    the section is there; `near` is how soft it was at a stage close by.
 
     Where `stages` is given, what goes on here is saved as its stage i.
     """
@@ -80,13 +87,13 @@ def slope(y: State, force: Vector, section: Section, z: float, l: int, stages: A
     m = (y[4], y[5], y[6])
     r = (y[7], y[8], y[9])
     n = turned_back(q, force)
-    u, v = strains(m, n, section, z, l, stages, i)
+    u, v, soft = strains(m, n, section, z, l, stages, i, near)
     if stages is not None:
         save_stage(stages, i, l, q, (m, n), (u, v))
     dq = turning(q, u)
     dm = add(cross(u, m), cross(v, n))
     dr = add(cross(u, r), v)
-    return (dq[0], dq[1], dq[2], dq[3], dm[0], dm[1], dm[2], dr[0], dr[1], dr[2])
+    return (dq[0], dq[1], dq[2], dq[3], dm[0], dm[1], dm[2], dr[0], dr[1], dr[2]), soft
 
 
 @inline
@@ -97,27 +104,36 @@ def turning(q: Quaternion, u: Vector) -> Quaternion:
 
 @inline
 def strains(
-    m: Vector, n: Vector, section: Section, z: float, l: int, stages: Array | None, i: int
-) -> tuple[Vector, Vector]:
-    """u and v of a section that carries m and n (section frame)."""
-    u, v = elastic_strains(section.terms, section, m, n, l, stages, i)
-    return add(u, rest_curvature(section.terms, section, z, l)), add(v, section.v_rest)
+    m: Vector, n: Vector, section: Section, z: float, l: int, stages: Array | None, i: int, near: Soft | None
+) -> tuple[Vector, Vector, Soft]:
+    """u and v of a section that carries m and n (section frame), and how soft it is."""
+    u, v, soft = elastic_strains(section.terms, section, m, n, l, stages, i, near)
+    return add(u, rest_curvature(section.terms, section, z, l)), add(v, section.v_rest), soft
 
 
 @inline
 def elastic_strains(
-    terms: Array | None, section: Section, m: Vector, n: Vector, l: int, stages: Array | None, i: int
-) -> tuple[Vector, Vector]:
+    terms: Array | None,
+    section: Section,
+    m: Vector,
+    n: Vector,
+    l: int,
+    stages: Array | None,
+    i: int,
+    near: Soft | None,
+) -> tuple[Vector, Vector, Soft]:
     """u - u* and v - v*. (`terms` is an argument of its own so that the compiler sees a None.)"""
     u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
+    soft = (1.0, v[2])
     if terms is not None:
-        d, strain = softened(u, m, v[2], section, vector_of(terms, section.at + TERMS, l))
+        soft = softened(u, m, v[2], section, vector_of(terms, section.at + TERMS, l), near)
+        d, strain = soft
         if stages is not None:
             save_softness(stages, i, l, m, n, (d, strain), (section.inv_bend, section.inv_stretch),
                           vector_of(terms, section.at + TERMS, l))  # fmt: skip
         u = (u[0] / d, u[1] / d, u[2])
         v = (v[0], v[1], strain)
-    return u, v
+    return u, v, soft
 
 
 @inline
@@ -132,16 +148,25 @@ def rest_curvature(terms: Array | None, section: Section, z: float, l: int) -> V
 
 
 @inline
-def softened(u: Vector, m: Vector, strain: float, section: Section, law: Vector) -> tuple[float, float]:
-    """D and e of a hyperelastic section from its linear curvatures u and axial strain."""
+def softened(u: Vector, m: Vector, strain: float, section: Section, law: Vector, near: Soft | None) -> Soft:
+    """D and e of a hyperelastic section from its linear curvatures u and axial strain. `near` is what they are at a stage close
+    by: three rounds from there come as near as five from an unstrained section."""
     inv_bend, inv_stretch = section.inv_bend, section.inv_stretch
     a, b, c = law
     energy = m[0] * u[0] + m[1] * u[1]
     bending = a * energy * math.sqrt(inv_bend[0] * inv_bend[1])
     coupled = 0.5 * energy * inv_stretch[2]
     bent = Bent(bending, coupled, strain, b, c)
-    # Five rounds, written out: loops within keep the compiler from making vectors of the lanes.
-    y = series_round(bent, (1.0, strain))
+    return rounds_from(near, bent)
+
+
+@inline
+def rounds_from(near: Soft | None, bent: Bent) -> Soft:
+    """Rounds from a stage close by, or from an unstrained section; written out, since loops within keep the compiler from making
+    vectors of the lanes."""
+    if near is not None:
+        return series_round(bent, series_round(bent, series_round(bent, near)))
+    y = series_round(bent, (1.0, bent.strain))
     y = series_round(bent, y)
     y = series_round(bent, y)
     y = series_round(bent, y)

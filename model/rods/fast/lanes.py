@@ -250,7 +250,7 @@ def fixed_cut(group: Group, steps: Counts, first: int) -> None:
     for e in range(parts.size):
         most = 1
         for l in range(group.active):
-            most = max(most, steps[first + l, parts.size - 1 - e])
+            most = max(most, steps[min(first + l, steps.shape[0] - 1), parts.size - 1 - e])
         parts[e] = most
 
 

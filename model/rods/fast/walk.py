@@ -19,6 +19,7 @@ from model.rods.fast.lanes import (
     LARGEST_MOMENT,
     TERMS,
     TIP,
+    WORK,
     Counts,
     Full,
     Group,
@@ -32,10 +33,9 @@ from model.rods.fast.lanes import (
     fixed_cut,
     gather_rod,
     new_elements,
-    new_work,
     vector_of,
 )
-from model.rods.fast.passes import advance_alone, start_at_tip, unit_quaternion
+from model.rods.fast.passes import advance, advance_group, start_at_tip, unit_quaternion
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
 
 Array = NDArray[np.float64]
@@ -44,7 +44,9 @@ AT_PLACE, AT_TURN, AT_FORCE, AT_MOMENT, AT_ENERGY, AT_STRAIN = 0, 3, 7, 10, 13, 
 """Columns of a station: m, quaternion, N, N m (mount frame), J/m, axial strain v3 - 1."""
 WIDTH = 15
 STATE = 14
-"""Quantities of the state, saved while a station inside a step is visited."""
+"""Quantities of the state, the first of `work`, saved while a station inside a step is visited."""
+SHARE = WORK
+"""Where the share of the step at which a lane passes the station is kept, behind all else."""
 
 
 def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, steps: Counts) -> Array:
@@ -56,42 +58,36 @@ def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, ste
 
 
 @routine
-def write_station(group: Group, e: int, solved: Array, row: int, out: Array, s: int) -> None:
-    """The state of lane 0 as station s of a rod."""
+def write_station(group: Group, e: int, l: int, solved: Array, row: int, out: Array, s: int) -> None:
+    """The state of lane l as station s of a rod."""
     work = group.work
-    q = unit_quaternion(work, 0)
-    back = turned(q, vector_of(work, R, 0))
-    force, m = vector_of(work, N, 0), vector_of(work, M, 0)
+    q = unit_quaternion(work, l)
+    back = turned(q, vector_of(work, R, l))
+    force, m = vector_of(work, N, l), vector_of(work, M, l)
     moment = turned(q, m)
     for k in range(3):
-        out[row, s, AT_FORCE + k] = work[(N + k) * LANES]
+        out[row, s, AT_FORCE + k] = force[k]
     out[row, s, AT_PLACE] = solved[row, AT_TIP] - back[0]
     out[row, s, AT_PLACE + 1] = solved[row, AT_TIP + 1] - back[1]
     out[row, s, AT_PLACE + 2] = solved[row, AT_TIP + 2] - back[2]
     out[row, s, AT_TURN], out[row, s, AT_TURN + 1], out[row, s, AT_TURN + 2], out[row, s, AT_TURN + 3] = q
     out[row, s, AT_MOMENT], out[row, s, AT_MOMENT + 1], out[row, s, AT_MOMENT + 2] = moment
-    section, n = section_of(group.elements, group.full, element_at(e), 0), turned_back(q, force)
+    section, n = section_of(group.elements, group.full, element_at(e), l), turned_back(q, force)
     u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
-    out[row, s, AT_ENERGY] = stored(section.terms, section, m, n, u, v)
-    out[row, s, AT_STRAIN] = axial_strain(section.terms, section, m, u, v) + section.v_rest[2] - 1.0
+    energy, strain = stored(section.terms, section, m, n, u, v, l)
+    out[row, s, AT_ENERGY], out[row, s, AT_STRAIN] = energy, strain + section.v_rest[2] - 1.0
 
 
 @inline
-def axial_strain(terms: Array | None, section: Section, m: Vector, u: Vector, v: Vector) -> float:
-    """Elastic axial strain e of a section of lane 0 with linear strains u, v."""
-    strain = v[2]
-    if terms is not None:
-        strain = softened(u, m, v[2], section, vector_of(terms, section.at + TERMS, 0))[1]
-    return strain
-
-
-@inline
-def stored(terms: Array | None, section: Section, m: Vector, n: Vector, u: Vector, v: Vector) -> float:
-    """Energy per length (J/m) of a section of lane 0 with linear strains u, v under m, n; see `equations` for the terms."""
+def stored(
+    terms: Array | None, section: Section, m: Vector, n: Vector, u: Vector, v: Vector, l: int
+) -> tuple[float, float]:
+    """Energy per length (J/m) and elastic axial strain of a section of lane l with linear strains u, v under m, n; see
+    `equations` for the terms."""
     if terms is None:
-        return 0.5 * (dot(u, m) + dot(v, n))
-    a, b, c = vector_of(terms, section.at + TERMS, 0)
-    d, strain = softened(u, m, v[2], section, (a, b, c))
+        return 0.5 * (dot(u, m) + dot(v, n)), v[2]
+    a, b, c = vector_of(terms, section.at + TERMS, l)
+    d, strain = softened(u, m, v[2], section, (a, b, c), None)
     bent = (m[0] * u[0] + m[1] * u[1]) / (d * d)
     x = a * bent * math.sqrt(section.inv_bend[0] * section.inv_bend[1])
     # The integral of g over x is half of x^2, or for a section that softens -x / 2 - ln(1 - 2 x) / 4.
@@ -101,7 +97,7 @@ def stored(terms: Array | None, section: Section, m: Vector, n: Vector, u: Vecto
     # Next to nothing the integral of e / (1 - c e) would lose its digits.
     grown = 1.0 + z * (2.0 / 3.0 + 0.5 * min(z, 0.0)) if z > -1e-3 else -2.0 * (z + math.log(1.0 - z)) / (z * z)
     stretching = 0.5 * strain * strain * grown / section.inv_stretch[2]
-    return bending + stretching + 0.5 * (u[2] * m[2] + v[0] * n[0] + v[1] * n[1])
+    return bending + stretching + 0.5 * (u[2] * m[2] + v[0] * n[0] + v[1] * n[1]), strain
 
 
 @kernel
@@ -117,41 +113,69 @@ def walk(
     """Fill `out` (n, k, WIDTH) at arcs (n, k); `grid` are divisions and fixed steps (n or 0 rows)."""
     at = RowLayout(layout[0], layout[1], layout[2])
     divisions, steps = grid
-    count = elements_of(rods, at)
-    group = Group(new_work(), new_elements(count), full, np.empty(count, np.int64), at.springs, 1)
-    saved = np.empty(STATE)
-    for row in range(rods.shape[0]):
-        gather_rod(rods, row, at, group, 0)
-        set_solved(group, solved, row, 0)
-        cut_rod(group, divisions, steps, row)
+    n, count = rods.shape[0], elements_of(rods, at)
+    work, elements, parts = np.zeros((WORK + 1) * LANES), new_elements(count), np.empty(count, np.int64)
+    saved = np.empty(STATE * LANES)
+    for first in range(0, n, LANES):
+        # Lanes without a rod hold the last one.
+        group = Group(work, elements, full, parts, at.springs, LANES)
+        for l in range(LANES):
+            row = min(first + l, n - 1)
+            gather_rod(rods, row, at, group, l)
+            set_solved(group, solved, row, l)
+        cut(group, divisions)
+        fixed_cut(group, steps, first)
         start_at_tip(group, group.springs, 1.0)
-        work, elements, parts = group.work, group.elements, group.parts
-        top = 0.0
-        outermost, innermost = parts.size, -1  # of the elements that have a length
-        for e in range(parts.size):
-            top += elements[e * ELEMENT * LANES]
-            if parts[e] > 0:
-                outermost, innermost = min(outermost, e), e
-        for e in range(parts.size):
-            length = elements[e * ELEMENT * LANES]
-            for j in range(parts[e]):
-                dz = -1.0 / parts[e]
-                z = 1.0 + j * dz
-                start = top - j * length / parts[e]
-                # The same expressions as the next step's start, or an arc length could fall between two steps.
-                end = top - (j + 1) * length / parts[e] if j + 1 < parts[e] else top - length
-                last = e == innermost and j == parts[e] - 1
-                copy_state(work, LANES, saved, 1)
-                for s in range(arcs.shape[1]):
-                    arc = arcs[row, s]
-                    # A station on a boundary belongs to the element towards the base, the tip to the outermost one.
-                    if (end < arc <= start) or (last and arc <= end) or (e == outermost and j == 0 and arc > start):
-                        partial = dz * min(1.0, max(0.0, (start - arc) / (start - end)))
-                        advance_alone(group, e, z, partial, 0, 1.0)
-                        write_station(group, e, solved, row, out, s)
-                        copy_state(saved, 1, work, LANES)
-                advance_alone(group, e, z, dz, 0, 1.0)
-            top -= length
+        for e in range(count):
+            pieces = max(parts[e], 1)
+            for j in range(pieces):
+                visit_stations(group, (e, j, pieces), arcs, first, solved, saved, out)
+                advance_group(group, e, 1.0 - j / pieces, -1.0 / pieces, 1.0)
+
+
+@routine
+def visit_stations(
+    group: Group, step: tuple[int, int, int], arcs: Array, first: int, solved: Array, saved: Array, out: Array
+) -> None:
+    """Write down what lies in a step, and stand where it begins afterwards."""
+    work, (e, j, pieces), last = group.work, step, arcs.shape[0] - 1
+    z, dz = 1.0 - j / pieces, -1.0 / pieces
+    for s in range(arcs.shape[1]):
+        some = False
+        for l in range(LANES):
+            share = share_at(group.elements, step, group.parts.size, arcs[min(first + l, last), s], l)
+            work[SHARE * LANES + l] = share
+            some = some or share >= 0.0
+        if not some:
+            continue
+        for k in range(STATE * LANES):
+            saved[k] = work[k]
+        for l in range(LANES):
+            advance(group, element_at(e), z, dz * max(work[SHARE * LANES + l], 0.0), l, 1.0, None)
+        for l in range(min(LANES, last + 1 - first)):
+            if work[SHARE * LANES + l] >= 0.0:
+                write_station(group, e, l, solved, first + l, out, s)
+        for k in range(STATE * LANES):
+            work[k] = saved[k]
+
+
+@routine
+def share_at(elements: Array, step: tuple[int, int, int], size: int, arc: float, l: int) -> float:
+    """Share of the step at which lane l passes the arc length (m from the base); negative if it does not."""
+    e, j, pieces = step
+    below = 0.0
+    for i in range(e + 1, size):
+        below += elements[i * ELEMENT * LANES + l]
+    length = elements[e * ELEMENT * LANES + l]
+    above = arc - below
+    # Exactly nothing at the end: compilers may divide by multiplying.
+    start, end = (1.0 - j / pieces) * length, (1.0 - (j + 1) / pieces) * length if j + 1 < pieces else 0.0
+    outermost, innermost = e == 0 and j == 0, j + 1 == pieces and below == 0.0
+    inside = (end < above or (innermost and end <= above)) and (above <= start or outermost)
+    # Of the elements that touch the station, one without a length sees only half of what is to come.
+    if not inside or (length == 0.0 and not innermost):
+        return -1.0
+    return min(1.0, max(0.0, (start - above) / (start - end))) if start > end else 0.0
 
 
 @inline
@@ -163,20 +187,3 @@ def set_solved(group: Group, solved: Array, row: int, l: int) -> None:
         work[(TIP + k) * LANES + l] = solved[row, AT_ORIENTATION + k]
     for k in range(3):
         work[(ANCHOR + k) * LANES + l] = solved[row, AT_TIP + k]
-
-
-@inline
-def cut_rod(group: Group, divisions: float, steps: Counts, row: int) -> None:
-    """Cut lane 0; elements without length are passed over where the steps are fixed."""
-    cut(group, divisions)
-    if steps.shape[0] > 0:
-        fixed_cut(group, steps, row)
-        for e in range(group.parts.size):
-            group.parts[e] = group.parts[e] if group.elements[e * ELEMENT * LANES] > 0.0 else 0
-
-
-@inline
-def copy_state(source: Array, spacing: int, into: Array, gap: int) -> None:
-    """The state of lane 0, its quantities so far apart in either array."""
-    for k in range(STATE):
-        into[k * gap] = source[k * spacing]

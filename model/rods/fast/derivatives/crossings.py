@@ -10,9 +10,10 @@ from model.rods.fast.derivatives.columns_walk import Columns, section_change, st
 from model.rods.fast.derivatives.tangent import COLUMN, TIP_COLUMNS
 from model.rods.fast.equations import section_of, strains
 from model.rods.fast.jit import allocating, inline, routine
-from model.rods.fast.lanes import ELEMENT, LANES, Group, M, N, put, vector_of
+from model.rods.fast.lanes import LANES, Group, M, N, put, vector_of
 from model.rods.fast.passes import unit_quaternion
 from model.rods.fast.stage_buffer import ELEMENT_AT, STEP_SHARE
+from model.rods.fast.walk import share_at
 
 Array = NDArray[np.float64]
 
@@ -75,25 +76,6 @@ def write_slopes(group: Group, z: float, slopes: Array, l: int) -> None:
     work = group.work
     q, n, m = unit_quaternion(work, l), vector_of(work, N, l), vector_of(work, M, l)
     section = section_of(work, group.full, ELEMENT_AT, l)
-    u, v = strains(m, turned_back(q, n), section, z, l, None, 0)
+    u, v, _ = strains(m, turned_back(q, n), section, z, l, None, 0, None)
     put(slopes, 0, l, turned(q, v))
     put(slopes, 3, l, turned(q, u))
-
-
-@routine
-def share_at(elements: Array, step: tuple[int, int, int], size: int, arc: float, l: int) -> float:
-    """Share of the step at which lane l passes the arc length (m from the base); negative if it does not."""
-    e, j, pieces = step
-    below = 0.0
-    for i in range(e + 1, size):
-        below += elements[i * ELEMENT * LANES + l]
-    length = elements[e * ELEMENT * LANES + l]
-    above = arc - below
-    # Exactly nothing at the end: compilers may divide by multiplying.
-    start, end = (1.0 - j / pieces) * length, (1.0 - (j + 1) / pieces) * length if j + 1 < pieces else 0.0
-    outermost, innermost = e == 0 and j == 0, j + 1 == pieces and below == 0.0
-    inside = (end < above or (innermost and end <= above)) and (above <= start or outermost)
-    # Of the elements that touch the station, one without a length sees only half of what is to come.
-    if not inside or (length == 0.0 and not innermost):
-        return -1.0
-    return min(1.0, max(0.0, (start - above) / (start - end))) if start > end else 0.0
