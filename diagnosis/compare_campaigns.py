@@ -7,8 +7,8 @@ outside the catalogue. What both campaigns have in common, the smooth discrepanc
 
 from __future__ import annotations
 
-from copy import copy
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np

@@ -50,6 +50,9 @@ FAR = 10.0
 RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
 FULL_ROUNDS = 30
 """Of a hypothesis that is searched by itself."""
+HOPELESS = 40.0
+"""Of the points that a search reaches from several starts, one that costs so much more is not weighed: evidence does not make up
+for it."""
 FIRST_SHARE = 0.6
 """Share of its scale at which the search for a one-sided effect begins."""
 
@@ -276,16 +279,17 @@ class Search:
     def _best_of_starts(self, named: Hypothesis, with_tolerances: bool, more: Sequence[Array]) -> Candidate:
         """The best of what is reached from the usual starting points and some more."""
         none = self._tried[NONE, with_tolerances]
-        tried = []
+        tried: list[Fit] = []
         for start in (*self._starts(named, none.fit), *more):
             begin, rounds = start, 2
             frozen: Fit | None = none.fit
             if not isinstance(start, Fit) and self._misfit(start) > FAR * self._misfit(none.fit.theta):
                 # Far from where it was calibrated the robot needs another calibration and other derivatives first.
                 begin, rounds, frozen = self._recalibrated(start), 4, None
-            fitted = self._fit(named, with_tolerances, none.grid_point.size, begin, rounds, frozen)
-            tried.append(self._weigh(named, fitted, with_tolerances))
-        return max(tried, key=_evidence)
+            tried.append(self._fit(named, with_tolerances, none.grid_point.size, begin, rounds, frozen))
+        least = min(f.cost - f.predicted_decrease for f in tried)
+        could_be_best = [f for f in tried if f.cost - f.predicted_decrease <= least + HOPELESS]
+        return max((self._weigh(named, f, with_tolerances) for f in could_be_best), key=_evidence)
 
     def _misfit(self, theta: Array) -> float:
         """Squared whitened residual at parameters (k,); infinite where a state has no equilibrium."""
