@@ -88,7 +88,7 @@ def _fakes(a: argparse.Namespace) -> int:
 def _info(a: argparse.Namespace) -> int:
     from .verbs.recorded import info
 
-    return info(a.file, a.json)
+    return info(a.files, a.json)
 
 
 def _runs(a: argparse.Namespace) -> int:
@@ -129,7 +129,11 @@ def _import(a: argparse.Namespace) -> int:
 def _replay(a: argparse.Namespace) -> int:
     from .verbs.recorded import play, replay
 
-    return play(a.file, a.speed) if a.play else replay(a.file, a.json)
+    if not a.play:
+        return replay(a.files, a.json)
+    if len(a.files) > 1:
+        raise _usage("--play: give one recording")
+    return play(a.files[0], a.speed)
 
 
 def _fit(a: argparse.Namespace) -> int:
@@ -385,8 +389,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--rig", type=Path, help="write rig.yaml and robot.yaml here instead of printing")
     p.add_argument("--list-effects", action="store_true", help="list what can be switched on")
 
-    p = verb("info", _info, "what a recording holds: streams, rates, losses, provenance, outcome", reads=True)
-    p.add_argument("file", type=Path)
+    p = verb("info", _info, "what recordings hold: streams, rates, losses, provenance, outcome", reads=True)
+    p.add_argument("files", nargs="+", type=Path, metavar="FILE")
     p = verb("runs", _runs, "list the recordings of a folder tree, with outcome and losses", reads=True)
     p.add_argument("folder", type=Path)
     p.add_argument("--since", default="", metavar="DATE", help="from this date or time on (UTC)")
@@ -410,7 +414,7 @@ def parser() -> argparse.ArgumentParser:
         "compute the trials again from the recording alone and compare with the live run",
         reads=True,
     )
-    p.add_argument("file", type=Path)
+    p.add_argument("files", nargs="+", type=Path, metavar="FILE")
     p.add_argument("--play", action="store_true", help="print all messages as JSON lines in order of time instead")
     p.add_argument(
         "--speed",

@@ -7,10 +7,13 @@ import json
 import math
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table as Sheet
 
+from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
 from recordings.campaign.replay import Comparison, replay_states
 from recordings.campaign.replay import compare as hold_against
@@ -23,12 +26,24 @@ from ..files.config import ConfigError
 from ..files.units import unit_text
 
 
-def info(file: Path, as_json: bool) -> int:
-    """Print what a recording holds; 3 when it ended abruptly or samples were lost."""
-    s = summary(file)
+def info(files: Sequence[Path], as_json: bool) -> int:
+    """Print what recordings hold; 3 when one ended abruptly or samples were lost."""
+    found = [(file, summary(file)) for file in files]
     if as_json:
-        print(json.dumps(s.to_dict(), indent=1))
-        return 0 if s.complete else 3
+        _print_json([(file, s.to_dict()) for file, s in found])
+    else:
+        for file, s in found:
+            _show(file, s)
+    return 0 if all(s.complete for _, s in found) else 3
+
+
+def _print_json(found: Sequence[tuple[Path, dict[str, Any]]]) -> None:
+    """Of one file what it holds, of several a list that names them."""
+    several = [{"file": str(file), **values} for file, values in found]
+    print(json.dumps(several if len(found) > 1 else found[0][1], indent=1))
+
+
+def _show(file: Path, s: Info) -> None:
     t = Sheet(title=str(file), title_justify="left")
     t.add_column("topic", justify="right", no_wrap=True)
     for column in ("messages", "rate", "jitter p50/p99/max", "gaps", "longest", "dropped", "lost"):
@@ -61,7 +76,6 @@ def info(file: Path, as_json: bool) -> int:
             f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay above the minimum "
             f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
         )
-    return 0 if s.complete else 3
 
 
 def said(request: Request) -> str:
@@ -96,19 +110,23 @@ def play(file: Path, speed: float) -> int:
     return 0
 
 
-def replay(file: Path, as_json: bool) -> int:
+def replay(files: Sequence[Path], as_json: bool) -> int:
     """Print whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
-    result, digest = replayed(file)
+    found = [(file, *replayed(file)) for file in files]
     if as_json:
-        print(json.dumps({"live": result.live, "replayed": result.replayed, "equal": result.equal, "sha256": digest,
-                          "differences": result.differences}, indent=1))  # fmt: skip
+        _print_json([
+            (file, {"live": r.live, "replayed": r.replayed, "equal": r.equal, "sha256": digest, "differences": r.differences})
+            for file, r, digest in found
+        ])  # fmt: skip
     else:
-        for line in result.differences[:20]:
-            out.print(line)
-        word = (
-            "bit-identical to the live run's"
-            if result.equal
-            else f"{len(result.differences)} differ from the live run's"
-        )
-        out.print(f"{result.replayed} rows recomputed, {word}; sha256 {digest}")
-    return 0 if result.equal else 1
+        for file, result, digest in found:
+            name = f"{file}: " if len(found) > 1 else ""
+            for line in result.differences[:20]:
+                out.print(f"{name}{line}")
+            word = (
+                "bit-identical to the live run's"
+                if result.equal
+                else f"{len(result.differences)} differ from the live run's"
+            )
+            out.print(f"{name}{result.replayed} rows recomputed, {word}; sha256 {digest}", soft_wrap=True)
+    return 0 if all(result.equal for _, result, _ in found) else 1
