@@ -10,13 +10,15 @@ import os
 import pickle
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
+
+from model.warm_up import warm_up
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -28,8 +30,12 @@ ONE_THREAD = "OPENBLAS_NUM_THREADS"
 class Processes:
     """Processes that wait for work."""
 
-    def __init__(self, pool: ProcessPoolExecutor, folder: Path) -> None:
-        self._pool, self._folder, self._sent, self._lost = pool, folder, 0, False
+    def __init__(self, pool: ProcessPoolExecutor, folder: Path, first: Sequence[Future[None]]) -> None:
+        self._pool, self._folder, self._first, self._sent, self._lost = pool, folder, first, 0, False
+
+    def begun(self) -> None:
+        """Wait until what they were to see to ahead is done; what fails there is met again here."""
+        wait(self._first)
 
     def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
         """`do` for every item, in order; `do` is read by each process once, however much it holds. Raises what `do` raises."""
@@ -58,21 +64,31 @@ MANY_ROWS = 100
 """Of a case, from which processes are worth their start."""
 
 
-def for_case(rows: int, cores: int) -> AbstractContextManager[Processes | None]:
-    """Processes for a case of so many rows on so many cores; None where one process is as quick."""
-    return processes(cores) if cores > 1 and rows >= MANY_ROWS else nullcontext()
+@contextmanager
+def for_case(rows: int, cores: int) -> Iterator[Processes | None]:
+    """Processes for a case of so many rows on so many cores; None where one process is as quick.
+
+    What the rod's kernels are not compiled for yet on this machine is compiled here and there side by side.
+    """
+    if cores == 1 or rows < MANY_ROWS:
+        yield None
+        return
+    with processes(cores, ("derivatives",)) as others:
+        if warm_up(("full",)):
+            others.begun()
+        yield others
 
 
 @contextmanager
-def processes(count: int) -> Iterator[Processes]:
-    """So many of them; a person's Ctrl-C ends this process, which then ends them."""
+def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
+    """So many of them; a person's Ctrl-C ends this process, which then ends them. `ahead`: parts of `model.warm_up` that one of
+    them sees to."""
     before = os.environ.get(ONE_THREAD)
     os.environ[ONE_THREAD] = "1"
     # a fresh interpreter each: threads and compiled code of this one are not inherited
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
     try:
-        for _ in range(count):
-            pool.submit(_begin)
+        first = [pool.submit(_begin, ahead if k == 0 else ()) for k in range(count)]
     finally:
         if before is None:
             del os.environ[ONE_THREAD]
@@ -81,7 +97,7 @@ def processes(count: int) -> Iterator[Processes]:
     others = list(pool._processes.values())
     with TemporaryDirectory(prefix="softlab-") as folder:
         try:
-            yield Processes(pool, Path(folder))
+            yield Processes(pool, Path(folder), first)
         finally:
             for other in others:
                 other.terminate()
@@ -89,10 +105,12 @@ def processes(count: int) -> Iterator[Processes]:
                 pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _begin() -> None:
+def _begin(ahead: Sequence[str] = ()) -> None:
     """Ctrl-C at a terminal reaches all its processes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import diagnosis.diagnose  # noqa: F401 (what takes a second to import is there when it is needed)
+
+    warm_up(ahead)
 
 
 _read: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Have the kernels of the rod compiled ahead, at low priority: `python -m model.warm_up [plain|full]`.
+"""Have the kernels of the rod compiled ahead, at low priority: `python -m model.warm_up [plain|full|derivatives]`.
 
 The first solve of each kind of rod compiles for a while, once a machine. What keeps a processor idle meanwhile (a rig, a
 person) can have that done in processes beside it, one a part; a kernel that is ready is on disk and ready for every process.
@@ -15,9 +15,13 @@ import numpy as np
 
 from model.effects import history, layout, solver
 from model.rods import FINE, Form, Rods, rods, solve, stations
+from model.rods.fast.jit import compiled_here
+from model.rods.solution import AT_ORIENTATION, RESULT, Solution, no_shape
 
 PRIORITY = 5
 """Others come first, but it is waited for in the end."""
+ARCS = np.array([0.1])
+"""m, where a marker is looked for."""
 BUCKLING = 2.0
 """A margin that no rod has: every rod is loaded in steps."""
 
@@ -37,19 +41,35 @@ def full() -> None:
     """The rod of diagnoses, with all that an effect may change."""
     uniform = layout.UNIFORM
     one = _one(uniform.form)
-    rows, arcs = one.values.copy(), np.array([0.1])
-    solved = solver.solve(uniform, rows, arcs, solver.integration_steps(uniform, rows))
-    solver.differentiate(solved, np.zeros((1, uniform.width)))
+    rows = one.values.copy()
+    solver.solve(uniform, rows, ARCS, solver.integration_steps(uniform, rows))
     solve(one, replace(solver.METHOD, least_margin=BUCKLING))
 
 
-PARTS: Mapping[str, Callable[[], None]] = {"plain": plain, "full": full}
+def derivatives() -> None:
+    """What diagnoses differentiate, without solving anything: of a rod that is said to be straight."""
+    uniform = layout.UNIFORM
+    one = _one(uniform.form)
+    values = np.zeros((1, RESULT))
+    values[0, AT_ORIENTATION] = 1.0
+    straight = Solution(values, np.zeros(1, np.int8), no_shape(1))
+    rows, nothing = one.values.copy(), np.zeros((1, layout.MARKERS + 3 * len(ARCS)))
+    steps = solver.integration_steps(uniform, rows)
+    solver.differentiate(
+        solver.Solved(uniform, rows, ARCS, steps, straight, nothing, True), np.zeros((1, uniform.width))
+    )
 
 
-def warm_up(parts: Sequence[str] = tuple(PARTS)) -> None:
-    """Solve one rod of each form that fits, comparisons and diagnoses use, in every way they do."""
+PARTS: Mapping[str, Callable[[], None]] = {"plain": plain, "full": full, "derivatives": derivatives}
+
+
+def warm_up(parts: Sequence[str] = tuple(PARTS)) -> bool:
+    """Solve one rod of each form that fits, comparisons and diagnoses use, in every way they do; whether anything had to be
+    compiled for that."""
+    before = compiled_here()
     for part in parts:
         PARTS[part]()
+    return compiled_here() > before
 
 
 def _one(form: Form) -> Rods:

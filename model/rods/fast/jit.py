@@ -19,6 +19,7 @@ from numba.core import types
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _STAMP = "kernels.sha"
+_kernels: list[Any] = []
 
 # Loops over lanes become vectors; whether LLVM unrolls them before, to scalars, would hang on what it guesses of their size.
 binding.set_option("", "-unroll-full-max-count=8")
@@ -65,7 +66,13 @@ def allocating(function: Function) -> Function:
 def kernel(function: Function) -> Function:
     """An entry point: compiled once a machine, runs without the interpreter lock."""
     made: Function = _compiled(nogil=True, cache=True)(function)
+    _kernels.append(made)
     return made
+
+
+def compiled_here() -> int:
+    """How many times this process had to compile an entry point, because its machine code was not on disk."""
+    return sum(sum(made.stats.cache_misses.values()) for made in _kernels)
 
 
 def _once_for_all_constants(piece: Any) -> Any:

@@ -1,0 +1,126 @@
+"""How long a person waits: whole commands, from an empty cache of compiled code and again, and how a diagnosis grows with rows.
+
+    python -m benchmarks.commands --out out/commands          # a quarter of an hour on two processors
+
+Each figure is a fresh process: seconds on the clock, seconds of processors, and the most memory that any of its processes held.
+Robots are drawn from the virtual robot (seed 7), one alone and one in clutter; of the first also with fewer and more repeats.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from lab.blind.bench_robot import BenchRobot
+from lab.blind.drive import measure
+from lab.blind.make import robot_yaml
+from lab.blind.sweeps import BASE
+from lab.blind.truth import Recipe, Truth, draw
+from recordings.table_file import write_csv
+
+CACHE = "NUMBA_CACHE_DIR"
+REPEATS = (3, 7, 13, 26)
+"""Of the sweep of 77 states: 231 to 2,002 rows."""
+MIB = 1024.0
+RECORDING = Path("tests/recordings/data/bending-schema-1.mcap")
+
+
+@dataclass(frozen=True)
+class Wait:
+    """One command, once."""
+
+    what: str
+    seconds: float
+    processor_s: float
+    memory_mib: float
+    code: int
+
+
+def waited(what: str, words: Sequence[str], cache: Path) -> Wait:
+    """Run `lab` with words in a process of its own, its compiled code kept in `cache`."""
+    began = time.monotonic()
+    environment = {**os.environ, CACHE: str(cache)}
+    child = os.posix_spawn(
+        sys.executable, [sys.executable, "-m", "lab.cli", *words], environment,
+        file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0), (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0)],
+    )  # fmt: skip
+    _, status, used = os.wait4(child, 0)
+    taken = time.monotonic() - began
+    return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / MIB, os.waitstatus_to_exitcode(status))
+
+
+def case_of(truth: Truth, repeats: int, folder: Path) -> Path:
+    """The case folder of a robot swept so often."""
+    robot = BenchRobot(truth)
+    sweep = replace(BASE, chambers=robot.geometry.bend, repeats=repeats)
+    folder.mkdir(parents=True)
+    (folder / "robot.yaml").write_text(robot_yaml(robot.geometry, markers=False, per_length=False), encoding="utf-8")
+    write_csv(measure(robot, sweep, np.random.default_rng([truth.seed, 4])), folder / "trials.csv")
+    return folder
+
+
+def robots() -> tuple[Truth, Truth]:
+    """The first robot with one cause, alone and with clutter."""
+    found = []
+    for clutter in (0.0, 0.15):
+        drawn = draw(Recipe(n=12, seed=7, clutter=clutter, wire=0))
+        found.append(next(t for t in drawn if t.kind == "single"))
+    return found[0], found[1]
+
+
+def main() -> int:
+    """Measure, print, write JSON."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="a folder for commands.json")
+    parser.add_argument(
+        "--repeats", type=int, nargs="+", default=REPEATS, help="of the sweep, for the growth with rows"
+    )
+    a = parser.parse_args()
+    a.out.mkdir(parents=True, exist_ok=True)
+    found: list[Wait] = []
+
+    def do(what: str, words: Sequence[str], cache: Path) -> None:
+        found.append(waited(what, words, cache))
+        w = found[-1]
+        print(f"{what}: {w.seconds:.1f} s, {w.processor_s:.1f} s of processors, {w.memory_mib:.0f} MiB, exit code {w.code}",
+              flush=True)  # fmt: skip
+
+    with tempfile.TemporaryDirectory(prefix="commands-") as place:
+        here, (alone, cluttered) = Path(place), robots()
+        first = str(case_of(alone, BASE.repeats, here / "alone"))
+        second = str(case_of(cluttered, BASE.repeats, here / "cluttered"))
+        warm, cold = here / "warm", here / "cold"
+        do("lab --help", ["--help"], warm)
+        do("lab info FILE", ["info", str(RECORDING)], warm)
+        do("lab compare, first after installation", ["compare", first, "--out", str(here / "c1")], cold)
+        do("lab compare", ["compare", first, "--out", str(here / "c2")], cold)
+        do("lab fit, first after installation", ["fit", first, "--out", str(here / "f1")], here / "cold fit")
+        do("lab diagnose, 231 rows, first after installation", ["diagnose", first], warm)
+        do("lab diagnose, 231 rows, clean", ["diagnose", first], warm)
+        do("lab diagnose, 231 rows, cluttered", ["diagnose", second], warm)
+        for repeats in a.repeats:
+            case = case_of(alone, repeats, here / f"repeats {repeats}")
+            do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm)
+    shown = Table(title="What a person waits for", title_justify="left")
+    for column in ("command", "s", "s of processors", "MiB"):
+        shown.add_column(column)
+    for w in found:
+        shown.add_row(w.what, f"{w.seconds:.1f}", f"{w.processor_s:.1f}", f"{w.memory_mib:.0f}")
+    Console(highlight=False).print(shown)
+    (a.out / "commands.json").write_text(json.dumps([asdict(w) for w in found], indent=1))
+    return int(any(w.code for w in found))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
