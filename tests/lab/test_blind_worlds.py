@@ -16,6 +16,7 @@ from lab.blind.score import score
 from lab.blind.sheet import sheet
 from lab.blind.sweeps import BASE, MENU
 from lab.blind.workers import Crew
+from lab.blind.worlds import make as making
 from lab.blind.worlds import truth as drawing
 from lab.blind.worlds.by_mm import Weighed, mm_metrics, weighed
 from lab.blind.worlds.make import make, walk_of
@@ -39,6 +40,24 @@ def small_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 # ------------------------------------------------------------------ truth
+def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recipe = WorldRecipe("bench", 1, 3, ("clean",))
+    ((_, (first,)),) = draw(recipe)
+    measured = making._measured
+
+    def snaps(order: making.Order, attempt: int) -> object:
+        if order.causes == (first,):
+            raise making.NoEquilibrium("snapped")
+        return measured(order, attempt)
+
+    monkeypatch.setattr(making, "_measured", snaps)
+    make(tmp_path / "set", recipe, "full", menu=False, crew=QUIET)
+    (truth,) = open_seal(SetFolder(tmp_path / "set")).values()
+    assert first not in truth["effects"] and len(truth["effects"]) == 1
+
+
 def test_the_help_names_every_world(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["blind", "make", "--help"])

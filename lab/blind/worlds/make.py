@@ -24,7 +24,7 @@ from ..folder import SetFolder, new_set, seal
 from ..make import ATTEMPTS, robot_yaml, write_case, write_predictions
 from ..sweeps import AGAIN, BASE, BASE_SETTLED, MENU, State, Sweep
 from ..workers import Crew, spread
-from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, draw, draw_robot
+from .truth import KINDS, THRUST, Stratum, WorldRecipe, WorldTruth, another_cause, draw, draw_robot
 
 PREPARING = 40.0
 """s between trials: vent, grow, jam."""
@@ -86,10 +86,11 @@ def _clutter(recipe: WorldRecipe) -> float:
 
 
 def make_case(order: Order) -> WorldTruth:
-    """Measure one case and write its folder; returns its truth, sizes drawn again until the robot keeps its equilibrium."""
-    for attempt in range(ATTEMPTS):
+    """Measure one case and write its folder; returns its truth. Sizes are drawn again until the robot keeps its equilibrium, and
+    where none does, another cause as well."""
+    for attempt in range(2 * ATTEMPTS):
         try:
-            truth, tables = _measured(order, attempt)
+            truth, tables = _measured(order if attempt < ATTEMPTS else _another(order, attempt), attempt)
         except (NoEquilibrium, Unequal):
             continue
         case = order.folder.case(truth.case)
@@ -99,9 +100,15 @@ def make_case(order: Order) -> WorldTruth:
             write_predictions(case, order.simulator)
         return truth
     raise ConfigError(
-        f"case {order.place + 1:04d} of world {order.recipe.world}: {ATTEMPTS} draws of its sizes gave no equilibrium or no "
-        "comparable pair; use smaller --sizes"
+        f"case {order.place + 1:04d} of world {order.recipe.world}: {2 * ATTEMPTS} draws of its sizes and causes gave no "
+        "equilibrium or no comparable pair; use smaller --sizes"
     )
+
+
+def _another(order: Order, attempt: int) -> Order:
+    """The same with another cause, where it has one of the catalogue that any other could be in its place."""
+    others = another_cause(order.recipe, order.place, order.stratum, attempt)
+    return replace(order, causes=others) if others else order
 
 
 class Unequal(RuntimeError):

@@ -120,6 +120,15 @@ def draw(recipe: WorldRecipe) -> list[tuple[Stratum, tuple[str, ...]]]:
     return [chosen[i] for i in rng.permutation(len(chosen))]
 
 
+def another_cause(recipe: WorldRecipe, place: int, stratum: Stratum, attempt: int) -> tuple[str, ...]:
+    """A cause of the catalogue for a case whose own leaves no robot with an equilibrium; empty where its kind has none, or where
+    the causes were asked for."""
+    if stratum == "walls" or KINDS[stratum] in ("none", "outside") or recipe.causes:
+        return ()
+    rng = np.random.default_rng([recipe.seed, 9, place, attempt])
+    return (str(rng.choice(_names(recipe))),)
+
+
 def _strata(recipe: WorldRecipe) -> list[Stratum]:
     wanted = recipe.strata or tuple(MIXED)
     total = sum(MIXED[s] for s in wanted)
