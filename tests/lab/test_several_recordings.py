@@ -32,7 +32,7 @@ def test_each_of_several_recordings_is_told_by_its_name(
     capsys.readouterr()
     assert main(["info", *two]) == code
     said = capsys.readouterr().out
-    assert all(Path(file).name in said for file in two)
+    assert all(Path(file).name in said.replace("\n", "") for file in two)
 
 
 def test_only_one_recording_is_played(two: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
