@@ -177,9 +177,7 @@ class _JointForward:
 
     def predict(self, theta: Array, trial: bool = False) -> Array:
         """Both campaigns' values, reference first."""
-        return np.concatenate(
-            [f.predict(t, trial) for f, t in zip(self._forwards, self._split(theta), strict=True)]
-        )
+        return np.concatenate([f.predict(t, trial) for f, t in zip(self._forwards, self._split(theta), strict=True)])
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """The same with derivatives by common parameters, the later campaign's own, and its changes, or some of them."""

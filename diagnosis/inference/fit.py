@@ -146,9 +146,14 @@ def _search(
                 damping, given_up = begun, True
         if damping == len(DAMPINGS):
             break
+        stood = theta, predicted, slope, cost
         gained, theta, cost = cost - reached, tried, reached
         forward = forward.near(theta)
         predicted, slope = linearised(theta)
+        if not np.isfinite(predicted).all():
+            # A trial took a state for one in equilibrium that has none.
+            theta, predicted, slope, cost = stood
+            break
         if gained < COST_TOLERANCE:
             break
         damping = max(damping - 2, 0)

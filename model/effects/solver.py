@@ -135,7 +135,10 @@ def _go_on(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: b
             between = start.rows[left] + k / parts * (rows[left] - start.rows[left])
             here = _nearby(full_rods(layout, between), steps[left], here)
         left = _put(found, left, here)
-    if left.size and not trial:
+    if left.size and trial:
+        # Not trusted, so not to be read either: a step would be taken there that the next solve takes back.
+        found.values[left] = np.nan
+    elif left.size:
         _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left])))
     return found
 

@@ -69,6 +69,21 @@ class _Snapping(ToyForward):
         return np.where(far > 0.5, np.nan, predicted), np.where(far > 0.45, np.nan, slope)
 
 
+class _Wavering(_Snapping):
+    """Whose trials do not see that states are lost."""
+
+    def predict(self, theta: np.ndarray, trial: bool = False) -> np.ndarray:
+        return ToyForward.linearise(self, theta)[0] if trial else super().predict(theta)
+
+
+def test_a_step_that_turns_out_to_have_no_equilibrium_is_taken_back() -> None:
+    problem = replace(toy_problem(4, {"bent": 1.0}), forward=_Wavering(Grid()))
+    prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0)
+    fitted = fit(problem, prior, 0.0, problem.parameters.mean, 6)
+    assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.cost)
+    assert fitted.theta[IDS.index("bent")] <= 0.5
+
+
 def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() -> None:
     problem = replace(toy_problem(4, {"bent": 0.4}), forward=_Snapping(Grid()))
     prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0)
