@@ -5,6 +5,7 @@ x (n,) is the size in the unit of the form.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -17,6 +18,8 @@ from .robot import LENGTH, Lanes
 
 Array = NDArray[np.float64]
 
+SAME_RATE = 1.0
+"""Pa/s by which a ramp's rate may differ from step to step."""
 ORDER = ("time_offset", "marker_offset", "frame_misalignment")
 
 
@@ -77,20 +80,20 @@ def seeing(lanes: Lanes, changes: Mapping[str, Change]) -> Seeing:
 
 # ------------------------------------------------------------------ time_offset
 def _at(path: Path, when: Array) -> Path:
-    """The path's readings taken at times (R, n) instead."""
+    """The path's readings taken at times (R, n) instead. Where a ramp begins or ends the path has a corner: a curve across it
+    would swing on into the hold, where nothing moves."""
     tip, turns, markers = path.tip.copy(), path.turns.copy(), path.markers.copy()
     flat = np.concatenate([a.reshape(len(path.times), -1) for a in (tip, turns, markers)], axis=1)
-    top = int(np.argmax(path.pressures.max(axis=1)))
-    curves = [(0, top), (top, len(path.times) - 1)]
-    splines = [CubicSpline(path.times[a : b + 1], flat[a : b + 1], axis=0) if b > a else None for a, b in curves]
+    edges = _corners(path)
+    splines = [
+        CubicSpline(path.times[a : b + 1], flat[a : b + 1], axis=0) for a, b in itertools.pairwise(edges) if b > a
+    ]
     n = tip.shape[1]
     for k, read in enumerate(path.reads):
         wanted = np.clip(when[k], path.times[0], path.times[-1])
         for t in np.unique(wanted[wanted != path.times[read]]):
-            spline = splines[0] if t <= path.times[top] or splines[1] is None else splines[1]
-            if spline is None:
-                continue
-            row = spline(t)
+            piece = int(np.searchsorted(path.times[edges[1:-1]], t))
+            row = splines[piece](t)
             chosen = wanted == t
             cut = np.split(row, [3 * n, 12 * n])
             tip[read, chosen] = cut[0].reshape(n, 3)[chosen]
@@ -98,6 +101,13 @@ def _at(path: Path, when: Array) -> Path:
             turns[read, chosen] = u @ vt
             markers[read, chosen] = cut[2].reshape(n, -1, 3)[chosen]
     return replace(path, tip=tip, turns=turns, markers=markers)
+
+
+def _corners(path: Path) -> list[int]:
+    """The first point, those at which the pressures begin to change at another rate, and the last."""
+    rate = np.diff(path.pressures, axis=0) / np.maximum(np.diff(path.times), 1e-9)[:, None]
+    turns = np.flatnonzero((np.abs(np.diff(rate, axis=0)) > SAME_RATE).any(axis=1)) + 1
+    return [0, *turns.tolist(), len(path.times) - 1]
 
 
 def late(s: Seeing, x: Array) -> None:

@@ -209,3 +209,15 @@ def test_a_slow_camera_error_lasts_from_reading_to_reading() -> None:
 def test_effects_on_request_move_the_tip_and_vanish_with_their_size(effect: str) -> None:
     assert millimetres(moves(effect)) > 0.5
     assert np.array_equal(tips(effect, size=0.0), tips())
+
+
+@pytest.mark.parametrize("form", sorted(FORMS["time_offset"]))
+def test_a_tip_that_is_read_late_is_the_same_where_it_has_stood_still(form: str) -> None:
+    spines, still = np.array([0.0, 0.3]), 5.0
+    legs = tuple(Leg(bent(p), 25e3, still) for p in (0, 100, 200, 0))
+    late = {"time_offset": np.full(2, 1.5)}
+
+    def tip(sizes: dict[str, Array]) -> Array:
+        return walk(lanes(spines, sizes, PLACES), physics({"time_offset": form}), legs, segments=8).tip
+
+    assert np.abs(tip(late) - tip({})).max() < 1e-4

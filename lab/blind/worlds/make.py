@@ -213,6 +213,9 @@ def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
             before.hold if sweep.reading == "hold" and before is not None and before.pressure == s.pressure else 0.0
         )
         legs.append(Leg(_pressures(sweep, s.pressure), sweep.rate, s.hold - waited))
+        if s.hold > 0 and sweep.reading != "hold":
+            # What is told of a settled state is the middle of what was averaged.
+            legs.append(Leg(_pressures(sweep, s.pressure), sweep.rate, 0.5 * sweep.average, read=False))
         if sweep.reading == "fly" and s.branch == "load" and s.pressure == sweep.pressures[-1] - sweep.band:
             # the ramp goes on to its end before it turns
             legs.append(Leg(_pressures(sweep, sweep.pressures[-1]), sweep.rate, 0.0, read=False))
