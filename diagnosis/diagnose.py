@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from threadpoolctl import threadpool_limits
+
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
@@ -79,7 +81,13 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
 
 def examine(case: CaseLike, options: Options | None = None) -> Examined:
     """The same with the hypotheses that are still in play, which predict what an experiment would give."""
-    wanted = options or Options()
+    # Its matrices are small: threads of linear algebra wait for each other longer than they work, four times as long where they
+    # share a core.
+    with threadpool_limits(1, user_api="blas"):
+        return _examined(case, options or Options())
+
+
+def _examined(case: CaseLike, wanted: Options) -> Examined:
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
