@@ -21,7 +21,7 @@ import numpy as np
 
 from diagnosis.answer.verdict import SURE
 from diagnosis.criticism.probability_calibration import CALIBRATED
-from lab.blind.intervals import share
+from lab.blind.intervals import counted
 from lab.blind.worlds.by_mm import right
 
 TEMPERATURES = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0])
@@ -89,14 +89,7 @@ def figures(own: Sequence[Robot], temperature: Callable[[Robot], float]) -> list
     place = np.clip(np.digitize(stated, BINS) - 1, 0, len(BINS) - 2)
     error = sum(abs((stated - hit)[place == k].sum()) for k in range(len(BINS) - 1)) / len(own)
     score = np.mean([np.log(max(p[r.right].sum(), LEAST)) for r, p in zip(own, each, strict=True)])
-    return [_share(hit), f"{int(sure.sum())}; {_share(hit[sure])}", f"{error:.2f}", f"{score:.2f}"]
-
-
-def _share(hit: np.ndarray) -> str:
-    if not len(hit):
-        return "-"
-    found = share(hit)
-    return f"{int(hit.sum())} of {len(hit)} ({found.low:.2f} .. {found.high:.2f})"
+    return [counted(hit, "-"), f"{int(sure.sum())}; {counted(hit[sure], '-')}", f"{error:.2f}", f"{score:.2f}"]
 
 
 def main(folders: Sequence[str]) -> None:

@@ -12,10 +12,8 @@ nothing is expected to tell more, or after three experiments. Its cost is counte
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +22,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from diagnosis.investigate import SURE
-from lab.blind.answers import Answer, answer_from
+from lab.blind.answers import answer_from
 from lab.blind.diagnose import propose_folder
 from lab.blind.folder import SetFolder, open_seal
-from lab.blind.intervals import share
-from lab.blind.run import MENU_OF, Choice, Further, Round, rounds, write_rounds
+from lab.blind.intervals import counted
+from lab.blind.run import MENU_OF, Choice, Further, read_rounds, rounds, write_rounds
 from lab.blind.sweeps import AGAIN
 from lab.blind.workers import Crew, spread
 from lab.blind.worlds.by_mm import Weighed, weighed
@@ -59,11 +56,6 @@ def answer(task: tuple[Path, str, Choice]) -> None:
     write_rounds(target, rounds(folder.case(name), propose_folder, Further(MOST, way), begun))
 
 
-def read_rounds(path: Path) -> list[Round]:
-    """What `write_rounds` wrote."""
-    return [Round(tuple(r["asked"]), r["seconds"], r["diagnosis"]) for r in json.loads(path.read_text())]
-
-
 @dataclass(frozen=True)
 class Case:
     """One robot by one way."""
@@ -77,8 +69,8 @@ class Case:
 
     @property
     def settled(self) -> tuple[bool, ...]:
-        """By round: an answer with p of at least `SURE`, and right."""
-        return tuple(w.right and w.answer.probability >= SURE for w in self.weighed)
+        """By round: an answer after which nothing more is asked, and right."""
+        return tuple(w.right and w.answer.settled for w in self.weighed)
 
     @property
     def minutes_to_settle(self) -> float:
@@ -96,9 +88,7 @@ def judged(root: Path, truth: dict[str, Any], name: str, way: Choice) -> Case | 
     minutes = [0.0]
     for before, after in zip(found, found[1:], strict=False):
         minutes.append(minutes[-1] + cost(folder.case(name), before.diagnosis, after.asked[-1]))
-    answers: list[Answer] = [answer_from(name, r.diagnosis, r.seconds, r.asked) for r in found]
-    beside = [weighed(truth[name], a) for a in answers]
-    assert all(w is not None for w in beside)
+    beside = (weighed(truth[name], answer_from(name, r.diagnosis, r.seconds, r.asked)) for r in found)
     return Case(str(truth[name]["stratum"]), way, tuple(minutes), tuple(w for w in beside if w is not None))
 
 
@@ -124,22 +114,14 @@ def sheet(cases: Sequence[Case]) -> Table:
             if not own:
                 continue
             first, last = [c.weighed[0] for c in own], [c.weighed[-1] for c in own]
-            sure_wrong = sum(
-                w.answer.verdict != "unknown" and w.answer.probability >= SURE and not w.right for w in last
-            )
+            sure_wrong = sum(w.answer.settled and not w.right for w in last)
             shown.add_row(
-                kind, NAMES[way], str(len(own)), said([w.right for w in first]), said([w.right for w in last]),
-                said([c.settled[0] for c in own]), said([c.settled[-1] for c in own]), str(sure_wrong),
-                said([a.right and not b.right for a, b in zip(first, last, strict=True)]),
+                kind, NAMES[way], str(len(own)), counted([w.right for w in first]), counted([w.right for w in last]),
+                counted([c.settled[0] for c in own]), counted([c.settled[-1] for c in own]), str(sure_wrong),
+                counted([a.right and not b.right for a, b in zip(first, last, strict=True)]),
                 f"{np.mean([len(c.weighed) - 1 for c in own]):.1f}", f"{np.mean([c.minutes[-1] for c in own]):.0f}",
             )  # fmt: skip
     return shown
-
-
-def said(flags: Sequence[bool]) -> str:
-    """How many of how many, with the exact 95 % interval."""
-    found = share(np.array(flags, float))
-    return f"{sum(flags)} of {len(flags)} ({found.low:.2f}-{found.high:.2f})"
 
 
 def draw(cases: Sequence[Case], path: Path) -> None:
@@ -147,12 +129,11 @@ def draw(cases: Sequence[Case], path: Path) -> None:
     kinds = sorted({c.kind for c in cases})
     figure, axes = plt.subplots(1, len(kinds), figsize=(4.6 * len(kinds), 3.6), sharey=True, squeeze=False)
     for axis, kind in zip(axes[0], kinds, strict=True):
+        at = np.linspace(0, max(c.minutes[-1] for c in cases if c.kind == kind), 400)
         for way in WAYS:
             own = [c for c in cases if (c.kind, c.way) == (kind, way)]
             if not own:
                 continue
-            most = max(c.minutes[-1] for c in cases if c.kind == kind)
-            at = np.linspace(0, most, 400)
             reached = np.mean([[c.minutes_to_settle <= m for m in at] for c in own], axis=0)
             axis.step(at, reached, color=COLOURS[way], label=f"{NAMES[way]} (n = {len(own)})", where="post")
         axis.set_title(kind, loc="left", fontsize=10)
@@ -182,7 +163,7 @@ def main() -> int:
     cases: list[Case] = []
     for s in a.sets:
         truth = open_seal(SetFolder(s))
-        every = map(partial(judged, s, truth), *zip(*((n, w) for n in SetFolder(s).names() for w in WAYS), strict=True))
+        every = (judged(s, truth, name, way) for name in SetFolder(s).names() for way in WAYS)
         cases += [c for c in every if c is not None]
     Console(highlight=False, width=200).print(sheet(cases))
     if a.png is not None:

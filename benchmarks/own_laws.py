@@ -33,7 +33,7 @@ from diagnosis.answer.verdict import SURE
 from diagnosis.criticism.stage_errors import smooth_functions
 from diagnosis.inference.posterior import PRIOR_SHARES, prior
 from lab.blind.answers import Answer
-from lab.blind.intervals import share
+from lab.blind.intervals import counted
 from lab.blind.make import ATTEMPTS
 from lab.blind.sweeps import BASE
 from lab.blind.worlds.by_mm import APART, FLOORS, HALF, Weighed
@@ -348,20 +348,20 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
         limit = float(np.quantile([a.outside for _, a in known], 0.9)) if known else 0.0
         big = [odds for c, odds in outer if c.leaves >= APART * c.floor]
         out[name] = {
-            "right by mm, clean": _said([r for cluttered, _, r in right if not cluttered]),
-            "right by mm, cluttered": _said([r for cluttered, _, r in right if cluttered]),
-            "stated with p > 0.9: right": _said([r for _, p, r in right if p > SURE]),
-            "pairs of comparable mm, clean: both named": _said(
+            "right by mm, clean": counted([r for cluttered, _, r in right if not cluttered]),
+            "right by mm, cluttered": counted([r for cluttered, _, r in right if cluttered]),
+            "stated with p > 0.9: right": counted([r for _, p, r in right if p > SURE]),
+            "pairs of comparable mm, clean: both named": counted(
                 [c <= found for cluttered, c, found in both if not cluttered]
             ),
-            "pairs of comparable mm, cluttered: both named": _said(
+            "pairs of comparable mm, cluttered: both named": counted(
                 [c <= found for cluttered, c, found in both if cluttered]
             ),
-            "pairs of comparable mm: exactly both": _said([c == found for _, c, found in both]),
-            "known cause: outside more probable": _said([a.outside > 0 for _, a in known]),
-            "outside: more probable": _said([odds > 0 for _, odds in outer]),
-            "outside of 1.5 floors: more probable": _said([odds > 0 for odds in big]),
-            "outside of 1.5 floors: flagged at 10 % false flags": _said([odds > limit for odds in big]),
+            "pairs of comparable mm: exactly both": counted([c == found for _, c, found in both]),
+            "known cause: outside more probable": counted([a.outside > 0 for _, a in known]),
+            "outside: more probable": counted([odds > 0 for _, odds in outer]),
+            "outside of 1.5 floors: more probable": counted([odds > 0 for odds in big]),
+            "outside of 1.5 floors: flagged at 10 % false flags": counted([odds > limit for odds in big]),
         }
     return out
 
@@ -369,11 +369,6 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
 def _weighed(c: Case, named: Hypothesis) -> Weighed:
     answer = Answer("", "effect" if named else "none", frozenset(named), 1.0)
     return Weighed(c.stratum, c.causes, c.carries, c.floor, None, answer)
-
-
-def _said(right: Sequence[bool]) -> str:
-    found = share(np.array(right, float))
-    return f"{sum(right)} of {found.n} ({found.low:.2f} .. {found.high:.2f})" if found.n else "none"
 
 
 def main() -> int:

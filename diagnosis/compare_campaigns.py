@@ -26,7 +26,7 @@ from .data.states import States
 from .errors import TooLittle
 from .inference.budget import budget, by_what_is_carried, parts
 from .inference.evidence import NONE, Hypothesis
-from .inference.executor import SINGLE_THREAD, Executor
+from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, Posterior, posterior, prior, with_unknown
 from .inference.prepare import Prepared, prepare
 from .inference.problem import LEAST_NAMED_SIZE, Parameters, Problem
@@ -48,6 +48,7 @@ LEAST_NOTHING = 0.05
 """Probability that nothing changed from which no change is told: of so many alarms one may be false."""
 
 
+@one_thread
 def compare_campaigns(
     later: CaseLike,
     reference: CaseLike,

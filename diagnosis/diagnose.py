@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from threadpoolctl import threadpool_limits
-
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
@@ -30,7 +28,7 @@ from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
-from .inference.executor import SINGLE_THREAD, Executor
+from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
 
 
@@ -79,15 +77,10 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
     return examine(case, options).diagnosis
 
 
+@one_thread
 def examine(case: CaseLike, options: Options | None = None) -> Examined:
     """The same with the hypotheses that are still in play, which predict what an experiment would give."""
-    # Its matrices are small: threads of linear algebra wait for each other longer than they work, four times as long where they
-    # share a core.
-    with threadpool_limits(1, user_api="blas"):
-        return _examined(case, options or Options())
-
-
-def _examined(case: CaseLike, wanted: Options) -> Examined:
+    wanted = options or Options()
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None

@@ -34,6 +34,7 @@ from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
 from .fit_residual import learn_residual
 from .inference.evidence import KNOWN, weigh
+from .inference.executor import one_thread
 from .inference.linear import Linear, Prior
 from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters
@@ -94,6 +95,7 @@ class Fitted:
         }
 
 
+@one_thread
 def fit_effects(
     case: CaseLike,
     effects: Sequence[str],

@@ -30,7 +30,7 @@ ONE_THREAD = "OPENBLAS_NUM_THREADS"
 class Processes:
     """Processes that wait for work."""
 
-    def __init__(self, pool: ProcessPoolExecutor, folder: Path, first: Sequence[Future[None]]) -> None:
+    def __init__(self, pool: ProcessPoolExecutor, folder: Path, first: Sequence[Future[bool]]) -> None:
         self._pool, self._folder, self._first, self._sent, self._lost = pool, folder, first, 0, False
 
     def begun(self) -> None:
@@ -88,7 +88,7 @@ def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
     # a fresh interpreter each: threads and compiled code of this one are not inherited
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
     try:
-        first = [pool.submit(_begin, ahead if k == 0 else ()) for k in range(count)]
+        first = [pool.submit(warm_up, ahead if k == 0 else ()) for k in range(count)]
     finally:
         if before is None:
             del os.environ[ONE_THREAD]
@@ -105,12 +105,10 @@ def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
                 pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _begin(ahead: Sequence[str] = ()) -> None:
+def _begin() -> None:
     """Ctrl-C at a terminal reaches all its processes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import diagnosis.diagnose  # noqa: F401 (what takes a second to import is there when it is needed)
-
-    warm_up(ahead)
 
 
 _read: dict[str, Any] = {}

@@ -14,14 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from model.effects import history, layout, solver
-from model.rods import FINE, Form, Rods, rods, solve, stations
+from model.rods import FINE, Form, Rods, rods, sensitivities, solve, stations
 from model.rods.fast.jit import compiled_here
 from model.rods.solution import AT_ORIENTATION, RESULT, Solution, no_shape
 
 PRIORITY = 5
 """Others come first, but it is waited for in the end."""
-ARCS = np.array([0.1])
-"""m, where a marker is looked for."""
 BUCKLING = 2.0
 """A margin that no rod has: every rod is loaded in steps."""
 
@@ -41,23 +39,18 @@ def full() -> None:
     """The rod of diagnoses, with all that an effect may change."""
     uniform = layout.UNIFORM
     one = _one(uniform.form)
-    rows = one.values.copy()
-    solver.solve(uniform, rows, ARCS, solver.integration_steps(uniform, rows))
+    rows, arcs = one.values.copy(), np.array([0.1])
+    solver.solve(uniform, rows, arcs, solver.integration_steps(uniform, rows))
     solve(one, replace(solver.METHOD, least_margin=BUCKLING))
 
 
 def derivatives() -> None:
     """What diagnoses differentiate, without solving anything: of a rod that is said to be straight."""
-    uniform = layout.UNIFORM
-    one = _one(uniform.form)
+    one = _one(layout.UNIFORM.form)
     values = np.zeros((1, RESULT))
     values[0, AT_ORIENTATION] = 1.0
     straight = Solution(values, np.zeros(1, np.int8), no_shape(1))
-    rows, nothing = one.values.copy(), np.zeros((1, layout.MARKERS + 3 * len(ARCS)))
-    steps = solver.integration_steps(uniform, rows)
-    solver.differentiate(
-        solver.Solved(uniform, rows, ARCS, steps, straight, nothing, True), np.zeros((1, uniform.width))
-    )
+    sensitivities(one, straight, np.zeros((1, 1, one.form.width)), solver.METHOD, strain=True)
 
 
 PARTS: Mapping[str, Callable[[], None]] = {"plain": plain, "full": full, "derivatives": derivatives}

@@ -6,12 +6,30 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 A = TypeVar("A")
 B = TypeVar("B")
 
 RemoteMap = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
+
+
+P = ParamSpec("P")
+
+
+def one_thread(do: Callable[P, B]) -> Callable[P, B]:
+    """The same with one thread of linear algebra. Matrices are small here: several threads wait for each other longer than they
+    work, and take four times the processor time where they share a core."""
+
+    @wraps(do)
+    def alone(*args: P.args, **kwargs: P.kwargs) -> B:
+        with threadpool_limits(1, user_api="blas"):
+            return do(*args, **kwargs)
+
+    return alone
 
 
 def _no_progress(share: float) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from diagnosis.investigate import SURE
+
 from ..files.config import ConfigError
 from .folder import read_table
 
@@ -45,6 +47,11 @@ class Answer:
     """mm (low, high) that an effect is said to carry, by effect."""
     stage: str = ""
     """The stage of the chain that asks most for an error of its own; empty where none does."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether `lab investigate` would ask for nothing more."""
+        return self.verdict in ("effect", "none") and self.probability >= SURE
 
     @property
     def best(self) -> Effects:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,12 @@ def share(right: Array) -> Interval:
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)
     return Interval(k / n, *clopper_pearson(k, n), n)
+
+
+def counted(right: Sequence[bool] | Array, nothing: str = "none") -> str:
+    """How many of how many are true, with the interval of their share, in words; `nothing` where there are none at all."""
+    found = share(np.array(right, float))
+    return f"{int(np.sum(right))} of {found.n} ({found.low:.2f} .. {found.high:.2f})" if found.n else nothing
 
 
 def clopper_pearson(hits: int, n: int) -> tuple[float, float]:

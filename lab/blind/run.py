@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from diagnosis.investigate import LEAST_BITS, SURE
+from diagnosis.investigate import LEAST_BITS
 from recordings.own_files import replaced
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
@@ -105,6 +105,11 @@ def write_rounds(path: Path, found: Sequence[Round]) -> None:
     replaced(path, json.dumps(text, indent=1))
 
 
+def read_rounds(path: Path) -> list[Round]:
+    """What `write_rounds` wrote."""
+    return [Round(tuple(r["asked"]), r["seconds"], r["diagnosis"]) for r in json.loads(path.read_text())]
+
+
 def _diagnosed(diagnose: Diagnose, files: Sequence[Path], table: Table) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="case-") as place:
         for file in files:
@@ -120,7 +125,7 @@ def _diagnosed(diagnose: Diagnose, files: Sequence[Path], table: Table) -> dict[
 def wanted(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
     """As `lab investigate` chooses: the first experiment of `next_experiment` that is worth doing, on the menu and not done
     yet; None when none is, or when the answer is settled."""
-    if _settled(diagnosis, name):
+    if answer_from(name, diagnosis).settled:
         return None
     items = (i for i in diagnosis.get("next_experiment") or () if i.get("expected_bits", np.inf) >= LEAST_BITS)
     asked = (MENU_OF.get(item.get("id")) for item in items)
@@ -130,7 +135,7 @@ def wanted(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str)
 def random_one(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
     """Any of the menu, by the name of the case."""
     left = sorted({path.stem for path in menu.glob("*.csv")} - {BASE.name, BASE_SETTLED.name, AGAIN, *had})
-    if _settled(diagnosis, name) or not left:
+    if answer_from(name, diagnosis).settled or not left:
         return None
     return left[int(np.random.default_rng([int(name), len(had)]).integers(len(left)))]
 
@@ -138,12 +143,7 @@ def random_one(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: 
 def repeated(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
     """The base sweep again."""
     there = (menu / f"{AGAIN}.csv").exists()
-    return AGAIN if there and AGAIN not in had and not _settled(diagnosis, name) else None
-
-
-def _settled(diagnosis: dict[str, Any], name: str) -> bool:
-    found = answer_from(name, diagnosis)
-    return found.verdict in ("effect", "none") and found.probability >= SURE
+    return AGAIN if there and AGAIN not in had and not answer_from(name, diagnosis).settled else None
 
 
 CHOICES = {"information": wanted, "random": random_one, "repeat": repeated}

@@ -205,7 +205,7 @@ class ForwardModel:
         """The same model, whose rods are solved from those at parameters (p,) on: quicker close by, and the same within the
         tolerance of the solver. What this model has kept is not touched by what the other solves."""
         here = self._solved(self._checked(theta))
-        if not here.settled or not here.bare.converged.all() or not here.final.converged.all():
+        if not here.bare.converged.all() or not here.final.converged.all():
             return self
         other = copy.copy(self)
         other._points = (here,)

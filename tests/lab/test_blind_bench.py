@@ -182,6 +182,26 @@ def test_a_diagnosis_is_given_what_it_asks_for_and_nothing_else(small_set: Path,
         (folder.answers(name) / "rounds.json").unlink()
 
 
+def test_rounds_go_on_from_a_first_diagnosis_that_is_known_and_come_back_from_their_file(
+    small_set: Path, tmp_path: Path
+) -> None:
+    case = SetFolder(small_set).case("0001")
+    whole = bench.rounds(case, asks, bench.Further(2))
+    bench.write_rounds(tmp_path / "rounds.json", whole)
+    assert [(r.asked, r.diagnosis) for r in bench.read_rounds(tmp_path / "rounds.json")] == [
+        (r.asked, r.diagnosis) for r in whole
+    ]
+    seen: list[Path] = []
+
+    def counting(folder: Path) -> dict[str, Any]:
+        seen.append(folder)
+        return asks(folder)
+
+    again = bench.rounds(case, counting, bench.Further(2), whole[:1])
+    assert [(r.asked, r.diagnosis) for r in again] == [(r.asked, r.diagnosis) for r in whole]
+    assert len(seen) == len(whole) - 1 and again[0] is whole[0]
+
+
 @pytest.mark.parametrize("wish", [s.name for s in MENU] + list(CHANNELS))
 def test_everything_on_the_menu_can_be_had(small_set: Path, wish: str) -> None:
     case = small_set / "cases" / "0001"

@@ -89,8 +89,11 @@ def make_case(order: Order) -> WorldTruth:
     """Measure one case and write its folder; returns its truth. Sizes are drawn again until the robot keeps its equilibrium, and
     where none does, another cause as well."""
     for attempt in range(2 * ATTEMPTS):
+        if attempt >= ATTEMPTS:
+            causes = another_cause(order.recipe, order.place, order.stratum, attempt) or order.causes
+            order = replace(order, causes=causes)
         try:
-            truth, tables = _measured(order if attempt < ATTEMPTS else _another(order, attempt), attempt)
+            truth, tables = _measured(order, attempt)
         except (NoEquilibrium, Unequal):
             continue
         case = order.folder.case(truth.case)
@@ -103,12 +106,6 @@ def make_case(order: Order) -> WorldTruth:
         f"case {order.place + 1:04d} of world {order.recipe.world}: {2 * ATTEMPTS} draws of its sizes and causes gave no "
         "equilibrium or no comparable pair; use smaller --sizes"
     )
-
-
-def _another(order: Order, attempt: int) -> Order:
-    """The same with another cause, where it has one of the catalogue that any other could be in its place."""
-    others = another_cause(order.recipe, order.place, order.stratum, attempt)
-    return replace(order, causes=others) if others else order
 
 
 class Unequal(RuntimeError):

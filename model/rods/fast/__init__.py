@@ -10,5 +10,5 @@ Kernels, from the section to the batch
 Python in front of them
     method, stations; batches: how arrays are handed over
 
-Only `model.rods` comes in here, and benchmarks that call a kernel.
+Only `model.rods` comes in here, `model.warm_up`, and benchmarks that call a kernel.
 """

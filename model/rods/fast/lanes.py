@@ -52,6 +52,8 @@ MOST_SPRINGS = 4
 # The quantities in `work`, one array for all so that nothing has to be counted or checked for overlap on the way.
 Q, M, R, N, PEAK_M2 = 0, 4, 7, 10, 13
 """State: orientation q (4), m, r, N (3 each), and the largest m^2 (N^2 m^2) met at the ends of steps."""
+STATE = PEAK_M2 + 1
+"""Quantities of the state, the first of `work`, saved while a station inside a step is visited."""
 TIP, ANCHOR = 14, 18
 """Unknowns: orientation of the tip (4), and the spring anchor: where the springs take the tip to be (3, m, mount frame)."""
 RESIDUAL, PLACE = 21, 27
@@ -99,6 +101,13 @@ class Group(NamedTuple):
     springs: int
     active: int
     """Lanes in use."""
+
+
+@inline
+def copy_numbers(source: Array, into: Array, count: int) -> None:
+    """The first `count` numbers. (Numba compiles half a dozen text functions into an assignment of slices, for its error.)"""
+    for i in range(count):
+        into[i] = source[i]
 
 
 @inline

@@ -17,9 +17,9 @@ from model.rods.fast.lanes import (
     ELEMENT,
     LANES,
     LARGEST_MOMENT,
+    STATE,
     TERMS,
     TIP,
-    WORK,
     Counts,
     Full,
     Group,
@@ -27,6 +27,7 @@ from model.rods.fast.lanes import (
     N,
     R,
     RowLayout,
+    copy_numbers,
     cut,
     element_at,
     elements_of,
@@ -36,6 +37,7 @@ from model.rods.fast.lanes import (
     vector_of,
 )
 from model.rods.fast.passes import advance, advance_group, start_at_tip, unit_quaternion
+from model.rods.fast.stage_buffer import STEP_SHARE
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
 
 Array = NDArray[np.float64]
@@ -43,10 +45,6 @@ Array = NDArray[np.float64]
 AT_PLACE, AT_TURN, AT_FORCE, AT_MOMENT, AT_ENERGY, AT_STRAIN = 0, 3, 7, 10, 13, 14
 """Columns of a station: m, quaternion, N, N m (mount frame), J/m, axial strain v3 - 1."""
 WIDTH = 15
-STATE = 14
-"""Quantities of the state, the first of `work`, saved while a station inside a step is visited."""
-SHARE = WORK
-"""Where the share of the step at which a lane passes the station is kept, behind all else."""
 
 
 def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, steps: Counts) -> Array:
@@ -114,7 +112,7 @@ def walk(
     at = RowLayout(layout[0], layout[1], layout[2])
     divisions, steps = grid
     n, count = rods.shape[0], elements_of(rods, at)
-    work, elements, parts = np.zeros((WORK + 1) * LANES), new_elements(count), np.empty(count, np.int64)
+    work, elements, parts = np.zeros((STEP_SHARE + 1) * LANES), new_elements(count), np.empty(count, np.int64)
     saved = np.empty(STATE * LANES)
     for first in range(0, n, LANES):
         # Lanes without a rod hold the last one.
@@ -144,19 +142,17 @@ def visit_stations(
         some = False
         for l in range(LANES):
             share = share_at(group.elements, step, group.parts.size, arcs[min(first + l, last), s], l)
-            work[SHARE * LANES + l] = share
+            work[STEP_SHARE * LANES + l] = share
             some = some or share >= 0.0
         if not some:
             continue
-        for k in range(STATE * LANES):
-            saved[k] = work[k]
+        copy_numbers(work, saved, STATE * LANES)
         for l in range(LANES):
-            advance(group, element_at(e), z, dz * max(work[SHARE * LANES + l], 0.0), l, 1.0, None)
+            advance(group, element_at(e), z, dz * max(work[STEP_SHARE * LANES + l], 0.0), l, 1.0, None)
         for l in range(min(LANES, last + 1 - first)):
-            if work[SHARE * LANES + l] >= 0.0:
+            if work[STEP_SHARE * LANES + l] >= 0.0:
                 write_station(group, e, l, solved, first + l, out, s)
-        for k in range(STATE * LANES):
-            work[k] = saved[k]
+        copy_numbers(saved, work, STATE * LANES)
 
 
 @routine

@@ -10,21 +10,12 @@ from model.rods.fast.derivatives.columns_walk import Columns, section_change, st
 from model.rods.fast.derivatives.tangent import COLUMN, TIP_COLUMNS
 from model.rods.fast.equations import section_of, strains
 from model.rods.fast.jit import allocating, inline, routine
-from model.rods.fast.lanes import LANES, Group, M, N, put, vector_of
+from model.rods.fast.lanes import LANES, STATE, Group, M, N, copy_numbers, put, vector_of
 from model.rods.fast.passes import unit_quaternion
 from model.rods.fast.stage_buffer import ELEMENT_AT, STEP_SHARE
 from model.rods.fast.walk import share_at
 
 Array = NDArray[np.float64]
-
-STATE = 14
-
-
-@inline
-def copy_numbers(source: Array, into: Array, count: int) -> None:
-    """The first `count` numbers. (Numba compiles half a dozen text functions into an assignment of slices, for its error.)"""
-    for i in range(count):
-        into[i] = source[i]
 
 
 @routine

@@ -29,7 +29,7 @@ from model.rods.fast.derivatives.columns_walk import (
     step_all,
     tip_factors,
 )
-from model.rods.fast.derivatives.crossings import copy_numbers, pass_stations
+from model.rods.fast.derivatives.crossings import pass_stations
 from model.rods.fast.derivatives.ends import (
     ENDS,
     FOLLOWER_FORCE,
@@ -53,6 +53,7 @@ from model.rods.fast.lanes import (
     Full,
     Group,
     RowLayout,
+    copy_numbers,
     cut,
     elements_of,
     fixed_cut,
