@@ -50,10 +50,11 @@ def waterfall(f: Attribution, unseen: HeldOutErrors, executor: Executor = SINGLE
     p, named = f.prepared, f.decision.effects
     fold, how = folds(p)
     last, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
+    known = bool(named) or f.best.named == NONE
     smooth = [replace(last, size=s, smooth=True) for s in SMOOTH_SIZES]
-    models = [*([] if named else [last]), *smooth, *(_only(f, s) for s in subsets)]
+    models = [*([] if known else [last]), *smooth, *(_only(f, s) for s in subsets)]
     found = [errors for errors, _, _ in held_out_errors(p, models, Folds(fold, executor, STEPS))]
-    tolerant = unseen.after if named else found.pop(0)
+    tolerant = unseen.after if known else found.pop(0)
     helped = min([tolerant, *found[: len(smooth)]], key=lambda e: float(np.nanmean(e**2)))
     by_causes = {frozenset[str](): unseen.before}
     by_causes |= {frozenset(s): errors for s, errors in zip(subsets, found[len(smooth) :], strict=True)}

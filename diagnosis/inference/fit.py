@@ -24,8 +24,8 @@ STEP_TOLERANCE = 0.05
 """Steps shorter than this, in prior standard deviations, end the search: evidence changes by far less."""
 COST_TOLERANCE = 0.02
 """Steps that lower the cost by less end the search."""
-LEAST_PROMISE = 0.01
-"""Steps that promise to lower it by less are not tried."""
+LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
+"""Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
 HALVINGS = 6
 """Times a start without equilibrium is moved half way to the baseline."""
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
@@ -52,8 +52,9 @@ class Fit:
 
 
 def refit(problem: Problem, prior: Prior, size: float, start: Fit, rounds: int = ROUNDS) -> Fit:
-    """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step."""
-    return _search(problem, prior, size, start, rounds, start, np.zeros(len(start.theta), bool), 0.0)
+    """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
+    these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
+    return _search(problem, prior, size, start, rounds, start, np.zeros(len(start.theta), bool), 0.0, CHORD_PROMISE)
 
 
 def fit(
@@ -70,15 +71,15 @@ def fit(
         of_effect = problem.parameters.of_effect
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
-    return _search(problem, prior, size, start, rounds, frozen, fresh, STEP_TOLERANCE)
+    return _search(problem, prior, size, start, rounds, frozen, fresh, STEP_TOLERANCE, LEAST_PROMISE)
 
 
 def _search(
     problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Fit | None, fresh: NDArray[np.bool_],
-    tolerance: float,
+    tolerance: float, least_promise: float,
 ) -> Fit:  # fmt: skip
     """Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`; a step
-    within `tolerance` is not taken."""
+    within `tolerance`, or that promises to lower the cost by less than `least_promise`, is not taken."""
     p = problem.parameters
     scale, mean = p.scaled(prior)
     misfit, forward = _Misfit(problem, size), problem.forward
@@ -99,7 +100,7 @@ def _search(
         goal = local.goal(damping)
         along = local.predicted(goal)
         predicted_cost = total(goal, along)
-        if 0 <= cost - predicted_cost < LEAST_PROMISE:
+        if 0 <= cost - predicted_cost < least_promise:
             return None
         there = forward.predict(goal, trial)
         reached = total(goal, there)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ UNFINISHED = 0.5
 GLANCED = 0.2
 SURPASSED = 200.0
 """Log evidence by which hypotheses without tolerances, or with them, are behind, from which none of them is followed."""
-MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 300.0))
+MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 150.0))
 """Of singles: up to a predicted decrease of the cost, how far their log evidence may be behind the best and still be followed."""
 LEAST_FOLLOWED = 2
 FIRST_LOOK = 3
@@ -108,6 +109,11 @@ class Candidate:
 
 def _evidence(c: Candidate) -> float:
     return c.log_evidence
+
+
+def _promised(f: Fit) -> float:
+    """Least cost that the linear problem around a fit promises."""
+    return f.cost - f.predicted_decrease
 
 
 def leading_effects(singles: Iterable[Candidate]) -> tuple[str, ...]:
@@ -277,18 +283,25 @@ class Search:
         return out
 
     def _best_of_starts(self, named: Hypothesis, with_tolerances: bool, more: Sequence[Array]) -> Candidate:
-        """The best of what is reached from the usual starting points and some more."""
+        """The best of what is reached from the usual starting points and some more.
+
+        Those far from where the robot was calibrated cost most: where a search from one of `more` ends, they are left out.
+        """
         none = self._tried[NONE, with_tolerances]
-        tried: list[Fit] = []
+        follow = partial(self._fit, named, with_tolerances, none.grid_point.size)
+        close: list[Array | Fit] = []
+        far: list[Array] = []
         for start in (*self._starts(named, none.fit), *more):
-            begin, rounds = start, 2
-            frozen: Fit | None = none.fit
-            if not isinstance(start, Fit) and self._misfit(start) > FAR * self._misfit(none.fit.theta):
-                # Far from where it was calibrated the robot needs another calibration and other derivatives first.
-                begin, rounds, frozen = self._recalibrated(start), 4, None
-            tried.append(self._fit(named, with_tolerances, none.grid_point.size, begin, rounds, frozen))
-        least = min(f.cost - f.predicted_decrease for f in tried)
-        could_be_best = [f for f in tried if f.cost - f.predicted_decrease <= least + HOPELESS]
+            if isinstance(start, Fit) or self._misfit(start) <= FAR * self._misfit(none.fit.theta):
+                close.append(start)
+            else:
+                far.append(start)
+        tried = [follow(start, 2, none.fit) for start in close]
+        if not (more and tried and min(tried, key=_promised).predicted_decrease <= UNFINISHED):
+            # Far from where it was calibrated the robot needs another calibration and other derivatives first.
+            tried += [follow(self._recalibrated(start), 4) for start in far]
+        least = min(map(_promised, tried))
+        could_be_best = [f for f in tried if _promised(f) <= least + HOPELESS]
         return max((self._weigh(named, f, with_tolerances) for f in could_be_best), key=_evidence)
 
     def _misfit(self, theta: Array) -> float:
