@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import ItemsView
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -16,7 +17,8 @@ from ..messages import MessageType
 KEEP = 900.0
 """Seconds of rig time that stay in memory at least."""
 
-_FIRST_CAPACITY = 256
+BLOCK = 1024
+"""Messages that lie end to end. What is full stays where it is: nobody waits while it is moved."""
 
 
 class Streams(Protocol):
@@ -29,63 +31,86 @@ class Streams(Protocol):
         """The topic's samples with t0 <= t <= t1, oldest first, as an array of its message's `dtype`."""
 
 
+class _Block:
+    """So many messages of one size, with their stamps; what was written does not change."""
+
+    def __init__(self, size: int) -> None:
+        self.count = 0
+        """Messages written; raised after they are."""
+        self.stamps = np.empty(BLOCK)
+        self.bytes = np.empty((BLOCK, size), np.uint8)
+        self.raw = self.bytes.data.cast("B")
+
+    @property
+    def newest(self) -> float:
+        return float(self.stamps[self.count - 1]) if self.count else -math.inf
+
+    def window(self, t0: float, t1: float) -> NDArray[np.uint8]:
+        """(messages, size) of those with t0 <= t <= t1."""
+        count = self.count
+        stamps = self.stamps[:count]
+        return self.bytes[np.searchsorted(stamps, t0) : np.searchsorted(stamps, t1, side="right")]
+
+
+@dataclass(frozen=True)
+class _Held:
+    """The blocks that are in memory, oldest first; at least one."""
+
+    blocks: tuple[_Block, ...]
+    forgotten: float = -math.inf
+    """Stamp of the newest message that is no longer held."""
+
+
 class Buffer:
-    """One topic's messages, end to end as bytes, with their stamps. Appending and looking are safe from any thread."""
+    """One topic's messages, as bytes, with their stamps. Appending and looking are safe from any thread; who looks holds up
+    nobody who appends."""
 
     def __init__(self, message: MessageType, keep: float) -> None:
         self.message = message
         self.keep = keep
-        self.forgotten = -math.inf
-        """Stamp of the newest message that is no longer held."""
         self._lock = threading.Lock()
-        self._count = 0
-        self._stamps = np.empty(_FIRST_CAPACITY)
-        self._bytes = np.empty((_FIRST_CAPACITY, message.size), np.uint8)
-        self._raw = self._bytes.data.cast("B")
+        self._held = _Held((_Block(message.size),))
 
     @property
     def newest(self) -> float:
         """Stamp of the newest message, s; -inf while there is none."""
-        with self._lock:
-            return float(self._stamps[self._count - 1]) if self._count else -math.inf
+        held = self._held
+        return max(held.blocks[-1].newest, held.blocks[-2].newest if len(held.blocks) > 1 else -math.inf)
 
     def append(self, t: float, payload: bytes) -> None:
         """Add one message; stamps must not go backwards."""
         size = self.message.size
         with self._lock:
-            if self._count == len(self._stamps):
-                self._make_room(t)
-            self._stamps[self._count] = t
-            self._raw[self._count * size : (self._count + 1) * size] = payload
-            self._count += 1
+            block = self._held.blocks[-1]
+            if block.count == BLOCK:
+                block = self._another(t)
+            place = block.count
+            block.stamps[place] = t
+            block.raw[place * size : (place + 1) * size] = payload
+            block.count = place + 1
 
-    def _make_room(self, t: float) -> None:
-        """Forget what is older than `keep`; grow when that does not free half of the room."""
-        old = int(np.searchsorted(self._stamps[: self._count], t - self.keep))
-        if old:
-            self.forgotten = float(self._stamps[old - 1])
-        left = self._count - old
-        capacity = max(_FIRST_CAPACITY, 2 * left)
-        stamps, rows = np.empty(capacity), np.empty((capacity, self.message.size), np.uint8)
-        stamps[:left] = self._stamps[old : self._count]
-        rows[:left] = self._bytes[old : self._count]
-        self._stamps, self._bytes, self._count = stamps, rows, left
-        self._raw = rows.data.cast("B")
+    def _another(self, t: float) -> _Block:
+        """A block more; blocks of which all is older than `keep` are forgotten."""
+        held, block = self._held, _Block(self.message.size)
+        old = [b for b in held.blocks[:-1] if b.newest < t - self.keep]
+        forgotten = old[-1].newest if old else held.forgotten
+        self._held = _Held((*held.blocks[len(old) :], block), forgotten)
+        return block
 
     def window(self, t0: float, t1: float) -> NDArray[np.void]:
         """Messages with t0 <= t <= t1, decoded; `RecordingError` when some of them are forgotten."""
-        with self._lock:
-            if -math.inf < self.forgotten >= t0:
-                raise RecordingError(
-                    f"{self.message.topic}: samples from {t0:.3f} s are no longer in memory "
-                    f"(kept: {self.keep:g} s); read the state sooner or keep more"
-                )
-            first, last = (
-                np.searchsorted(self._stamps[: self._count], t0),
-                np.searchsorted(self._stamps[: self._count], t1, side="right"),
+        held = self._held
+        if -math.inf < held.forgotten >= t0:
+            raise RecordingError(
+                f"{self.message.topic}: samples from {t0:.3f} s are no longer in memory "
+                f"(kept: {self.keep:g} s); read the state sooner or keep more"
             )
-            raw = self._bytes[first:last].copy()
-        return self.message.decode(raw.reshape(-1))
+        parts: list[NDArray[np.uint8]] = []
+        for block in reversed(held.blocks):
+            parts.append(block.window(t0, t1))
+            if block.count and block.stamps[0] < t0:
+                break
+        return self.message.decode(np.concatenate(parts[::-1]).reshape(-1))
 
 
 class Buffers:

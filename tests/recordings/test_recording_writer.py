@@ -23,6 +23,7 @@ from synthetic_run import Run
 from recordings.errors import BadMessage, RecordingError, WriteFailed
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
+from recordings.states.buffer import BLOCK
 
 WALL = 1_700_000_000_000_000_123
 
@@ -248,11 +249,14 @@ def test_a_disk_that_fills_up_is_told_at_the_next_push_and_at_close_and_leaves_w
 
 def test_samples_older_than_what_is_kept_are_refused_rather_than_missing(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, keep=1.0) as recorder:
-        for k in range(1000):
+        for k in range(3 * BLOCK + 1):
             recorder.push("/valve", k * 0.01, on=True)
-        assert len(recorder.buffers.window("/valve", 9.2, 10.0)) == 80
+        newest = 0.01 * 3 * BLOCK
+        assert len(recorder.buffers.window("/valve", newest - 0.995, newest)) == 100
+        assert len(recorder.buffers.window("/valve", newest - 5.995, newest - 5.0)) == 100
         with pytest.raises(RecordingError, match="no longer in memory"):
             recorder.buffers.window("/valve", 0.0, 10.0)
+        assert recorder.buffers["/valve"].newest == newest
 
 
 def test_what_instruments_say_is_kept_as_it_is_but_not_without_end(tmp_path: Path) -> None:
