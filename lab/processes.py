@@ -60,7 +60,7 @@ class Processes:
         file.unlink()
 
 
-MANY_ROWS = 100
+MANY_ROWS = 25
 """Of a case, from which processes are worth their start."""
 
 
