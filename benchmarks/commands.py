@@ -69,13 +69,13 @@ def case_of(truth: Truth, repeats: int, folder: Path) -> Path:
     return folder
 
 
-def robots() -> tuple[Truth, Truth]:
-    """The first robot with one cause, alone and with clutter."""
+def robots() -> tuple[Truth, Truth, Truth]:
+    """The first robot with one cause, alone and with clutter, and the first that tendons bend."""
     found = []
-    for clutter in (0.0, 0.15):
-        drawn = draw(Recipe(n=12, seed=7, clutter=clutter, wire=0))
+    for more in ({}, {"clutter": 0.15}, {"geometry": "tendons"}):
+        drawn = draw(replace(Recipe(n=12, seed=7, wire=0), **more))
         found.append(next(t for t in drawn if t.kind == "single"))
-    return found[0], found[1]
+    return found[0], found[1], found[2]
 
 
 def main() -> int:
@@ -84,6 +84,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="a folder for commands.json")
     parser.add_argument(
         "--repeats", type=int, nargs="+", default=REPEATS, help="of the sweep, for the growth with rows"
+    )
+    parser.add_argument(
+        "--case", type=Path, action="append", default=[], help="a case folder that is diagnosed too; repeatable"
     )
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
@@ -96,7 +99,7 @@ def main() -> int:
               flush=True)  # fmt: skip
 
     with tempfile.TemporaryDirectory(prefix="commands-") as place:
-        here, (alone, cluttered) = Path(place), robots()
+        here, (alone, cluttered, tendons) = Path(place), robots()
         first = str(case_of(alone, BASE.repeats, here / "alone"))
         second = str(case_of(cluttered, BASE.repeats, here / "cluttered"))
         warm, cold = here / "warm", here / "cold"
@@ -108,6 +111,10 @@ def main() -> int:
         do("lab diagnose, 231 rows, first after installation", ["diagnose", first], warm)
         do("lab diagnose, 231 rows, clean", ["diagnose", first], warm)
         do("lab diagnose, 231 rows, cluttered", ["diagnose", second], warm)
+        third = str(case_of(tendons, BASE.repeats, here / "tendons"))
+        do("lab diagnose, tendons instead of chambers", ["diagnose", third], warm)
+        for folder in a.case:
+            do(f"lab diagnose {folder.name}", ["diagnose", str(folder)], warm)
         for repeats in a.repeats:
             case = case_of(alone, repeats, here / f"repeats {repeats}")
             do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm)
