@@ -90,3 +90,26 @@ def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() ->
     fitted = fit(problem, prior, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.slope).all()
     assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
+
+
+def test_starts_far_from_the_calibration_are_left_out_where_a_search_from_elsewhere_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem, effect = toy_problem(3, {"play": 0.8}), ("play",)
+    problem.parameters.lower[IDS.index("play")] = 0.0  # a one-sided effect has a start of its own
+    search = Search(problem)
+    reached = search.fitted(effect).fit.theta
+    none = next(c for c in search.tried if c.named == NONE and not c.with_tolerances).fit.theta
+    anew: list[np.ndarray] = []
+    recalibrated = search._recalibrated
+
+    def counted(start: np.ndarray) -> np.ndarray:
+        anew.append(start)
+        return recalibrated(start)
+
+    monkeypatch.setattr(search, "_recalibrated", counted)
+    monkeypatch.setattr(search, "_misfit", lambda theta: 1.0 if theta is reached or theta is none else 1e6)
+    search._best_of_starts(effect, False, [reached])
+    assert not anew
+    search._best_of_starts(effect, False, [])
+    assert anew
