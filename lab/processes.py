@@ -18,6 +18,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
+import cloudpickle
+
 from model.warm_up import warm_up
 
 A = TypeVar("A")
@@ -44,7 +46,7 @@ class Processes:
             return
         self._sent += 1
         file = self._folder / f"{self._sent}"
-        file.write_bytes(pickle.dumps(do, protocol=pickle.HIGHEST_PROTOCOL))
+        file.write_bytes(cloudpickle.dumps(do))  # what a person's file defines goes as a whole
         try:
             results = [self._pool.submit(_done, str(file), item) for item in items]
         except BrokenProcessPool:

@@ -118,7 +118,7 @@ def _contested(name: str, entries: Collection[Entry]) -> str:
 def python_file(path: Path) -> ModuleType:
     """A Python file, run; raises ConfigError when it cannot be.
 
-    It is no module that others can import: what is sent elsewhere from it goes as a whole, not by its name.
+    It is no module that others can import: what is sent elsewhere from it goes as a whole (cloudpickle), not by its name.
     """
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
