@@ -129,7 +129,7 @@ def draw(cases: Sequence[Case], path: Path) -> None:
     kinds = sorted({c.kind for c in cases})
     figure, axes = plt.subplots(1, len(kinds), figsize=(4.6 * len(kinds), 3.6), sharey=True, squeeze=False)
     for axis, kind in zip(axes[0], kinds, strict=True):
-        at = np.linspace(0, max(c.minutes[-1] for c in cases if c.kind == kind), 400)
+        at = np.linspace(0, 1.05 * max(c.minutes[-1] for c in cases if c.kind == kind), 400)
         for way in WAYS:
             own = [c for c in cases if (c.kind, c.way) == (kind, way)]
             if not own:
@@ -140,8 +140,8 @@ def draw(cases: Sequence[Case], path: Path) -> None:
         axis.set_xlabel("minutes of experiments after the sweep")
         axis.set_ylim(0, 1)
         axis.spines[["top", "right"]].set_visible(False)
+        axis.legend(frameon=False, fontsize=8, loc="lower right")
     axes[0][0].set_ylabel("share of robots told right with p >= 0.95")
-    axes[0][0].legend(frameon=False, fontsize=8, loc="lower right")
     figure.tight_layout()
     figure.savefig(path, dpi=150)
 
