@@ -19,11 +19,10 @@ from typing import Any
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 
-from ..files.all_drivers import drivers
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
-from .hosted import Hosted
-from .instruments import COMMANDS, ENERGISING, POLLED, make
+from .hosted import under_guard
+from .instruments import COMMANDS, ENERGISING, POLLED
 from .landing import Instruments, Landing, SafeReport
 from .latch import Latch
 from .limit_monitor import LimitMonitor
@@ -94,11 +93,9 @@ class Guard:
         self._closed = False
 
     def _make(self, name: str, config: Any) -> Any:
-        if drivers()[config.driver].own_process:
-            return Hosted(name, config.driver, config, self.clock)
         if name == "valve" and self.rig.safe.keep_vacuum:
             config = config.model_copy(update={"on_close": "keep"})
-        return make(name, config.driver, config, self.clock)
+        return under_guard(name, config, self.clock)
 
     def take_over(self) -> None:
         """Own the rig; raises RigLocked."""

@@ -165,6 +165,13 @@ class Hosted:
             time.sleep(PING_PERIOD)
 
 
+def under_guard(name: str, config: Any, clock: RigClock) -> Any:
+    """The driver of one instrument, not yet opened; in a process of its own where its library may crash or hang."""
+    if drivers()[config.driver].own_process:
+        return Hosted(name, config.driver, config, clock)
+    return make(name, config.driver, config, clock)
+
+
 # ------------------------------------------------------------------ the process
 def _serve(line: Connection) -> None:
     name, driver_name, config, speed, start = line.recv()

@@ -11,12 +11,11 @@ import pytest
 from house import House, until
 
 from drivers.interfaces import PressureSample, SpineSample
-from lab.files.all_drivers import drivers as all_drivers
 from lab.files.clock import RigClock
 from lab.files.rig_file import Safe, load_rig
 from lab.guard import hosted, landing
-from lab.guard.hosted import Hosted
-from lab.guard.instruments import ACTUATORS, make
+from lab.guard.hosted import under_guard
+from lab.guard.instruments import ACTUATORS
 from lab.guard.landing import Instruments, Landing, SafeReport
 
 
@@ -36,7 +35,7 @@ SUBSETS = [s for n in range(5) for s in itertools.combinations(ACTUATORS, n)]
 
 @pytest.fixture(scope="module")
 def drivers(one_house: House) -> Iterator[dict[str, Any]]:
-    """The real drivers, opened on the fakes; those whose library may crash in a process of their own, as under the guard."""
+    """The real drivers as under the guard, opened on the fakes."""
     from lab.verbs.fakes import write_rig
 
     write_rig(one_house.fakes, one_house.rig)
@@ -45,10 +44,8 @@ def drivers(one_house: House) -> Iterator[dict[str, Any]]:
     made = {}
     for name in ACTUATORS:
         config = getattr(instruments, name)
-        if all_drivers()[config.driver].own_process:
-            made[name] = Hosted(name, config.driver, config.model_copy(update={"timeout": 3.0}), clock)
-        else:
-            made[name] = make(name, config.driver, config, clock)
+        known = config if name != "arm" else config.model_copy(update={"timeout": 3.0})
+        made[name] = under_guard(name, known, clock)
         made[name].open()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hosted, "STOP_WITHIN", PATIENCE)
