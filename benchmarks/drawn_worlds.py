@@ -26,10 +26,10 @@ from rich.table import Table
 from diagnosis.answer.verdict import SURE
 from diagnosis.data.case import states
 from diagnosis.inference.budget import budget, by_what_is_carried
+from diagnosis.inference.candidate import Candidate
 from diagnosis.inference.evidence import KNOWN, NONE, Hypothesis, weigh
 from diagnosis.inference.posterior import posterior
 from diagnosis.inference.prepare import prepare
-from diagnosis.inference.search import Candidate
 from diagnosis.power.worlds import Planned, drawn
 from lab.blind.workers import Crew, spread
 from lab.blind.worlds.by_mm import right

@@ -33,13 +33,14 @@ from .data.chamber_sides import ORDER, contradicted
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
 from .fit_residual import learn_residual
+from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
 from .inference.executor import one_thread
 from .inference.linear import Linear, Prior
 from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters
 from .inference.reading_noise import with_vented_at_zero
-from .inference.search import Candidate, Search
+from .inference.search import Search
 
 Array = NDArray[np.float64]
 
@@ -185,8 +186,9 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
     """
     parameters = p.problem.parameters
     prior = c.prior(parameters)
-    law_error, size = _errors(c, parameters)
-    covariance = _covariance(c.fit.linear, prior, parameters.of_effect, size, law_error)
+    linear = c.linear(p.problem)
+    law_error, size = _errors(c, linear, parameters)
+    covariance = _covariance(linear, prior, parameters.of_effect, size, law_error)
     sd = parameters.sd * np.sqrt(np.diag(covariance))
     area = float(p.forward.area_factor[0])
     place = _lasting(p, c.named)
@@ -237,14 +239,14 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     }
 
 
-def _errors(c: Candidate, parameters: Parameters) -> tuple[float, float]:
+def _errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
     """Model-form error (share of what the named effects do) and discrepancy (in its unit), rms over what the data leave."""
     grid = replace(
         KNOWN.part(c.with_tolerances),
         form_errors=LAW_ERRORS,
         form_error_weights=np.full(len(LAW_ERRORS), 1 / len(LAW_ERRORS)),
     )
-    weighed = weigh(c.fit.linear, grid, parameters, [c.named])[0]
+    weighed = weigh(linear, grid, parameters, [c.named])[0]
     weight = np.exp(weighed.log_terms - weighed.log_terms.max())
     weight /= weight.sum()
     form = LAW_ERRORS if weight.shape[2] == len(LAW_ERRORS) else np.zeros(1)

@@ -26,26 +26,36 @@ class Cluster:
 
     def __init__(self, distributed: Any, client: Any) -> None:
         self._distributed, self._client = distributed, client
+        self._do: object = None
+        self._there: Any = None
 
     def as_they_come(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
         """`do` for every item; raises what `do` raises."""
-        return (result for _, result in self._gathered(do, items))
+        return (result for _, result in self._gathered(lambda _: do, items))
 
     def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
-        """The same in the order of the items; `do` is sent to each worker once, however much it holds."""
+        """The same in the order of the items; `do` is sent to each worker once, however much it holds: a method's object as it
+        is when it is first asked."""
         waiting: dict[int, B] = {}
         turn = 0
-        for i, result in self._gathered(self._client.scatter(do, broadcast=True, hash=False), items):
+
+        def there(chance: int) -> Any:
+            if do != self._do or chance > 1:  # two methods are the same where their objects are
+                self._do, self._there = do, self._client.scatter(do, broadcast=True, hash=False)
+            return self._there
+
+        for i, result in self._gathered(there, items):
             waiting[i] = result
             while turn in waiting:
                 yield waiting.pop(turn)
                 turn += 1
 
-    def _gathered(self, do: Any, items: Sequence[A]) -> Iterator[tuple[int, Any]]:
+    def _gathered(self, do: Callable[[int], Any], items: Sequence[A]) -> Iterator[tuple[int, Any]]:
+        """Place and result of every item; `do` gives what is sent, at each chance."""
         sent: dict[Any, tuple[int, int]] = {}
 
         def send(i: int, chance: int) -> Any:
-            future = self._client.submit(operator.call, do, items[i], pure=False)
+            future = self._client.submit(operator.call, do(chance), items[i], pure=False)
             sent[future] = (i, chance)
             return future
 

@@ -33,22 +33,28 @@ class Processes:
     """Processes that wait for work."""
 
     def __init__(self, pool: ProcessPoolExecutor, folder: Path, first: Sequence[Future[bool]]) -> None:
-        self._pool, self._folder, self._first, self._sent, self._lost = pool, folder, first, 0, False
+        self._pool, self._folder, self._first, self._lost = pool, folder, first, False
+        self._do: object = None
+        self._sent = 0
 
     def begun(self) -> None:
         """Wait until what they were to see to ahead is done; what fails there is met again here."""
         wait(self._first)
 
     def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
-        """`do` for every item, in order; `do` is read by each process once, however much it holds. Raises what `do` raises."""
+        """`do` for every item, in order. Raises what `do` raises.
+
+        `do` is read by each process once, however much it holds: a method's object is sent as it is when it is first asked.
+        """
         if self._lost or len(items) < 2:
             yield from map(do, items)
             return
-        self._sent += 1
-        file = self._folder / f"{self._sent}"
-        file.write_bytes(cloudpickle.dumps(do))  # what a person's file defines goes as a whole
+        if do != self._do:  # two methods are the same where their objects are
+            self._do = do
+            self._sent += 1
+            self._file.write_bytes(cloudpickle.dumps(do))  # what a person's file defines goes as a whole
         try:
-            results = [self._pool.submit(_done, str(file), item) for item in items]
+            results = [self._pool.submit(_done, str(self._file), item) for item in items]
         except BrokenProcessPool:
             self._lost = True
             yield from map(do, items)
@@ -59,7 +65,10 @@ class Processes:
             except BrokenProcessPool:
                 self._lost = True
                 yield do(item)
-        file.unlink()
+
+    @property
+    def _file(self) -> Path:
+        return self._folder / f"{self._sent}"
 
 
 MANY_ROWS = 25

@@ -16,12 +16,13 @@ from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibrati
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..inference.budget import Budget, budget, by_what_is_carried, parts
+from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
-from ..inference.search import Candidate, Search
+from ..inference.search import Search
 from .distinguishability import Distinguishability, distinguishability
 from .verdict import Decision, decide
 
@@ -105,7 +106,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:
     parameters, s = p.problem.parameters, p.states
-    g = Gaussian(c.fit.linear, c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
+    g = Gaussian(c.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
     return stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
 
@@ -126,6 +127,6 @@ def _distinguishability(
         if weighed.of_effect(effect) > LEAST_PROBABILITY:
             mask = parameters.mask((effect,))
             size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
-    linear = best.fit.linear
+    linear = best.linear(p.problem)
     reduced = linear.reduced(max(best.grid_point.size, LEAST_DISCREPANCY), best.grid_point.form_error)
     return distinguishability(reduced, parameters, parameters.ids, size, best.grid_point.spike, linear.effect_size)

@@ -16,8 +16,9 @@ def carried(f: Attribution) -> tuple[Carries, ...]:
     """Largest first within named, present and unseen."""
     p = f.prepared.problem.parameters
     c = f.best
-    reduced = c.fit.linear.reduced(c.grid_point.size, c.grid_point.form_error)
-    seen = visible(reduced, p, p.ids, c.grid_point.spike, c.fit.linear.effect_size)
+    linear = c.linear(f.prepared.problem)
+    reduced = linear.reduced(c.grid_point.size, c.grid_point.form_error)
+    seen = visible(reduced, p, p.ids, c.grid_point.spike, linear.effect_size)
     floor = MM * (
         f.prepared.pushes.noise_floor if f.prepared.pushes and f.prepared.pushes_only else f.prepared.noise_floor
     )

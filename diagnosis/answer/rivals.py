@@ -25,13 +25,13 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.errors import ModelError
 
+from ..inference.candidate import Candidate
 from ..inference.discrepancy import Settings, by_channel, settings
 from ..inference.discrepancy import columns as smooth_columns
 from ..inference.evidence import SPIKES, Hypothesis
 from ..inference.posterior import UNKNOWN, Posterior
 from ..inference.prepare import Prepared
 from ..inference.reading_noise import noise_to_come
-from ..inference.search import Candidate
 from .distinguishability import Distinguishability
 
 Array = NDArray[np.float64]
@@ -153,7 +153,7 @@ class Rivals:
         """Posterior covariance (p, p) of all parameters of the problem under one of the candidates."""
         if k not in self._covariances:
             c, p = self.candidates[k], self.prepared.problem.parameters
-            linear, at = c.fit.linear, c.grid_point
+            linear, at = c.linear(self.prepared.problem), c.grid_point
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
             scale, _ = p.scaled(prior)
             own = p.of_effect

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.levels import SPINE_GAP, levels
+from ..inference.candidate import Candidate
 from ..inference.cross_validation import Model, cross_validated_residuals
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit
 from ..inference.prepare import Prepared
-from ..inference.search import Candidate
 from .result import LengthShrink, Shrink
 
 Array = NDArray[np.float64]
@@ -61,12 +61,12 @@ def folds(p: Prepared) -> tuple[Ints, str]:
 
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
     """The calibrated baseline without any effect."""
-    return Model(p.problem.parameters.no_effects(), 0.0, calibrated)
+    return Model(p.problem.parameters.no_effects(), 0.0, calibrated.theta)
 
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
     """The model of a hypothesis: named effects wide, the others within their tolerance."""
-    return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit)
+    return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit.theta)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import truncnorm
 
+from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN
 from ..inference.prepare import Prepared
-from ..inference.search import Candidate
 from .result import Value
 
 Array = NDArray[np.float64]
@@ -82,13 +82,12 @@ def _averaged(p: Prepared, c: Candidate) -> tuple[Array, Array]:
     parameters, grid, log_terms = p.problem.parameters, KNOWN.part(c.with_tolerances), c.weighed.log_terms
     weights = np.exp(log_terms - logsumexp(log_terms))
     named = parameters.mask(c.named)
+    linear = c.linear(p.problem)
     moments, total = np.zeros((2, len(parameters.scale))), 0.0
     for j, k in np.argwhere(weights.max(axis=0) > LEAST_WEIGHT):
-        reduced = c.fit.linear.reduced(float(grid.sizes[j]), float(grid.form_errors[k]))
+        reduced = linear.reduced(float(grid.sizes[j]), float(grid.form_errors[k]))
         for i in np.flatnonzero(weights[:, j, k] > LEAST_WEIGHT):
-            mean, covariance = reduced.posterior(
-                parameters.prior(named, float(grid.spikes[i]), c.fit.linear.effect_size)
-            )
+            mean, covariance = reduced.posterior(parameters.prior(named, float(grid.spikes[i]), linear.effect_size))
             moments += weights[i, j, k] * np.array([mean, np.diag(covariance) + mean**2])
             total += float(weights[i, j, k])
     mean, square = moments / total

@@ -87,7 +87,7 @@ def _only(f: Attribution, named: Hypothesis) -> Model:
     problem, p = f.prepared.problem, f.prepared.problem.parameters
     prior = p.prior(p.mask(named), 0.0)
     start = np.where(np.isin(p.effects, ["", *named]), f.best.fit.theta, p.mean)
-    return Model(prior, 0.0, fit(problem, prior, 0.0, start, FIT_ROUNDS))
+    return Model(prior, 0.0, fit(problem, prior, 0.0, start, FIT_ROUNDS).theta)
 
 
 def _simulator_as_it_is(p: Prepared, fold: Ints) -> Array | None:

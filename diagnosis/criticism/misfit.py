@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
+from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, LARGE, weigh
+from ..inference.linear import Linear
 from ..inference.problem import Parameters, Problem
-from ..inference.search import Candidate
 from .gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ def misfit_diagnostics(
     `trial`, `kind` (n,) number each measured value's trial and kind of experiment; `excess_scatter` as in `NoiseComponents`;
     `answer` the hypothesis of what is named, where that is another: a tolerance of the best hypothesis may be the cause.
     """
-    linear, p = best.fit.linear, problem.parameters
+    linear, p = best.linear(problem), problem.parameters
     large = LARGE.part(best.with_tolerances)
     beside = weigh(linear, large, p, [best.named])[0]
     log_terms = [np.logaddexp.reduce(w.log_terms, axis=2) for w in (best.weighed, beside)]
@@ -101,7 +102,7 @@ def misfit_diagnostics(
     if answer is not None:
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
         point = answer.grid_point
-        named = Gaussian(answer.fit.linear, answer.prior(p), point.size, point.form_error)
+        named = Gaussian(answer.linear(problem), answer.prior(p), point.size, point.form_error)
         prior_tension, furthest_from_prior = min(
             (prior_tension, furthest_from_prior), _prior_tension(named, p, answer.named)[:2]
         )
@@ -117,12 +118,12 @@ def misfit_diagnostics(
         excess_scatter=excess_scatter,
         outlier_trial=int(numbers[worst]) if significant else None,
         outlier_surprise=float(surprise[worst]),
-        law_error_gain=_law_error_gain(answer or best),
+        law_error_gain=_law_error_gain(answer or best, linear if answer is None else answer.linear(problem)),
     )
 
 
-def _law_error_gain(best: Candidate) -> float:
-    if not best.fit.linear.form_error.shape[1]:
+def _law_error_gain(best: Candidate, linear: Linear) -> float:
+    if not linear.form_error.shape[1]:
         return 0.0
     by_share = logsumexp(best.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
     return float(by_share[-1] - by_share[0])

@@ -14,8 +14,9 @@ lasts. Chambers of one regulator are read wrongly together. Readings of differen
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,10 @@ class Noise:
     pressure_response: Array
     """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
     lasting: Lasting | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is made of it."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def whiten(self, values: Array) -> Array:
         """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""

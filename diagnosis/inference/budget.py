@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis
 from .fit import Fit
 from .posterior import Posterior, shares
 from .prepare import LEAST_CARRIED, Prepared
 from .problem import Problem
-from .search import Candidate
 
 Array = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_WEIGHT:
             continue
-        m, f = carry.of(c.fit, np.clip(_drawn(c.weighed.mean, c.weighed.covariance), p.low, p.high))
+        m, f = carry.of(c.fit, np.clip(_drawn(*c.posterior(problem)), p.low, p.high))
         metres.append(m)
         floors.append(f)
         weight += [w / DRAWS] * DRAWS
@@ -233,12 +233,13 @@ class _Carrying:
     def _products(self, fit: Fit) -> list[dict[str, Array]]:
         p = self._problem.parameters
         at = fit.theta - p.mean
-        exact = fit.linear.responses
+        exact = {} if fit.form_error is None else fit.form_error.responses
+        slope = fit.derivatives(self._problem).whole
         found: list[dict[str, Array]] = [{} for _ in self._parts]
         for effect in p.ids:
             own = [i for i, e in enumerate(p.effects) if e == effect]
-            columns = np.column_stack([fit.slope[:, own] * p.sd[own], exact.get(effect, fit.slope[:, own] @ at[own])])
-            products = carried(self._problem, self._parts, fit.slope, columns)
+            columns = np.column_stack([slope[:, own] * p.sd[own], exact.get(effect, slope[:, own] @ at[own])])
+            products = carried(self._problem, self._parts, slope, columns)
             if effect not in exact and any(
                 m[-1, -1] > (LEAST_CARRIED * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
             ):
@@ -246,7 +247,7 @@ class _Carrying:
                 done = self._problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(done).all():
                     columns[:, -1] = done
-                    products = carried(self._problem, self._parts, fit.slope, columns)
+                    products = carried(self._problem, self._parts, slope, columns)
             for squares, product in zip(found, products, strict=True):
                 squares[effect] = product
         return found

@@ -1,15 +1,15 @@
 """Predicting data that a fit did not see: a share of the values is left out, the model refitted, the rest predicted.
 
-A refit begins at the fit to all values and keeps its derivatives; where that does not reach the most probable point, because
-the model is far from linear there, derivatives are taken anew. The parameters found then predict with the non-linear model.
-The discrepancy weighs the fit but takes no part in the prediction, unless it is asked for.
+A refit begins at the fit to all values and keeps the derivatives there; where that does not reach the most probable point,
+because the model is far from linear there, derivatives are taken anew. The parameters found then predict with the non-linear
+model. The discrepancy weighs the fit but takes no part in the prediction, unless it is asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from .executor import SINGLE_THREAD, Executor
 from .fit import Fit, fit, refit
 from .linear import Prior
 from .problem import Forward, Problem
+from .slope import Slope
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -34,8 +35,8 @@ class Model:
     prior: Prior
     """A variance of 0 leaves an effect as it is in the fit."""
     size: float
-    around: Fit
-    """A fit to all values, near which the refits are."""
+    theta: Array
+    """(k,) parameters fitted to all values, near which the refits are."""
     smooth: bool = False
     """Whether the discrepancy predicts too."""
 
@@ -52,32 +53,57 @@ def cross_validated_residuals(
     `fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN). `shares` of the work are done
     before and after.
     """
-    wanted = [(k, int(part)) for k in range(len(models)) for part in np.unique(fold[fold >= 0])]
+    parts = [int(part) for part in np.unique(fold[fold >= 0])]
     missed = [np.full(len(problem.observed), np.nan) for _ in models]
-    left_out = executor.map(partial(_left_out, problem, tuple(models), fold), wanted, *shares)
-    for (k, part), found in zip(wanted, left_out, strict=True):
-        missed[k][fold == part] = found
+    wanted = [(model, part) for model in models for part in parts]
+    found = executor.map(_Folds(problem, fold).left_out, wanted, *shares)
+    for k, residual in enumerate(found):
+        missed[k // len(parts)][fold == parts[k % len(parts)]] = residual
     return missed
 
 
-def _left_out(problem: Problem, models: tuple[Model, ...], fold: Ints, wanted: tuple[int, int]) -> Array:
-    """Measured minus predicted for the values of one part, by a fit of one of the models to the others."""
-    k, part = wanted
-    return np.asarray((problem.observed - _predicted(problem, models[k], fold != part))[fold == part])
+class _Folds:
+    """The parts of one problem's values."""
+
+    def __init__(self, problem: Problem, fold: Ints) -> None:
+        self._problem, self._fold = problem, fold
+        self._known: tuple[Model, Array, Array] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what was linearised here."""
+        return vars(self) | {"_known": None}
+
+    def left_out(self, wanted: tuple[Model, int]) -> Array:
+        """Measured minus predicted for the values of one part, by a fit of a model to the others."""
+        model, part = wanted
+        problem, seen = self._problem, self._fold != part
+        missed = problem.observed - _predicted(problem, model, self._linearised(model), seen)
+        return np.asarray(missed[~seen])
+
+    def _linearised(self, model: Model) -> tuple[Array, Array]:
+        """Prediction (n,) and derivatives (n, k) at the parameters of a model, by those that it leaves free."""
+        known = self._known
+        if known is None or not np.array_equal(known[0].theta, model.theta) or known[0].prior is not model.prior:
+            free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
+            predicted, columns = self._problem.linearise(model.theta, free.tolist())
+            slope = np.zeros((len(predicted), len(model.theta)))
+            slope[:, free] = columns
+            self._known = known = (model, predicted, slope)
+        return known[1:]
 
 
-def _predicted(problem: Problem, model: Model, seen: NDArray[np.bool_]) -> Array:
-    """What a fit to the values marked `seen` predicts (n,)."""
+def _predicted(problem: Problem, model: Model, around: tuple[Array, Array], seen: NDArray[np.bool_]) -> Array:
+    """What a fit to the values marked `seen` predicts (n,); prediction and derivatives `around` the model's parameters."""
     rest = replace(
         problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
         discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],
     )  # fmt: skip
-    around = replace(model.around, predicted=model.around.predicted[seen], slope=model.around.slope[seen])
-    found = refit(rest, model.prior, model.size, around)
+    predicted, slope = (values[seen] for values in around)
+    found = refit(rest, model.prior, model.size, Fit(model.theta, predicted, Slope.of(slope), np.nan, np.nan))
     if found.predicted_decrease > FAR_FROM_DONE:
         found = fit(rest, model.prior, model.size, found.theta)
-    predicted = problem.forward.predict(found.theta)
-    return predicted + _discrepancy(problem, rest, model.size, found.predicted) if model.smooth else predicted
+    everywhere = problem.forward.predict(found.theta)
+    return everywhere + _discrepancy(problem, rest, model.size, found.predicted) if model.smooth else everywhere
 
 
 def _discrepancy(problem: Problem, rest: Problem, size: float, predicted: Array) -> Array:

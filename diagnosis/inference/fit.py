@@ -7,7 +7,7 @@ is curved along a step it is corrected to second order (geodesic acceleration, T
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from .box_constrained import box_constrained_minimum
 from .linear import Linear, Prior
-from .problem import Problem, linearise
+from .problem import FormError, Problem, linearise
+from .slope import Reference, Slope, White
 
 Array = NDArray[np.float64]
 
@@ -42,29 +43,51 @@ class Fit:
     """(k,) parameters, in their own units."""
     predicted: Array
     """(n,) there."""
-    slope: Array
-    """(n, k) derivatives there, in the parameters' units."""
-    linear: Linear
+    slope: Slope | None
+    """Derivatives there; None where they were not kept."""
     cost: float
     """Half the squared misfit plus half the squared distance from the prior."""
     predicted_decrease: float
     """Decrease of the cost that the linear problem still predicts: 0 at the most probable point."""
+    form_error: FormError | None = None
+    """Model-form error of some effects there; None: no law is taken to be wrong."""
+
+    def derivatives(self, problem: Problem) -> Slope:
+        """The slope, taken anew where it was not kept."""
+        return self.slope if self.slope is not None else Slope.of(problem.linearise(self.theta)[1])
+
+    def linear(self, problem: Problem) -> Linear:
+        """The linear problem around it, made anew each time: it is as large as the derivatives."""
+        slope = self.derivatives(problem)
+        linear = problem.whitened(self.theta, self.predicted, White(slope, problem.noise, problem.parameters.sd).whole)
+        reference = slope.reference
+        known = None if reference is None else reference.tolerated
+        return (
+            linear if self.form_error is None else problem.with_form_error(linear, self.theta, self.form_error, known)
+        )
 
 
 def refit(problem: Problem, prior: Prior, size: float, start: Fit, rounds: int = ROUNDS) -> Fit:
     """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
-    return _search(problem, prior, size, start, rounds, start, np.zeros(len(start.theta), bool), 0.0, CHORD_PROMISE)
+    p = problem.parameters
+    known, none = Reference(start.derivatives(problem).whole, problem.noise, p.sd), np.zeros(len(start.theta), bool)
+    here = replace(start, slope=Slope.at_reference(known))
+    return _search(problem, prior, size, here, rounds, known, none, 0.0, CHORD_PROMISE)
 
 
 def fit(
-    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int = ROUNDS, frozen: Fit | None = None
+    problem: Problem,
+    prior: Prior,
+    size: float,
+    start: Array | Fit,
+    rounds: int = ROUNDS,
+    frozen: Reference | None = None,
 ) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
-    the slope of the result has nothing for them. With `frozen`, all derivatives but those by what is named are those of
-    that fit.
+    the slope of the result has nothing for them. With `frozen`, all derivatives but those by what is named are these.
     """
     fresh = problem.parameters.scaled(prior)[0] > 0
     if frozen is not None:
@@ -75,22 +98,19 @@ def fit(
 
 
 def _search(
-    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Fit | None, fresh: NDArray[np.bool_],
-    tolerance: float, least_promise: float,
+    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Reference | None,
+    fresh: NDArray[np.bool_], tolerance: float, least_promise: float,
 ) -> Fit:  # fmt: skip
     """Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`; a step
     within `tolerance`, or that promises to lower the cost by less than `least_promise`, is not taken."""
     p = problem.parameters
     scale, mean = p.scaled(prior)
     misfit, forward = _Misfit(problem, size), problem.forward
-    known = np.zeros((len(problem.observed), len(scale))) if frozen is None else frozen.slope
     anew = np.flatnonzero(fresh)
 
-    def linearised(theta: Array) -> tuple[Array, Array]:
+    def linearised(theta: Array) -> tuple[Array, Slope]:
         predicted, columns = linearise(forward, theta, anew.tolist())
-        slope = known.copy()
-        slope[:, anew] = columns
-        return predicted, slope
+        return predicted, Slope(frozen, anew, columns, len(theta))
 
     def total(theta: Array, predicted: Array) -> float:
         return misfit.cost(predicted) + _distance(theta, mean, scale)
@@ -113,7 +133,7 @@ def _search(
         return (corrected, other) if other < reached else (goal, reached)
 
     if isinstance(start, Fit):
-        theta, predicted, slope = start.theta, start.predicted, start.slope
+        theta, predicted, slope = start.theta, start.predicted, start.derivatives(problem)
     else:
         theta = np.clip(start, p.lower, p.upper)
         predicted, slope = linearised(theta)
@@ -130,7 +150,7 @@ def _search(
     damping = 0
     forward = forward.near(theta) if rounds else forward
     for _ in range(rounds):
-        local = _Local(problem, misfit, theta, predicted, slope, scale, mean)
+        local = _Local(misfit, theta, predicted, slope, scale, mean)
         if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < tolerance:
             break
         tried, reached, begun, given_up = theta, np.inf, damping, False
@@ -158,10 +178,10 @@ def _search(
         if gained < COST_TOLERANCE:
             break
         damping = max(damping - 2, 0)
-    local = _Local(problem, misfit, theta, predicted, slope, scale, mean)
+    local = _Local(misfit, theta, predicted, slope, scale, mean)
     goal = local.goal(0.0)
     predicted_cost = total(goal, local.predicted(goal))
-    return Fit(theta, predicted, slope, problem.linear(theta, predicted, slope), cost, max(cost - predicted_cost, 0.0))
+    return Fit(theta, predicted, slope, cost, max(cost - predicted_cost, 0.0))
 
 
 def _distance(theta: Array, mean: Array, scale: Array) -> float:
@@ -173,7 +193,7 @@ class _Misfit:
     """Squared misfits with the discrepancy of one size integrated out."""
 
     def __init__(self, problem: Problem, size: float) -> None:
-        self._problem = problem
+        self.problem, self._size = problem, size
         self._columns = size * problem.whitened_discrepancy
         m = self._columns.shape[1]
         self._factor = cho_factor(np.eye(m) + self._columns.T @ self._columns, lower=True) if size and m else None
@@ -189,32 +209,41 @@ class _Misfit:
         """Half the squared misfit of a prediction (n,); infinite where a state has no equilibrium."""
         if not np.isfinite(predicted).all():
             return np.inf
-        missed = self._problem.noise.whiten(self._problem.observed - predicted)
+        missed = self.problem.noise.whiten(self.problem.observed - predicted)
         return 0.5 * float(missed @ self.solve(missed))
+
+    def information(self, white: White) -> Array:
+        """(k, k) of the data, in units of the priors."""
+        return white.information(self._size, self.solve)
 
 
 class _Local:
     """The linear problem around parameters (k,), in which optima are quick to find."""
 
     def __init__(
-        self, problem: Problem, misfit: _Misfit, theta: Array, predicted: Array, slope: Array, scale: Array, mean: Array
+        self, misfit: _Misfit, theta: Array, predicted: Array, slope: Slope, scale: Array, mean: Array
     ) -> None:
+        self._misfit, problem = misfit, misfit.problem
         p = self._p = problem.parameters
         free = self._free = np.flatnonzero(scale > 0)
         self._theta, self._predicted, self._slope = theta, predicted, slope
         self._scale, self._mean, self._rest = scale, mean, np.where(scale > 0, theta, mean)
-        columns = problem.noise.whiten(slope[:, free] * scale[free])
-        missed = problem.noise.whiten(problem.observed - predicted - slope @ (self._rest - theta))
-        self._noise, self._solved = problem.noise, misfit.solve(columns)
+        self._white, self._ratio = White(slope, problem.noise, p.sd), (scale / p.sd)[free]
+        missed = problem.observed - predicted - slope.along(self._rest - theta)
         self._here = (theta - mean)[free] / scale[free]
-        information = columns.T @ self._solved
+        information = misfit.information(self._white)[np.ix_(free, free)] * np.outer(self._ratio, self._ratio)
         self._curve = np.eye(free.size) + information
-        self._score = self._solved.T @ missed + information @ self._here
+        self._score = self._pulled(missed) + information @ self._here
         self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
+
+    def _pulled(self, values: Array) -> Array:
+        """(f,) by how much values (n,) pull at what is free."""
+        white = self._misfit.solve(self._misfit.problem.noise.whiten(values))
+        return np.asarray(self._ratio * self._white.against(white)[self._free])
 
     def predicted(self, theta: Array) -> Array:
         """Predicted values (n,) of the linear problem at parameters (k,)."""
-        return np.asarray(self._predicted + self._slope @ (theta - self._theta))
+        return np.asarray(self._predicted + self._slope.along(theta - self._theta))
 
     def goal(self, damping: float, bend: Array | None = None) -> Array:
         """Optimum (k,) within the bounds, kept near theta by a damping; what has no scale is at its mean.
@@ -223,7 +252,7 @@ class _Local:
         """
         score = self._score + damping * self._here
         if bend is not None:
-            score -= self._solved.T @ self._noise.whiten(bend)
+            score -= self._pulled(bend)
         x = box_constrained_minimum(self._curve + damping * np.eye(len(score)), score, self._low, self._high)
         goal = self._rest.copy()
         goal[self._free] = self._mean[self._free] + self._scale[self._free] * x

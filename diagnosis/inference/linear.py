@@ -11,8 +11,7 @@ factorisation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +57,6 @@ class Linear:
     """(m, m) D^T D where it is known."""
     effect_size: Array | None = None
     """(p,) see `Parameters.effect_size`; None where no parameter is a shape parameter."""
-    responses: Mapping[str, Array] = field(default_factory=dict)
-    """What effects do to the values (n,), in their units, at the point of the linear problem, where that was computed."""
 
     def __post_init__(self) -> None:
         n = len(self.observed)

@@ -14,8 +14,8 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from .candidate import Candidate
 from .evidence import Hypothesis
-from .search import Candidate
 
 Array = NDArray[np.float64]
 

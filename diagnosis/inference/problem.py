@@ -6,10 +6,10 @@ form), exact where the model is linear.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,6 +188,17 @@ class Parameters:
 
 
 @dataclass(frozen=True)
+class FormError:
+    """Model-form error at a point: of the laws of what is named there, and of what is tolerated."""
+
+    named: tuple[str, ...]
+    responses: Mapping[str, Array]
+    """What named effects do to the values (n,), in their units, where that is known."""
+    shared: bool = False
+    """What is tolerated is taken to be as at the reference of the derivatives."""
+
+
+@dataclass(frozen=True)
 class Problem:
     """Forward model, data and noise: all that the evidence of a hypothesis needs."""
 
@@ -203,6 +214,10 @@ class Problem:
     law may differ from the catalogue's (model-form error)."""
     channel_basis: Array
     """(n, b) the same with one factor for each channel; shared and channel basis contribute half of the variance each."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is made of it."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @cached_property
     def whitened_discrepancy(self) -> Array:
@@ -228,9 +243,12 @@ class Problem:
 
     def linear(self, theta: Array, predicted: Array, slope: Array) -> Linear:
         """The same from a prediction (n,) and slope (n, k) that are known already."""
+        return self.whitened(theta, predicted, self.noise.whiten(slope * self.parameters.sd))
+
+    def whitened(self, theta: Array, predicted: Array, scaled: Array) -> Linear:
+        """The same from a slope (n, k) that is whitened, by one prior standard deviation of each parameter."""
         p = self.parameters
         own = p.of_effect
-        scaled = self.noise.whiten(slope * p.sd)
         shift = scaled @ ((theta - p.mean) / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
         none = np.zeros((len(observed), 0))
@@ -245,23 +263,23 @@ class Problem:
             effect_size=p.effect_size(theta),
         )
 
-    def with_form_error(
-        self, linear: Linear, theta: Array, predicted: Array, named: tuple[str, ...], beside: Array | None = None
-    ) -> Linear:
+    def form_error(self, theta: Array, predicted: Array, named: tuple[str, ...], shared: bool = False) -> FormError:
+        """Of the laws of effects at parameters (k,), where the values are predicted so."""
+        done = {effect: self.response(theta, predicted, effect) for effect in named}
+        return FormError(named, {e: d for e, d in done.items() if np.isfinite(d).all() and d.any()}, shared)
+
+    def with_form_error(self, linear: Linear, theta: Array, wrong: FormError, tolerated: Array | None = None) -> Linear:
         """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what an
         effect does at theta. No law of material or contact is exact, be its effect named or tolerated (to first order then).
-        `beside` (n, f): columns of what is tolerated, where they are known."""
-        columns, leakage = [np.zeros((len(predicted), 0))], 0.0
-        responses: dict[str, Array] = {}
-        for effect in named:
-            done = self.response(theta, predicted, effect)
-            if np.isfinite(done).all() and done.any():
-                responses[effect] = done
-                wrong = self.parameters.law_error[effect] * done
-                columns.append(self.form_error_of(wrong))
-                leakage = float(np.hypot(leakage, LEAKAGE * self._typical(wrong)))
-        columns.append(self._tolerated(linear, theta, named) if beside is None else beside)
-        return replace(linear, form_error=np.hstack(columns), leakage=leakage, responses=responses)
+        `tolerated` (n, f): columns of what is, for those that share them."""
+        columns, leakage = [np.zeros((len(linear.observed), 0))], 0.0
+        for effect, response in wrong.responses.items():
+            done = self.parameters.law_error[effect] * response
+            columns.append(self.form_error_of(done))
+            leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
+        known = tolerated if wrong.shared else None
+        columns.append(self._tolerated(linear, theta, wrong.named) if known is None else known)
+        return replace(linear, form_error=np.hstack(columns), leakage=leakage)
 
     def _tolerated(self, linear: Linear, theta: Array, named: tuple[str, ...]) -> Array:
         """Columns (n, f) of the model-form error of all effects that are not named."""

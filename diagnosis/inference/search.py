@@ -10,7 +10,7 @@ as long as the gain in evidence pays for the prior of one more effect.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from .evidence import KNOWN, LARGE, NONE, Grid, GridPoint, Hypothesis, Weighed, weigh
+from .candidate import Candidate, References, Task, complete, leading_effects, light, without_derivatives
+from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, weigh
 from .executor import SINGLE_THREAD, Executor
 from .fit import Fit, fit
-from .linear import Prior
-from .problem import Parameters, Problem
+from .problem import FormError, Problem
+from .slope import Reference, Slope
 
 Array = NDArray[np.float64]
 
@@ -41,8 +42,6 @@ SURPASSED = 200.0
 MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 150.0))
 """Of singles: up to a predicted decrease of the cost, how far their log evidence may be behind the best and still be followed."""
 LEAST_FOLLOWED = 2
-FIRST_LOOK = 3
-"""Effects that are told at first sight."""
 SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
 PRUNING, AFTER_SEARCH = (0.77, 0.81), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
@@ -51,6 +50,8 @@ FAR = 10.0
 RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
 FULL_ROUNDS = 30
 """Of a hypothesis that is searched by itself."""
+LEFT_BEHIND = 60.0
+"""Log evidence behind the best from which a fit's derivatives are not kept; so far behind, it has no part in the answer."""
 HOPELESS = 40.0
 """Of the points that a search reaches from several starts, one that costs so much more is not weighed: evidence does not make up
 for it."""
@@ -79,34 +80,6 @@ class Extent:
     """Leading hypotheses that are searched to the end."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A hypothesis with its evidence, and the fit around which it was weighed."""
-
-    named: Hypothesis
-    weighed: Weighed
-    fit: Fit
-    grid_point: GridPoint
-    """The most probable point of the grid."""
-    with_tolerances: bool
-    """Fitted with every other effect free within its tolerance; else with all others absent."""
-    unknown: bool = False
-
-    def prior(self, p: Parameters) -> Prior:
-        """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
-        return p.prior(p.mask(self.named), self.grid_point.spike, self.fit.linear.effect_size)
-
-    @property
-    def laplace_log_evidence(self) -> float:
-        """Log evidence of the linear problem (Laplace approximation)."""
-        return self.weighed.log_evidence
-
-    @property
-    def log_evidence(self) -> float:
-        """Laplace log evidence less the decrease of the cost that the linear problem predicts and the model did not reach."""
-        return self.laplace_log_evidence - self.fit.predicted_decrease
-
-
 def _evidence(c: Candidate) -> float:
     return c.log_evidence
 
@@ -114,15 +87,6 @@ def _evidence(c: Candidate) -> float:
 def _promised(f: Fit) -> float:
     """Least cost that the linear problem around a fit promises."""
     return f.cost - f.predicted_decrease
-
-
-def leading_effects(singles: Iterable[Candidate]) -> tuple[str, ...]:
-    """The effects that alone make the data most probable, the first `FIRST_LOOK` of them; each by its better evidence."""
-    best: dict[str, float] = {}
-    for c in singles:
-        (effect,) = c.named
-        best[effect] = max(best.get(effect, -np.inf), c.laplace_log_evidence)
-    return tuple(sorted(best, key=lambda e: -best[e])[:FIRST_LOOK])
 
 
 class Search:
@@ -134,14 +98,27 @@ class Search:
         self.problem, self.extent, self._executor = problem, extent or Extent(), executor
         self._grids = {with_tolerances: grid.part(with_tolerances) for with_tolerances in (False, True)}
         self._tried: dict[tuple[Hypothesis, bool], Candidate] = {}
+        self._best = -np.inf
+        self._references: References = {}
+        self._none: dict[bool, Candidate] = {}
         calibrated = self._fit(NONE, False, START_SIZE, problem.parameters.mean, 4)
-        self._keep(self._weigh(NONE, self._with_all_derivatives(calibrated), False))
-        fitted = self._weigh(NONE, self._fit(NONE, True, START_SIZE, self._tried[NONE, False].fit, 3), True)
-        self._keep(self._weigh(NONE, self._fit(NONE, True, fitted.grid_point.size, fitted.fit, 5), True))
+        self._begin_at(self._with_all_derivatives(calibrated), False)
+        fitted = self._weigh(NONE, self._fit(NONE, True, START_SIZE, self._none[False].fit, 3), True)
+        self._begin_at(self._fit(NONE, True, fitted.grid_point.size, fitted.fit, 5), True)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a fit elsewhere needs: of all that was tried, none alone."""
-        return vars(self) | {"_tried": {key: c for key, c in self._tried.items() if key[0] == NONE}}
+        """What a search elsewhere needs: nothing of what was tried."""
+        return vars(self) | {"_tried": {}}
+
+    def _begin_at(self, none: Fit, with_tolerances: bool) -> None:
+        """Keep a fit of none, at which other searches begin; its derivatives are their reference."""
+        alone = replace(none, form_error=FormError(NONE, {}))
+        p = self.problem
+        reference = Reference(none.derivatives(p).whole, p.noise, p.parameters.sd, alone.linear(p).form_error)
+        around = replace(none, slope=Slope.at_reference(reference), form_error=FormError(NONE, {}, shared=True))
+        found = self._weigh_around(around, [NONE], with_tolerances)[NONE]
+        self._references[with_tolerances], self._none[with_tolerances] = reference, found
+        self._keep(found)
 
     @property
     def found(self) -> dict[Hypothesis, Candidate]:
@@ -179,7 +156,7 @@ class Search:
         than something unknown alone as the effect is than none. Evidence is divided by the temperature, shares are not.
         """
         p = self.problem.parameters
-        beside = [weigh(c.fit.linear, LARGE.part(c.with_tolerances), p, [c.named])[0] for c in leading]
+        beside = [weigh(c.linear(self.problem), LARGE.part(c.with_tolerances), p, [c.named])[0] for c in leading]
         terms = np.array([w.log_evidence for w in beside]) / temperature + np.log(np.array(shares))
         i = int(np.argmax(terms))
         total = replace(beside[i], log_evidence=temperature * float(logsumexp(terms)))
@@ -188,12 +165,28 @@ class Search:
 
     def fitted(self, named: Hypothesis) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""
-        begun = self._best_of_starts(named, False, ()) if named else self._tried[named, False]
+        begun = self._best_of_starts(named, False, ()) if named else self._none[False]
         return max(begun, self._refined(begun, FULL_ROUNDS), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included."""
         return replace(c, fit=self._with_form_error(c.named, self._with_all_derivatives(c.fit)))
+
+    def _map(
+        self, do: Callable[[Task], list[Candidate]], tasks: Sequence[Task], begin: float, end: float
+    ) -> list[list[Candidate]]:
+        """`do`, a method of this search, for every task, here or elsewhere; `begin`, `end`: shares of the work done."""
+        sent = [
+            (do.__name__, t if t.begun is None else replace(t, begun=light(t.begun, self._references))) for t in tasks
+        ]
+        return [
+            [complete(c, self._references) for c in found] for found in self._executor.map(self._done, sent, begin, end)
+        ]
+
+    def _done(self, sent: tuple[str, Task]) -> list[Candidate]:
+        name, task = sent
+        begun = None if task.begun is None else complete(task.begun, self._references)
+        return [light(c, self._references) for c in getattr(self, name)(replace(task, begun=begun))]
 
     def _singles(self) -> list[Candidate]:
         """Every single effect around the fit of none; the leading ones, and those not linear there, from starts of their own."""
@@ -201,19 +194,19 @@ class Search:
         singles: list[Hypothesis] = [(e,) for e in p.ids]
         own_start = {h for h in singles if self._needs_own_start(h)}
         here = {
-            with_tolerances: self._weigh_around(self._tried[NONE, with_tolerances].fit, singles, with_tolerances)
+            with_tolerances: self._weigh_around(self._none[with_tolerances].fit, singles, with_tolerances)
             for with_tolerances in (False, True)
         }
         leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[: extent.screen]}
         alone = [h for h in singles if h in own_start]
-        glances = self._executor.map(self._glanced, alone, SINGLES[0], GLANCED)
+        glances = self._map(self._glanced, [Task(h) for h in alone], SINGLES[0], GLANCED)
         first = {(h, w): c for w in here for h, c in here[w].items()}
         first |= {(h, c.with_tolerances): c for h, both in zip(alone, glances, strict=True) for c in both}
         for c in first.values():
             self._keep(c)
         self._executor.first_look(leading_effects(first.values()))
         followed = self._worth_following({k: c for k, c in first.items() if k[0] in own_start | leading})
-        for both in self._executor.map(self._screened, followed, GLANCED, SINGLES[1]):
+        for both in self._map(self._screened, followed, GLANCED, SINGLES[1]):
             for c in both:
                 self._keep(c)
         best: list[Candidate] = []
@@ -224,7 +217,7 @@ class Search:
             best += [
                 c for c in own[: extent.refine] if c.laplace_log_evidence > max(map(_evidence, own)) - extent.within
             ]
-        for c in self._executor.map(self._refined_where_better, best, *REFINING):
+        for (c,) in self._map(self._refined_where_better, [Task(c.named, begun=c) for c in best], *REFINING):
             self._keep(c)
         return sorted(self._of(1), key=lambda c: -c.log_evidence)
 
@@ -238,24 +231,22 @@ class Search:
         own = [i for i, e in enumerate(p.effects) if e in named]
         return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
 
-    def _glanced(self, named: Hypothesis) -> list[Candidate]:
+    def _glanced(self, task: Task) -> list[Candidate]:
         """The best by evidence in the linear problem at its starting points, without and with tolerances: no step taken, and
         the errors of the laws of all that is not named as for none."""
         out = []
-        for with_tolerances in (False, True):
-            none = self._tried[NONE, with_tolerances]
+        for with_tolerances, none in self._none.items():
             begun = (
-                self._fit(named, with_tolerances, none.grid_point.size, start, 0, none.fit)
-                for start in self._starts(named, none.fit)
+                self._fit(
+                    task.named, with_tolerances, none.grid_point.size, start, 0, self._references[with_tolerances]
+                )
+                for start in self._starts(task.named, none.fit)
             )
-            beside = none.fit.linear.form_error
-            tried = [self._weigh(named, fitted, with_tolerances, beside) for fitted in begun]
+            tried = [self._weigh(task.named, fitted, with_tolerances, shared=True) for fitted in begun]
             out.append(max(tried, key=lambda c: c.laplace_log_evidence))
         return out
 
-    def _worth_following(
-        self, first: Mapping[tuple[Hypothesis, bool], Candidate]
-    ) -> list[tuple[Hypothesis, tuple[bool, ...]]]:
+    def _worth_following(self, first: Mapping[tuple[Hypothesis, bool], Candidate]) -> list[Task]:
         """Hypotheses that could still win, and whether without tolerances, with them or both.
 
         A linear problem says little of a point that is far away: the larger the decrease it predicts, the more its evidence
@@ -272,14 +263,13 @@ class Search:
                 margin = next(m for decrease, m in MARGINS if own[h].fit.predicted_decrease < decrease)
                 if place < LEAST_FOLLOWED or own[h].laplace_log_evidence > top - margin:
                     kept[h] = (*kept.get(h, ()), with_tolerances)
-        return list(kept.items())
+        return [Task(h, both) for h, both in kept.items()]
 
-    def _screened(self, wanted: tuple[Hypothesis, tuple[bool, ...]]) -> list[Candidate]:
+    def _screened(self, task: Task) -> list[Candidate]:
         """Two steps from each starting point; the best by evidence at the point reached, without and with tolerances."""
-        named, both = wanted
         out: list[Candidate] = []
-        for with_tolerances in both:
-            out.append(self._best_of_starts(named, with_tolerances, [c.fit.theta for c in out]))
+        for with_tolerances in task.with_tolerances:
+            out.append(self._best_of_starts(task.named, with_tolerances, [c.fit.theta for c in out]))
         return out
 
     def _best_of_starts(self, named: Hypothesis, with_tolerances: bool, more: Sequence[Array]) -> Candidate:
@@ -287,7 +277,7 @@ class Search:
 
         Those far from where the robot was calibrated cost most: where a search from one of `more` ends, they are left out.
         """
-        none = self._tried[NONE, with_tolerances]
+        none, reference = self._none[with_tolerances], self._references[with_tolerances]
         follow = partial(self._fit, named, with_tolerances, none.grid_point.size)
         close: list[Array | Fit] = []
         far: list[Array] = []
@@ -296,7 +286,7 @@ class Search:
                 close.append(start)
             else:
                 far.append(start)
-        tried = [follow(start, 2, none.fit) for start in close]
+        tried = [follow(start, 2, reference) for start in close]
         if not (more and tried and min(tried, key=_promised).predicted_decrease <= UNFINISHED):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             tried += [follow(self._recalibrated(start), 4) for start in far]
@@ -359,11 +349,13 @@ class Search:
             c.named, self._fit(c.named, c.with_tolerances, c.grid_point.size, c.fit, rounds), c.with_tolerances
         )
 
-    def _refined_where_better(self, c: Candidate) -> Candidate:
-        return max(c, self._refined(c, 4), key=_evidence)
+    def _refined_where_better(self, task: Task) -> list[Candidate]:
+        assert task.begun is not None
+        return [max(task.begun, self._refined(task.begun, 4), key=_evidence)]
 
-    def _refined_in_two_rounds(self, c: Candidate) -> Candidate:
-        return self._refined(c, 2)
+    def _refined_in_two_rounds(self, task: Task) -> list[Candidate]:
+        assert task.begun is not None
+        return [self._refined(task.begun, 2)]
 
     def _extend(self, parents: Sequence[Candidate], follow: int, shares: tuple[float, float]) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
@@ -381,8 +373,9 @@ class Search:
         if not extended:
             return []
         leading = sorted(extended.values(), key=lambda c: -c.laplace_log_evidence)
-        refined = self._executor.map(self._refined_in_two_rounds, leading[:follow], *shares)
-        followed = {(c.named, c.with_tolerances): c for c in refined}
+        tasks = [Task(c.named, begun=c) for c in leading[:follow]]
+        refined = self._map(self._refined_in_two_rounds, tasks, *shares)
+        followed = {(c.named, c.with_tolerances): c for (c,) in refined}
         # Those not followed are taken to lose as much as the median of those that were.
         typical = max(
             float(
@@ -408,21 +401,21 @@ class Search:
         for begin, end in itertools.pairwise(steps.tolist()):
             c = max(self._tried.values(), key=_evidence)
             fewer = [tuple(x for x in c.named if x != e) for e in c.named if len(c.named) > 1]
-            fresh = [(h, c) for h in fewer if (h, c.with_tolerances) not in tried]
+            fresh = [Task(h, begun=c) for h in fewer if (h, c.with_tolerances) not in tried]
             tried |= {(h, c.with_tolerances) for h in fewer}
-            for found in self._executor.map(self._searched_from, fresh, begin, end):
+            for (found,) in self._map(self._searched_from, fresh, begin, end):
                 known = self._tried.get((found.named, found.with_tolerances))
                 if known is None or found.log_evidence > known.log_evidence:
                     self._keep(found)
             if not fresh:
                 return
 
-    def _searched_from(self, wanted: tuple[Hypothesis, Candidate]) -> Candidate:
+    def _searched_from(self, task: Task) -> list[Candidate]:
         """Some of a candidate's effects, searched from where all of them were found."""
-        named, c = wanted
-        return self._weigh(
-            named, self._fit(named, c.with_tolerances, c.grid_point.size, c.fit.theta, 6), c.with_tolerances
-        )
+        named, c = task.named, task.begun
+        assert c is not None
+        found = self._fit(named, c.with_tolerances, c.grid_point.size, c.fit.theta, 6)
+        return [self._weigh(named, found, c.with_tolerances)]
 
     def _finish(self) -> None:
         """Leading hypotheses whose search was cut short are searched to the end."""
@@ -453,7 +446,7 @@ class Search:
         size: float,
         start: Array | Fit,
         rounds: int,
-        frozen: Fit | None = None,
+        frozen: Reference | None = None,
     ) -> Fit:
         p = self.problem.parameters
         return fit(self.problem, p.prior(p.mask(named), FIT_SPIKE * with_tolerances), size, start, rounds, frozen)
@@ -461,24 +454,22 @@ class Search:
     def _with_all_derivatives(self, f: Fit) -> Fit:
         """The same fit with the derivatives by all parameters."""
         predicted, slope = self.problem.linearise(f.theta)
-        return replace(f, slope=slope, linear=self.problem.linear(f.theta, predicted, slope))
+        return replace(f, predicted=predicted, slope=Slope.of(slope))
 
-    def _with_form_error(self, named: Hypothesis, f: Fit, beside: Array | None = None) -> Fit:
-        return replace(f, linear=self.problem.with_form_error(f.linear, f.theta, f.predicted, named, beside))
+    def _with_form_error(self, named: Hypothesis, f: Fit, shared: bool = False) -> Fit:
+        return replace(f, form_error=self.problem.form_error(f.theta, f.predicted, named, shared))
 
     def _weigh_around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> dict[Hypothesis, Candidate]:
         """Hypotheses in the linear problem of a fit that was made for another."""
         grid = self._grids[with_tolerances]
-        found = weigh(f.linear, grid, self.problem.parameters, named)
+        found = weigh(f.linear(self.problem), grid, self.problem.parameters, named)
         return {h: Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)}
 
-    def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, beside: Array | None = None) -> Candidate:
-        return self._weigh_around(self._with_form_error(named, fitted, beside), [named], with_tolerances)[named]
+    def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, shared: bool = False) -> Candidate:
+        return self._weigh_around(self._with_form_error(named, fitted, shared), [named], with_tolerances)[named]
 
     def _keep(self, c: Candidate) -> None:
-        known = self._tried.get((NONE, False))
-        if known is not None and c.fit.linear.discrepancy is not known.fit.linear.discrepancy:
-            # Made by another process: what all linear problems share is kept once.
-            shared = replace(c.fit.linear, discrepancy=known.fit.linear.discrepancy, gram=known.fit.linear.gram)
-            c = replace(c, fit=replace(c.fit, linear=shared))
-        self._tried[c.named, c.with_tolerances] = c
+        """What is far behind is kept without derivatives: of a large campaign they take most memory."""
+        self._best = max(self._best, c.log_evidence)
+        kept = c if c.log_evidence > self._best - LEFT_BEHIND else without_derivatives(c)
+        self._tried[c.named, c.with_tolerances] = kept

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,13 @@ from scipy.special import logsumexp
 
 from ..criticism.probability_calibration import CALIBRATED
 from ..inference.budget import Part, carried, parts
+from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, NONE, SPIKES, Hypothesis, log_mass
 from ..inference.linear import Linear
 from ..inference.posterior import PRIOR_SHARES
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem, leading
-from ..inference.search import Candidate, Search
+from ..inference.search import Search
 
 Array = NDArray[np.float64]
 
@@ -59,14 +61,14 @@ class Planned:
     def of(cls, prepared: Prepared) -> Planned:
         """Of a campaign."""
         none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
-        p, own = prepared.problem.parameters, none.fit.linear.effects
+        p, own = prepared.problem.parameters, none.linear(prepared.problem).effects
         seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > LEAST]
         return cls(prepared.problem, none, parts(prepared), tuple(seen))
 
-    @property
+    @cached_property
     def linear(self) -> Linear:
         """Around the calibrated robot."""
-        return self.none.fit.linear
+        return self.none.linear(self.problem)
 
     def sizes(self, effect: str) -> NDArray[np.intp]:
         """Its parameters that are sizes."""
@@ -76,7 +78,7 @@ class Planned:
     def floors(self, white: Array) -> float:
         """Noise floors that a whitened response (n,) carries after calibration."""
         done = self.problem.noise.colour(white)[:, None]
-        squares = carried(self.problem, self.where, self.none.fit.slope, done)
+        squares = carried(self.problem, self.where, self.none.fit.derivatives(self.problem).whole, done)
         return max(float(np.sqrt(s[0, 0])) / part.floor for s, part in zip(squares, self.where, strict=True))
 
     def form_errors(self, named: Hypothesis) -> Array:

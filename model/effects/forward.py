@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,6 +172,10 @@ class ForwardModel:
             zip(self.observations.row.tolist(), self.observations.channel.tolist(), strict=True)
         )
         """(row of the design, channel) of each observation."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the points that it has kept."""
+        return vars(self) | {"_points": ()}
 
     @property
     def plane_direction(self) -> Array:

@@ -27,7 +27,7 @@ def rms(values: np.ndarray) -> float:
 
 def fitted(problem: Problem, named: tuple[str, ...], spike: float, size: float) -> Model:
     prior = problem.parameters.prior(problem.parameters.mask(named), spike)
-    return Model(prior, size, fit(problem, prior, size, problem.parameters.mean))
+    return Model(prior, size, fit(problem, prior, size, problem.parameters.mean).theta)
 
 
 def changed(problem: Problem, by: np.ndarray) -> Problem:

@@ -62,7 +62,8 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(two: Processes) -> N
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-9)
     (leading,) = looks
     assert {"play", "turned"} & set(leading)
-    assert len({id(c.fit.linear.discrepancy) for c in there}) == 1
+    references = {id(r) for c in there if (s := c.fit.slope) is not None and (r := s.reference) is not None}
+    assert 1 <= len(references) <= 2
 
 
 def test_a_process_that_is_lost_costs_time_only() -> None:

@@ -1,0 +1,107 @@
+"""A hypothesis as it was weighed, and what goes to another process for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evidence import GridPoint, Hypothesis, Weighed
+from .fit import Fit
+from .linear import Linear, Prior
+from .problem import Parameters, Problem
+from .slope import Reference, Slope
+
+Array = NDArray[np.float64]
+
+MANY = 8
+"""Derivatives of its own, of a fit that has more than those of its named effects."""
+FIRST_LOOK = 3
+"""Effects that are told at first sight."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis with its evidence, and the fit around which it was weighed."""
+
+    named: Hypothesis
+    weighed: Weighed
+    fit: Fit
+    grid_point: GridPoint
+    """The most probable point of the grid."""
+    with_tolerances: bool
+    """Fitted with every other effect free within its tolerance; else with all others absent."""
+    unknown: bool = False
+
+    def prior(self, p: Parameters) -> Prior:
+        """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
+        return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
+
+    def linear(self, problem: Problem) -> Linear:
+        """The linear problem in which it was weighed, made anew."""
+        return self.fit.linear(problem)
+
+    def posterior(self, problem: Problem) -> tuple[Array, Array]:
+        """Mean (p,) and covariance (p, p) of the effects' parameters at the most probable point of the grid, in units of their
+        scale."""
+        reduced = self.linear(problem).reduced(self.grid_point.size, self.grid_point.form_error)
+        return reduced.posterior(self.prior(problem.parameters))
+
+    @property
+    def laplace_log_evidence(self) -> float:
+        """Log evidence of the linear problem (Laplace approximation)."""
+        return self.weighed.log_evidence
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace log evidence less the decrease of the cost that the linear problem predicts and the model did not reach."""
+        return self.laplace_log_evidence - self.fit.predicted_decrease
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a hypothesis is searched from."""
+
+    named: Hypothesis
+    with_tolerances: tuple[bool, ...] = ()
+    begun: Candidate | None = None
+
+
+References = dict[bool, Reference]
+"""Of searches without tolerances, and with them."""
+
+
+def light(c: Candidate, references: References) -> Candidate:
+    """The same without the derivatives that all share."""
+    slope = c.fit.slope
+    kept = None if slope is None else next((w for w, r in references.items() if r is slope.reference), None)
+    return c if slope is None or kept is None else _with(c, replace(slope, reference=None, left=kept))
+
+
+def complete(c: Candidate, references: References) -> Candidate:
+    """The inverse of `light`."""
+    slope = c.fit.slope
+    if slope is None or slope.left is None:
+        return c
+    return _with(c, replace(slope, reference=references[slope.left], left=None))
+
+
+def without_derivatives(c: Candidate) -> Candidate:
+    """The same where it has few derivatives of its own; else without any."""
+    slope = c.fit.slope
+    return c if slope is None or slope.at.size <= MANY else _with(c, None)
+
+
+def _with(c: Candidate, slope: Slope | None) -> Candidate:
+    return replace(c, fit=replace(c.fit, slope=slope))
+
+
+def leading_effects(singles: Iterable[Candidate]) -> tuple[str, ...]:
+    """The effects that alone make the data most probable, the first `FIRST_LOOK` of them; each by its better evidence."""
+    best: dict[str, float] = {}
+    for c in singles:
+        (effect,) = c.named
+        best[effect] = max(best.get(effect, -np.inf), c.laplace_log_evidence)
+    return tuple(sorted(best, key=lambda e: -best[e])[:FIRST_LOOK])
