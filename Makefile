@@ -12,7 +12,11 @@ ROOMS := $(sort $(patsubst tests/%/,%,$(filter-out tests/__%,$(wildcard tests/*/
 # Whatever the person's shell says: without its cache every process of Python takes three seconds longer to start.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test room lint bench docs faults clean
+.PHONY: install demo test room lint bench docs faults clean
+
+# The command, with the rod's kernels compiled ahead, half a minute: else the first fit and the first diagnosis wait for them.
+install: $(READY)
+	$(BIN)/python -m model.warm_up derivatives & $(BIN)/python -m model.warm_up full && $(BIN)/python -m model.warm_up plain && wait
 
 demo: $(READY)
 	$(BIN)/lab demo --out demo

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .evidence import GridPoint, Hypothesis, Weighed
+from .executor import FirstLook
 from .fit import Fit
 from .linear import Linear, Prior
 from .problem import Parameters, Problem
@@ -20,6 +21,9 @@ MANY = 8
 """Derivatives of its own, of a fit that has more than those of its named effects."""
 FIRST_LOOK = 3
 """Effects that are told at first sight."""
+AMONG_AT_ONCE, AMONG_AT_STARTS = 35, 42
+"""Of `PRACTISED` practice robots, how many had their cause among them: in the linear problem of the calibrated robot, and in
+those where searches begin."""
 
 
 @dataclass(frozen=True)
@@ -98,10 +102,10 @@ def _with(c: Candidate, slope: Slope | None) -> Candidate:
     return replace(c, fit=replace(c.fit, slope=slope))
 
 
-def leading_effects(singles: Iterable[Candidate]) -> tuple[str, ...]:
-    """The effects that alone make the data most probable, the first `FIRST_LOOK` of them; each by its better evidence."""
+def first_look(singles: Iterable[Candidate], among: int) -> FirstLook:
+    """The first `FIRST_LOOK` effects, each by its better evidence."""
     best: dict[str, float] = {}
     for c in singles:
         (effect,) = c.named
         best[effect] = max(best.get(effect, -np.inf), c.laplace_log_evidence)
-    return tuple(sorted(best, key=lambda e: -best[e])[:FIRST_LOOK])
+    return FirstLook(tuple(sorted(best, key=lambda e: -best[e])[:FIRST_LOOK]), among)

@@ -19,7 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from .candidate import Candidate, References, Task, complete, leading_effects, light, without_derivatives
+from .candidate import (
+    AMONG_AT_ONCE,
+    AMONG_AT_STARTS,
+    Candidate,
+    References,
+    Task,
+    complete,
+    first_look,
+    light,
+    without_derivatives,
+)
 from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, weigh
 from .executor import SINGLE_THREAD, Executor
 from .fit import Fit, fit
@@ -103,6 +113,8 @@ class Search:
         self._none: dict[bool, Candidate] = {}
         calibrated = self._fit(NONE, False, START_SIZE, problem.parameters.mean, 4)
         self._begin_at(self._with_all_derivatives(calibrated), False)
+        at_once = self._weigh_around(self._none[False].fit, self._single, False)
+        executor.first_look(first_look(at_once.values(), AMONG_AT_ONCE))
         fitted = self._weigh(NONE, self._fit(NONE, True, START_SIZE, self._none[False].fit, 3), True)
         self._begin_at(self._fit(NONE, True, fitted.grid_point.size, fitted.fit, 5), True)
 
@@ -119,6 +131,10 @@ class Search:
         found = self._weigh_around(around, [NONE], with_tolerances)[NONE]
         self._references[with_tolerances], self._none[with_tolerances] = reference, found
         self._keep(found)
+
+    @property
+    def _single(self) -> list[Hypothesis]:
+        return [(e,) for e in self.problem.parameters.ids]
 
     @property
     def found(self) -> dict[Hypothesis, Candidate]:
@@ -190,8 +206,8 @@ class Search:
 
     def _singles(self) -> list[Candidate]:
         """Every single effect around the fit of none; the leading ones, and those not linear there, from starts of their own."""
-        p, extent = self.problem.parameters, self.extent
-        singles: list[Hypothesis] = [(e,) for e in p.ids]
+        extent = self.extent
+        singles = self._single
         own_start = {h for h in singles if self._needs_own_start(h)}
         here = {
             with_tolerances: self._weigh_around(self._none[with_tolerances].fit, singles, with_tolerances)
@@ -204,7 +220,7 @@ class Search:
         first |= {(h, c.with_tolerances): c for h, both in zip(alone, glances, strict=True) for c in both}
         for c in first.values():
             self._keep(c)
-        self._executor.first_look(leading_effects(first.values()))
+        self._executor.first_look(first_look(first.values(), AMONG_AT_STARTS))
         followed = self._worth_following({k: c for k, c in first.items() if k[0] in own_start | leading})
         for both in self._map(self._screened, followed, GLANCED, SINGLES[1]):
             for c in both:

@@ -17,7 +17,7 @@ from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
-from diagnosis.inference.executor import Executor
+from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
 from model.effects.spec import EffectSpec
 from model.errors import ModelError
 from recordings.errors import RecordingError
@@ -28,10 +28,8 @@ from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable
 from ..files.inputs import Case, clipped_note, read_case
 from ..files.own_effects import catalogue
-from ..pages.diagnosis_report import write
 from ..processes import for_case
 
-FIRST_LOOK_HELD = "no answer yet"
 FIRST = 6
 """Proposals shown."""
 
@@ -94,6 +92,8 @@ def diagnose(
         write_protocols(answer.next_experiment, outputs.protocols)
     _show(answer)
     if outputs.report is not None:
+        from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
+
         write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), case.table)
         out.print(f"report: {outputs.report}")
     return 0
@@ -105,7 +105,7 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
     baseline = _baseline(case, comparisons, weighed)
     try:
         with Screen("weighing hypotheses") as screen:
-            shown = replace(_shown(screen, executor), first_look=lambda leading: _at_first_sight(screen, leading))
+            shown = replace(_shown(screen, executor), first_look=lambda look: _at_first_sight(screen, look))
             found = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
         answer = replace(found, concerns=(*found.concerns, *(f"not considered: {why}" for why in left_out)))
         if comparisons.reference is None:
@@ -157,10 +157,13 @@ def _shown(screen: Screen, executor: Executor) -> Executor:
     return replace(executor, progress=lambda share: screen.progress(share, 1.0))
 
 
-def _at_first_sight(screen: Screen, leading: tuple[str, ...]) -> None:
+def _at_first_sight(screen: Screen, look: FirstLook) -> None:
     """For whoever waits at a terminal; the answer takes its place."""
     if out.is_terminal:
-        screen.say(f"at first sight, each alone and before the search: {', '.join(leading)} ({FIRST_LOOK_HELD})")
+        screen.say(
+            f"before any search: {', '.join(look.effects)} (no answer yet: such three held the cause of {look.among} of "
+            f"{PRACTISED} practice robots)"
+        )
 
 
 def _held_out(path: Path, robot: Path | None) -> Case:

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info
 from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
-from diagnosis.inference.executor import Executor
+from diagnosis.inference.executor import Executor, FirstLook
 from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, few_and_all, measured, quick
 
@@ -95,7 +95,7 @@ def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> No
 def test_linear_algebra_has_one_thread_while_a_diagnosis_goes_on_whatever_the_program_says() -> None:
     threads: set[int] = set()
 
-    def look(_leading: tuple[str, ...]) -> None:
+    def look(_: FirstLook) -> None:
         threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
 
     executor = Executor(first_look=look)

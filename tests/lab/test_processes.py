@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.inference.executor import Executor
+from diagnosis.inference.executor import Executor, FirstLook
 from diagnosis.inference.search import Search
 from lab.processes import Processes, processes
 from tests.diagnosis.toy import toy_problem
@@ -55,13 +55,14 @@ def test_every_item_comes_back_in_order_and_so_does_an_error(two: Processes) -> 
 
 def test_the_fits_of_a_diagnosis_give_the_same_answer_there(two: Processes) -> None:
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
-    looks: list[tuple[str, ...]] = []
+    looks: list[FirstLook] = []
     there = Search(problem, executor=Executor(remote_map=two.in_order, first_look=looks.append)).run()
     here = Search(problem).run()
     assert [c.named for c in there] == [c.named for c in here]
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-9)
-    (leading,) = looks
-    assert {"play", "turned"} & set(leading)
+    at_once, at_starts = looks
+    assert at_once.among < at_starts.among
+    assert all({"play", "turned"} & set(look.effects) for look in looks)
     references = {id(r) for c in there if (s := c.fit.slope) is not None and (r := s.reference) is not None}
     assert 1 <= len(references) <= 2
 
