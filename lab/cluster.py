@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -27,11 +28,12 @@ class Cluster:
     def __init__(self, distributed: Any, client: Any) -> None:
         self._distributed, self._client = distributed, client
         self._do: object = None
-        self._there: Any = None
+        self._there: list[Any] = []
+        """`do` as it was sent, each time."""
 
     def as_they_come(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
         """`do` for every item; raises what `do` raises."""
-        return (result for _, result in self._gathered(lambda _: do, items))
+        return (result for _, result in self._gathered(lambda _: (do, 0), items))
 
     def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
         """The same in the order of the items; `do` is sent to each worker once, however much it holds: a method's object as it
@@ -39,10 +41,13 @@ class Cluster:
         waiting: dict[int, B] = {}
         turn = 0
 
-        def there(chance: int) -> Any:
-            if do != self._do or chance > 1:  # two methods are the same where their objects are
-                self._do, self._there = do, self._client.scatter(do, broadcast=True, hash=False)
-            return self._there
+        def there(lost: int | None) -> tuple[Any, int]:
+            if do != self._do:  # two methods are the same where their objects are
+                self._do, self._there = do, []
+            # With a worker what it had may be lost; what others still work with is kept.
+            if not self._there or lost == len(self._there):
+                self._there.append(self._client.scatter(do, broadcast=True, hash=False))
+            return self._there[-1], len(self._there)
 
         for i, result in self._gathered(there, items):
             waiting[i] = result
@@ -50,24 +55,29 @@ class Cluster:
                 yield waiting.pop(turn)
                 turn += 1
 
-    def _gathered(self, do: Callable[[int], Any], items: Sequence[A]) -> Iterator[tuple[int, Any]]:
-        """Place and result of every item; `do` gives what is sent, at each chance."""
-        sent: dict[Any, tuple[int, int]] = {}
+    def _gathered(self, do: Callable[[int | None], tuple[Any, int]], items: Sequence[A]) -> Iterator[tuple[int, Any]]:
+        """Place and result of every item; `do` gives what is sent and its number, told which number was lost."""
+        sent: dict[Any, tuple[int, int, int]] = {}
 
-        def send(i: int, chance: int) -> Any:
-            future = self._client.submit(operator.call, do(chance), items[i], pure=False)
-            sent[future] = (i, chance)
+        def send(i: int, chance: int, lost: int | None = None) -> Any:
+            what, number = do(lost)
+            future = self._client.submit(operator.call, what, items[i], pure=False)
+            sent[future] = (i, chance, number)
             return future
 
         first = [send(i, 1) for i in range(len(items))]
         running = self._distributed.as_completed(first, loop=self._client.loop)
         for future in running:
-            i, chance = sent.pop(future)
-            lost = future.cancelled() or isinstance(future.exception(), (self._distributed.KilledWorker, OSError))
-            if lost and chance < CHANCES:
-                running.add(send(i, chance + 1))
+            i, chance, number = sent.pop(future)
+            try:
+                # A result that is there may be lost with its worker before it comes here.
+                result = future.result()
+            except (CancelledError, self._distributed.KilledWorker, OSError):
+                if chance == CHANCES:
+                    raise
+                running.add(send(i, chance + 1, number))
                 continue
-            yield i, future.result()
+            yield i, result
 
 
 @contextmanager

@@ -35,6 +35,7 @@ from .executor import SINGLE_THREAD, Executor
 from .fit import Fit, fit
 from .problem import FormError, Problem
 from .slope import Reference, Slope
+from .starts import Starts
 
 Array = NDArray[np.float64]
 
@@ -52,12 +53,13 @@ SURPASSED = 200.0
 MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 150.0))
 """Of singles: up to a predicted decrease of the cost, how far their log evidence may be behind the best and still be followed."""
 LEAST_FOLLOWED = 2
+AHEAD, NONE_BEHIND, BEHIND = 4, 25.0, 45.0
+"""Singles that are followed before the others. Where none is that much log evidence behind what they reach (else an effect of no
+size would do), one whose linear problem promises that much less than they reach is not followed."""
+HALF_WAY = 0.4
 SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
 PRUNING, AFTER_SEARCH = (0.77, 0.81), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
-FAR = 10.0
-"""Times the squared residual of none from which on a start is calibrated anew."""
-RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
 FULL_ROUNDS = 30
 """Of a hypothesis that is searched by itself."""
 LEFT_BEHIND = 60.0
@@ -65,8 +67,6 @@ LEFT_BEHIND = 60.0
 HOPELESS = 40.0
 """Of the points that a search reaches from several starts, one that costs so much more is not weighed: evidence does not make up
 for it."""
-FIRST_SHARE = 0.6
-"""Share of its scale at which the search for a one-sided effect begins."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Search:
         self.problem, self.extent, self._executor = problem, extent or Extent(), executor
         self._grids = {with_tolerances: grid.part(with_tolerances) for with_tolerances in (False, True)}
         self._tried: dict[tuple[Hypothesis, bool], Candidate] = {}
-        self._best = -np.inf
+        self._begin, self._best = Starts(problem), -np.inf
         self._references: References = {}
         self._none: dict[bool, Candidate] = {}
         calibrated = self._fit(NONE, False, START_SIZE, problem.parameters.mean, 4)
@@ -208,7 +208,7 @@ class Search:
         """Every single effect around the fit of none; the leading ones, and those not linear there, from starts of their own."""
         extent = self.extent
         singles = self._single
-        own_start = {h for h in singles if self._needs_own_start(h)}
+        own_start = {h for h in singles if self._begin.needs_own(h)}
         here = {
             with_tolerances: self._weigh_around(self._none[with_tolerances].fit, singles, with_tolerances)
             for with_tolerances in (False, True)
@@ -222,9 +222,8 @@ class Search:
             self._keep(c)
         self._executor.first_look(first_look(first.values(), AMONG_AT_STARTS))
         followed = self._worth_following({k: c for k, c in first.items() if k[0] in own_start | leading})
-        for both in self._map(self._screened, followed, GLANCED, SINGLES[1]):
-            for c in both:
-                self._keep(c)
+        self._follow(followed[:AHEAD], GLANCED, HALF_WAY)
+        self._follow(self._not_surpassed(followed[AHEAD:], first), HALF_WAY, SINGLES[1])
         best: list[Candidate] = []
         for with_tolerances in (False, True):
             own = sorted(
@@ -241,12 +240,6 @@ class Search:
         """What was tried of so many effects."""
         return [c for (named, _), c in self._tried.items() if len(named) == count]
 
-    def _needs_own_start(self, named: Hypothesis) -> bool:
-        """Whether an effect is one-sided, or has several starting points."""
-        p = self.problem.parameters
-        own = [i for i, e in enumerate(p.effects) if e in named]
-        return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
-
     def _glanced(self, task: Task) -> list[Candidate]:
         """The best by evidence in the linear problem at its starting points, without and with tolerances: no step taken, and
         the errors of the laws of all that is not named as for none."""
@@ -256,7 +249,7 @@ class Search:
                 self._fit(
                     task.named, with_tolerances, none.grid_point.size, start, 0, self._references[with_tolerances]
                 )
-                for start in self._starts(task.named, none.fit)
+                for start in self._begin.of(task.named, none.fit)
             )
             tried = [self._weigh(task.named, fitted, with_tolerances, shared=True) for fitted in begun]
             out.append(max(tried, key=lambda c: c.laplace_log_evidence))
@@ -279,7 +272,27 @@ class Search:
                 margin = next(m for decrease, m in MARGINS if own[h].fit.predicted_decrease < decrease)
                 if place < LEAST_FOLLOWED or own[h].laplace_log_evidence > top - margin:
                     kept[h] = (*kept.get(h, ()), with_tolerances)
-        return [Task(h, both) for h, both in kept.items()]
+        leading_first = sorted(kept, key=lambda h: -max(first[h, w].laplace_log_evidence for w in kept[h]))
+        return [Task(h, kept[h]) for h in leading_first]
+
+    def _follow(self, tasks: Sequence[Task], begin: float, end: float) -> None:
+        for both in self._map(self._screened, tasks, begin, end):
+            for c in both:
+                self._keep(c)
+
+    def _not_surpassed(self, tasks: Sequence[Task], first: Mapping[tuple[Hypothesis, bool], Candidate]) -> list[Task]:
+        """Those whose linear problem promises at least nearly what others have reached."""
+        if max(map(_evidence, self._none.values())) > self._best - NONE_BEHIND:
+            return list(tasks)
+        return [
+            replace(t, with_tolerances=both)
+            for t in tasks
+            if (
+                both := tuple(
+                    w for w in t.with_tolerances if first[t.named, w].laplace_log_evidence > self._best - BEHIND
+                )
+            )
+        ]
 
     def _screened(self, task: Task) -> list[Candidate]:
         """Two steps from each starting point; the best by evidence at the point reached, without and with tolerances."""
@@ -291,74 +304,28 @@ class Search:
     def _best_of_starts(self, named: Hypothesis, with_tolerances: bool, more: Sequence[Array]) -> Candidate:
         """The best of what is reached from the usual starting points and some more.
 
-        Those far from where the robot was calibrated cost most: where a search from one of `more` ends, they are left out.
+        Those far from where the robot was calibrated cost most: where a search from one of `more`, or of these, ends, they are
+        left out.
         """
         none, reference = self._none[with_tolerances], self._references[with_tolerances]
         follow = partial(self._fit, named, with_tolerances, none.grid_point.size)
         close: list[Array | Fit] = []
         far: list[Array] = []
-        for start in (*self._starts(named, none.fit), *more):
-            if isinstance(start, Fit) or self._misfit(start) <= FAR * self._misfit(none.fit.theta):
+        for start in (*self._begin.of(named, none.fit), *more):
+            if isinstance(start, Fit) or not self._begin.far(start, none.fit.theta):
                 close.append(start)
             else:
                 far.append(start)
         tried = [follow(start, 2, reference) for start in close]
         if not (more and tried and min(tried, key=_promised).predicted_decrease <= UNFINISHED):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
-            tried += [follow(self._recalibrated(start), 4) for start in far]
+            for start in far:
+                tried.append(follow(self._begin.recalibrated(start), 4))
+                if tried[-1].predicted_decrease <= UNFINISHED:
+                    break
         least = min(map(_promised, tried))
         could_be_best = [f for f in tried if _promised(f) <= least + HOPELESS]
         return max((self._weigh(named, f, with_tolerances) for f in could_be_best), key=_evidence)
-
-    def _misfit(self, theta: Array) -> float:
-        """Squared whitened residual at parameters (k,); infinite where a state has no equilibrium."""
-        residual = self.problem.misfit(theta)
-        return float(residual @ residual) if np.isfinite(residual).all() else np.inf
-
-    def _recalibrated(self, start: Array) -> Array:
-        """Parameters (k,) with those that are fitted in every model fitted to the data anew, all others as they are."""
-        p = self.problem.parameters
-        own = np.flatnonzero(~p.of_effect)[p.calibrated]
-        if not own.size:
-            return start
-        theta, best = start.copy(), np.inf
-        for _ in range(RECALIBRATION_ROUNDS):
-            predicted, slope = self.problem.linearise(theta, own.tolist())
-            if not np.isfinite(predicted).all():
-                theta[own] = 0.5 * (theta[own] + p.mean[own])
-                continue
-            columns = self.problem.noise.whiten(slope * p.sd[own])
-            residual = self.problem.noise.whiten(self.problem.observed - predicted)
-            if best - float(residual @ residual) < RECALIBRATION_GAIN * best:
-                break
-            best = float(residual @ residual)
-            step = np.linalg.lstsq(columns, residual, rcond=None)[0]
-            theta[own] = np.clip(theta[own] + p.sd[own] * step, p.lower[own], p.upper[own])
-        return theta
-
-    def _starts(self, named: Hypothesis, none: Fit) -> list[Array | Fit]:
-        """Where a search begins: the fit of none; for a one-sided effect, well within its range instead.
-
-        At zero, where such an effect ends, the tolerances of the others can take its place.
-        """
-        p = self.problem.parameters
-        if not self._needs_own_start(named):
-            return [none]
-        own = [i for i, e in enumerate(p.effects) if e in named]
-        points: list[Array | Fit] = []
-        for values in itertools.product(*(self._start_values(i) for i in own)):
-            point = none.theta.copy()
-            point[own] = values
-            points.append(point)
-        return points
-
-    def _start_values(self, i: int) -> tuple[float, ...]:
-        """Values of a named effect's parameter to begin at."""
-        p = self.problem.parameters
-        given = p.starts[i] if p.starts else ()
-        if p.shapes and p.shapes[i]:
-            return given or (0.0,)
-        return tuple(v for v in given if v) or (FIRST_SHARE * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)
 
     def _refined(self, c: Candidate, rounds: int) -> Candidate:
         return self._weigh(

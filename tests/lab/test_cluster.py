@@ -69,6 +69,27 @@ def test_a_lost_worker_loses_no_case(scheduler: str, tmp_path: Path) -> None:
     assert sorted(spread(dies_once, marks, Crew(scheduler=scheduler, quiet=True), "cases")) == marks
 
 
+class DiesOnce:
+    """Takes its worker with it the first time that three is squared."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def square(self, x: int) -> int:
+        if x == 3 and not self.mark.exists():
+            self.mark.write_text("was here")
+            os._exit(1)
+        return x * x
+
+
+def test_a_worker_lost_in_the_middle_loses_nothing_of_what_was_sent_once(scheduler: str, tmp_path: Path) -> None:
+    one = DiesOnce(tmp_path / "mark")
+    with cluster(scheduler) as workers:
+        for _ in range(2):
+            assert list(workers.in_order(one.square, range(8))) == [x * x for x in range(8)]
+    assert one.mark.exists()
+
+
 def test_nobody_at_the_address_is_a_clear_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lab.cluster.CONNECT_SECONDS", 1.0)
     with pytest.raises(ConfigError, match="no scheduler answers"), cluster("tcp://127.0.0.1:9"):

@@ -67,6 +67,27 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(two: Processes) -> N
     assert 1 <= len(references) <= 2
 
 
+class Counts:
+    """How often it was read in a process."""
+
+    reads = 0
+
+    def __init__(self) -> None:
+        self.state = "some"
+
+    def __setstate__(self, state: object) -> None:
+        Counts.reads += 1
+
+    def read(self, _: int) -> tuple[int, int]:
+        return os.getpid(), Counts.reads
+
+
+def test_what_a_method_belongs_to_is_read_once_by_each_process(two: Processes) -> None:
+    one = Counts()
+    seen = [pair for _ in range(3) for pair in two.in_order(one.read, range(6))]
+    assert {reads for _, reads in seen} == {1} and os.getpid() not in {where for where, _ in seen}
+
+
 def test_a_process_that_is_lost_costs_time_only() -> None:
     with processes(2) as pool:
         assert list(pool.in_order(DiesElsewhere(), range(6))) == [x * x for x in range(6)]

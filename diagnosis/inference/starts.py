@@ -1,0 +1,87 @@
+"""Where searches begin, and where the robot needs another calibration first."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evidence import Hypothesis
+from .fit import Fit
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+FAR = 10.0
+"""Times the squared residual of none from which on a start is calibrated anew."""
+RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
+FIRST_SHARE = 0.6
+"""Share of its scale at which the search for a one-sided effect begins."""
+
+
+class Starts:
+    """Of one problem."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def needs_own(self, named: Hypothesis) -> bool:
+        """Whether an effect is one-sided, or has several starting points."""
+        p = self._problem.parameters
+        own = [i for i, e in enumerate(p.effects) if e in named]
+        return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
+
+    def of(self, named: Hypothesis, none: Fit) -> list[Array | Fit]:
+        """Where a search begins: the fit of none; for a one-sided effect, well within its range instead.
+
+        At zero, where such an effect ends, the tolerances of the others can take its place.
+        """
+        p = self._problem.parameters
+        if not self.needs_own(named):
+            return [none]
+        own = [i for i, e in enumerate(p.effects) if e in named]
+        points: list[Array | Fit] = []
+        for values in itertools.product(*(self._start_values(i) for i in own)):
+            point = none.theta.copy()
+            point[own] = values
+            points.append(point)
+        return points
+
+    def recalibrated(self, start: Array) -> Array:
+        """Parameters (k,) with those that are fitted in every model fitted to the data anew, all others as they are."""
+        p = self._problem.parameters
+        own = np.flatnonzero(~p.of_effect)[p.calibrated]
+        if not own.size:
+            return start
+        theta, best = start.copy(), np.inf
+        for _ in range(RECALIBRATION_ROUNDS):
+            predicted, slope = self._problem.linearise(theta, own.tolist())
+            if not np.isfinite(predicted).all():
+                theta[own] = 0.5 * (theta[own] + p.mean[own])
+                continue
+            columns = self._problem.noise.whiten(slope * p.sd[own])
+            residual = self._problem.noise.whiten(self._problem.observed - predicted)
+            if best - float(residual @ residual) < RECALIBRATION_GAIN * best:
+                break
+            best = float(residual @ residual)
+            step = np.linalg.lstsq(columns, residual, rcond=None)[0]
+            theta[own] = np.clip(theta[own] + p.sd[own] * step, p.lower[own], p.upper[own])
+        return theta
+
+    def far(self, start: Array, none: Array) -> bool:
+        """Whether parameters (k,) miss the data by much more than those of none do."""
+        return self._misfit(start) > FAR * self._misfit(none)
+
+    def _misfit(self, theta: Array) -> float:
+        """Squared whitened residual at parameters (k,); infinite where a state has no equilibrium."""
+        residual = self._problem.misfit(theta)
+        return float(residual @ residual) if np.isfinite(residual).all() else np.inf
+
+    def _start_values(self, i: int) -> tuple[float, ...]:
+        """Values of a named effect's parameter to begin at."""
+        p = self._problem.parameters
+        given = p.starts[i] if p.starts else ()
+        if p.shapes and p.shapes[i]:
+            return given or (0.0,)
+        return tuple(v for v in given if v) or (FIRST_SHARE * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)
