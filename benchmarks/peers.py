@@ -1,9 +1,9 @@
 """Every way to solve the paper's rods, at several errors: `python -m benchmarks.peers [--quick] [--json FILE]`.
 
-Nine rods, from hardly bent to 250 kPa without spine; an error is the worst distance (mm) of their tips from those of `REFERENCE`
-(SciPy's DOP853, which shares no code with the rod). The rod's own in a batch: the worst of 35,000 further rods from the rod solved
-very finely. The time of a solve is processor time of one process. What is needed once in each process, models and compiling,
-stands beside. Simulators that are not installed are named: `make bench PEERS=1` installs them.
+Nine rods, from hardly bent to 250 kPa without spine; an error is the worst distance (mm) of their tips from those of
+`REFERENCE` (SciPy's DOP853, which shares no code with the rod). The rod's own in a batch: the worst of 35,000 further rods, from
+the rod solved very finely. The time of a solve is processor time of one process. What is needed once in each process, models
+and compiling, stands beside. Simulators that are not installed are named: `make bench PEERS=1` installs them.
 
 PyElastica's rod has a law of its own, so its tips come to rest elsewhere: `own_mm` is the distance from where its
 own tips go with more and more elements. SoRoMoX' law is the rod's.
@@ -35,7 +35,7 @@ from model.rods import REFERENCE, Fast, Paper, Rods, solve
 
 Array = NDArray[np.float64]
 
-PYELASTICA, SOROMOX = "PyElastica", "SoRoMoX"
+PYELASTICA = "PyElastica"
 LEVELS = (1.0, 0.1, 0.01)
 """mm, at which methods are compared."""
 STATES, RODS = 231, 1_000
@@ -156,7 +156,7 @@ def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
     before, fine = eased(many), solve(many, Fast(40.0, 1e-11)).trusted().tip
     first, once = first_solves()
     truth = solve(rods, REFERENCE).trusted().tip
-    for divisions, close in ((1.5, 1e-3), (2.0, 1e-4), (4.0, 2e-6), (8.0, 1e-8), (20.0, 1e-11)):
+    for divisions, close in ((2.0, 1e-4), (3.0, 1e-5), (4.0, 2e-6), (8.0, 1e-8), (20.0, 1e-11)):
         name = f"{divisions:g} divisions"
         cold, warm = Fast(divisions, close), Fast(divisions, close, remember=True)
         near = solve(before, warm)
@@ -185,11 +185,11 @@ def ways(quick: bool) -> list[Way]:
             name = f"{elements} elements, {rest:g} m/s"
             found.append(Way(PYELASTICA, name, lambda r, n=elements, v=rest: pyelastica(r, n, v)))
     for segments in (4,) if quick else (4, 10, 20):
-        name = f"{segments} segments of constant strain"
-        found.append(Way(SOROMOX, name, lambda r, n=segments: soromox_constant(r, n)))
+        name = f"{segments} segments"
+        found.append(Way("SoRoMoX, constant strain", name, lambda r, n=segments: soromox_constant(r, n)))
     for order, points in ((1, 5),) if quick else ((1, 5), (2, 5), (3, 8)):
-        name = f"2 segments, strain of order {order}"
-        found.append(Way(SOROMOX, name, lambda r, k=order, g=points: soromox_polynomial(r, k, g)))
+        name = f"order {order}, 2 segments"
+        found.append(Way("SoRoMoX, polynomial strain", name, lambda r, k=order, g=points: soromox_polynomial(r, k, g)))
     return found
 
 
@@ -199,6 +199,9 @@ def figures(quick: bool) -> list[Row]:
     measured = Measured(rods, solve(rods, REFERENCE).trusted().tip)
     for way in ways(quick):
         measured.add(way)
+        print(
+            f"{way.method}, {way.setting}: {measured.rows[-1].absent or shown(measured.rows[-1].solve_s)}", flush=True
+        )
     coarse, fine = measured.finest(PYELASTICA, 2)
     measured.own_errors(PYELASTICA, 2.0 * fine - coarse)  # its error halves with twice the elements
     return [*fast_ways(rods, quick), *measured.rows]
@@ -259,13 +262,13 @@ def at_equal_error(rows: list[Row]) -> Table:
         f"{RODS} rods",
     ):
         table.add_column(column)
-    unit = reached(rows, LEVELS[1])["rod, batch"].solve_s
-    lines = [(f"{level:g}", row) for level in LEVELS for row in reached(rows, level).values()]
+    units = {level: reached(rows, level)["rod, batch"].solve_s for level in LEVELS}
+    lines = [(f"{level:g}", row, units[level]) for level in LEVELS for row in reached(rows, level).values()]
     measured = [row for row in rows if not np.isnan(row.off_mm)]
     for method in {row.method: None for row in measured if row.method not in reached(rows, LEVELS[0])}:
         best = min((row for row in measured if row.method == method), key=lambda row: row.off_mm)
-        lines.append((f"{best.off_mm:.2g}", best))
-    for level, row in lines:
+        lines.append((f"{best.off_mm:.2g}", best, units[LEVELS[0]]))
+    for level, row, unit in lines:
         waits = [shown(wait(row, count)) for count in (STATES, RODS)]
         table.add_row(level, row.method, row.setting, shown(row.solve_s), f"{row.solve_s / unit:,.3g}", *waits)
     return table
