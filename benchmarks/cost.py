@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.ticker import NullLocator, ScalarFormatter
+from matplotlib.ticker import EngFormatter
 
 from benchmarks.diagnosis_growth import Grown
 from benchmarks.peers import Row
@@ -23,8 +22,7 @@ from benchmarks.rod_growth import Taken
 from lab.pages.figures import BLUE, STYLE, colours, save
 
 MARKS = "osD^vPX*<"
-LEAST_ERROR = 1e-6
-"""mm, that `REFERENCE` itself may be off."""
+SECONDS = EngFormatter(unit="s")
 
 
 def peers(rows: Sequence[Row], path: Path) -> Path:
@@ -33,8 +31,7 @@ def peers(rows: Sequence[Row], path: Path) -> Path:
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(9, 5), layout="constrained")
         for method, mark, colour in zip(methods, cycle(MARKS), colours(len(methods)), strict=False):
-            found = [row for row in rows if row.method == method and not row.absent and row.error_mm > LEAST_ERROR]
-            found.sort(key=lambda row: row.solve_s)
+            found = [row for row in rows if row.method == method and not row.absent]
             times = [row.solve_s for row in found]
             off = [row.own_mm is not None for row in found]
             name = f"{method}, from the rod's tips" if all(off) else method
@@ -43,9 +40,11 @@ def peers(rows: Sequence[Row], path: Path) -> Path:
                 own = [row.off_mm for row in found]
                 name = f"{method}, from its own converged tips"
                 axis.loglog(times, own, mark, ls="--", ms=5, lw=1.2, color=colour, mfc="none", label=name)
-        axis.set_xlabel("processor time of a solve, s")
+        axis.set_xlabel("processor time of a solve")
         axis.set_ylabel("worst error of the tip, mm")
-        axis.legend(fontsize=8, loc="outside right upper")
+        axis.xaxis.set_major_formatter(SECONDS)
+        axis.yaxis.set_major_formatter("{x:g}")
+        figure.legend(fontsize=8, loc="outside right upper")
         return save(figure, path)
 
 
@@ -64,23 +63,21 @@ def rods(batches: Sequence[Taken], path: Path) -> Path:
                     [t.rods for t in own], seconds, mark, ls=style, ms=4, lw=1.2, color=colour, mfc=face, label=name
                 )
             own = [t for t in batches if t.rods == most and t.start == start and t.threads == 1]
-            micro = [1e6 * t.seconds / t.rods for t in own]
-            right.loglog([t.elements for t in own], micro, mark, ls="-", ms=4, lw=1.2, color=colour, label=start)
+            each = [t.seconds / t.rods for t in own]
+            right.loglog([t.elements for t in own], each, mark, ls="-", ms=4, lw=1.2, color=colour, label=start)
         left.set_xlabel("rods in a batch, of two elements")
-        left.set_ylabel("time of the batch, s")
+        left.set_ylabel("time of the batch")
+        left.xaxis.set_major_formatter("{x:,.0f}")
+        left.yaxis.set_major_formatter(SECONDS)
         left.legend(fontsize=8)
         right.set_xlabel(f"elements of a rod, in batches of {most:,}")
-        right.set_ylabel("time of a rod, us")
+        right.set_ylabel("time of a rod")
+        right.set_xticks(sorted({t.elements for t in batches}))
+        right.xaxis.set_major_formatter("{x:g}")
+        right.yaxis.set_major_formatter(SECONDS)
+        right.minorticks_off()
         right.legend(fontsize=8)
-        plain_ticks(right, sorted({t.elements for t in batches}))
         return save(figure, path)
-
-
-def plain_ticks(axis: Axes, at: Sequence[float]) -> None:
-    """Whole numbers where was measured."""
-    axis.set_xticks(at)
-    axis.xaxis.set_major_formatter(ScalarFormatter())
-    axis.xaxis.set_minor_locator(NullLocator())
 
 
 def diagnoses(found: Sequence[Grown], path: Path) -> Path:

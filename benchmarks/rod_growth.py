@@ -24,7 +24,7 @@ from model.rods import Fast, Rods, solve
 
 SIZES = (1, 10, 100, 1_000, 10_000, 100_000)
 ELEMENTS = (2, 4, 8, 16, 32, 64)
-AT_LEAST = 0.3
+AT_LEAST = 1.0
 """s, for which a call is repeated."""
 CUT = 1_600
 """Rods of which each has so many elements."""
