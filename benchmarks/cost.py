@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
 
-from benchmarks.diagnosis_growth import Grown
+from benchmarks.diagnosis_growth import STATES, USUAL, Grown
 from benchmarks.peers import Row
 from benchmarks.rod_growth import Taken
 from lab.pages.figures import BLUE, STYLE, colours, save
@@ -83,25 +85,33 @@ def rods(batches: Sequence[Taken], path: Path) -> Path:
 def diagnoses(found: Sequence[Grown], path: Path) -> Path:
     """Time and memory of a diagnosis over rows, time over effects and over workers."""
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(2, 2, figsize=(9, 6.4), layout="constrained")
-        labels = {"rows": "rows of the case", "effects": "effects considered", "workers": "worker processes"}
-        for axis, (by, label) in zip(axes.flat, [*labels.items(), ("rows", labels["rows"])], strict=True):
-            own = sorted((g for g in found if g.by == by), key=lambda g: g.count)
-            counts = [g.count for g in own]
+        figure, axes = plt.subplots(2, 2, figsize=(9, 6.6), layout=ConstrainedLayoutEngine(h_pad=0.12, w_pad=0.12))
+        by_rows, memory, by_effects, by_workers = axes.flat
+        times(by_rows, [g for g in found if g.by == "rows"])
+        times(by_effects, [g for g in found if g.by == "effects"])
+        times(by_workers, [g for g in found if g.by == "workers"])
+        own = sorted((g for g in found if g.by == "rows"), key=lambda g: g.count)
+        memory.plot([g.count for g in own], [g.memory_mib / 1024 for g in own], "D-", ms=4, lw=1.2, color=BLUE)
+        memory.set_ylabel("most memory of one process, GiB")
+        usual = f"{USUAL * STATES} rows"
+        labels = ("rows", "rows", f"effects considered, {usual}", f"worker processes, {usual}")
+        for axis, label in zip(axes.flat, labels, strict=True):
             axis.set_xlabel(label)
-            if axis is axes[1, 1]:
-                axis.plot(counts, [g.memory_mib / 1024 for g in own], "D-", ms=4, lw=1.2, color=BLUE)
-                axis.set_ylabel("most memory of one process, GiB")
-            else:
-                axis.plot(counts, [g.processor_s for g in own], "s--", ms=4, lw=1.2, color="black", label="processors")
-                axis.plot(counts, [g.seconds for g in own], "o-", ms=4, lw=1.2, color=BLUE, label="clock")
-                axis.set_ylabel("time of lab diagnose, s")
-                axis.legend(fontsize=8)
-            if by != "rows":
-                axis.set_xticks(counts)
-            axis.set_xlim(left=0)
-            axis.set_ylim(bottom=0)
+            axis.set_xlim(0, 1.05 * axis.dataLim.x1)
+            axis.set_ylim(0, 1.08 * axis.dataLim.y1)
+        by_workers.set_xlim(0.5, 2.5)
         return save(figure, path)
+
+
+def times(axis: Axes, own: list[Grown]) -> None:
+    """Seconds on the clock and of processors over the count."""
+    own.sort(key=lambda g: g.count)
+    counts = [g.count for g in own]
+    axis.plot(counts, [g.seconds for g in own], "o-", ms=4, lw=1.2, color=BLUE, label="on the clock")
+    axis.plot(counts, [g.processor_s for g in own], "s--", ms=4, lw=1.2, color="black", label="of processors")
+    axis.set_ylabel("time of a diagnosis, s")
+    axis.set_xticks(counts)
+    axis.legend(fontsize=8)
 
 
 FIGURES: dict[str, tuple[str, type[Any], Callable[[Any, Path], Path]]] = {

@@ -33,6 +33,8 @@ from lab.processes import for_case
 STATES = 77
 """Of the sweep that is repeated."""
 REPEATS = (1, 3, 7, 13)
+USUAL = 3
+"""Repeats of the case whose effects and workers are varied."""
 EFFECTS = (5, 10, 20)
 """And all."""
 ROWS = re.compile(r"lab diagnose, (\d+) rows(?:, clean)?")
@@ -95,7 +97,7 @@ def measure(commands: Path, quick: bool) -> list[Grown]:
             print(f"{count} {by}: {found[-1].seconds:.1f} s, {found[-1].memory_mib:.0f} MiB", flush=True)
 
         folders = {repeats: case_of(alone, repeats, here / f"{repeats}") for repeats in REPEATS}
-        usual = folders[3]
+        usual = folders[USUAL]
         waited("compiling", ["diagnose", str(usual)], cache)
         if not found:
             for repeats in REPEATS[: 2 if quick else None]:

@@ -283,6 +283,7 @@ def main() -> int:
     rows = figures(options.quick)
     console = Console(width=150)
     console.print(all_rows(rows), at_equal_error(rows))
+    console.print(f"rod: first solve on a machine {shown(rows[0].first_s)}, of a process {shown(rows[0].once_s)}")
     host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
     options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps({"host": host, "rows": [asdict(row) for row in rows]}, indent=1))
