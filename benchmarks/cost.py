@@ -59,7 +59,7 @@ def rods(batches: Sequence[Taken], path: Path) -> Path:
         for start, colour, mark in (("cold", BLUE, "o"), ("warm", "black", "s")):
             for threads, style, face in ((1, "-", colour), (2, "--", "none")):
                 own = [t for t in sizes if (t.start, t.threads) == (start, threads) and t.rods != most]
-                name = f"{start}, {threads} thread{'s' * (threads > 1)}"
+                name = f"{start}, {'2 threads, on the clock' if threads == 2 else '1 thread'}"
                 seconds = [t.seconds for t in own]
                 left.loglog(
                     [t.rods for t in own], seconds, mark, ls=style, ms=4, lw=1.2, color=colour, mfc=face, label=name
