@@ -4,6 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_DOCS := .venv/.ready-docs
+READY_PEERS := .venv/.ready-peers
 # Python compiles on first import what is used: a fifth of what would be compiled here.
 INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt -e
 # make test ROOM=drivers: one room alone. make test LONG=1: also further cases of what other tests show.
@@ -36,12 +37,18 @@ lint: $(READY_DEV)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# All benchmarks: tables on the screen, JSON in out/.
-bench: $(READY_DEV)
+# All benchmarks: tables on the screen, JSON in out/, figures in docs/images/. make bench PEERS=1: with the simulators of others
+# beside the rod. make bench QUICK=1: fewer of everything, figures in out/.
+QUICKLY := $(if $(QUICK),--quick)
+bench: $(READY_DEV) $(if $(PEERS),$(READY_PEERS))
 	mkdir -p out
-	$(BIN)/python -m benchmarks.rod --json out/rod.json
-	$(BIN)/python -m benchmarks.recording --json out/recording.json
-	$(BIN)/python -m benchmarks.watch --json out/watch.json
+	$(BIN)/python -m benchmarks.rod $(QUICKLY) --json out/rod.json
+	$(BIN)/python -m benchmarks.rod_growth $(QUICKLY) --json out/rod_growth.json
+	$(BIN)/python -m benchmarks.peers $(QUICKLY) --json out/peers.json
+	$(BIN)/python -m benchmarks.diagnosis_growth $(QUICKLY) --json out/diagnosis_growth.json
+	$(BIN)/python -m benchmarks.cost --measured out --out $(if $(QUICK),out,docs/images)
+	$(BIN)/python -m benchmarks.recording $(QUICKLY) --json out/recording.json
+	$(BIN)/python -m benchmarks.watch $(if $(QUICK),--seconds 10) --json out/watch.json
 
 # The site, read without network: out/docs/index.html.
 docs: $(READY_DOCS)
@@ -67,6 +74,10 @@ $(READY): pyproject.toml constraints.txt
 
 $(READY_DEV): $(READY)
 	$(INSTALL) '.[dev]'
+	touch $@
+
+$(READY_PEERS): $(READY_DEV)
+	$(INSTALL) '.[peers]'
 	touch $@
 
 $(READY_DOCS): $(READY)

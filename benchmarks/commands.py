@@ -47,12 +47,12 @@ class Wait:
     code: int
 
 
-def waited(what: str, words: Sequence[str], cache: Path) -> Wait:
-    """Run `lab` with words in a process of its own, its compiled code kept in `cache`."""
+def waited(what: str, words: Sequence[str], cache: Path, module: str = "lab.cli") -> Wait:
+    """Run `lab`, or another module, with words in a process of its own, its compiled code kept in `cache`."""
     began = time.monotonic()
     environment = {**os.environ, CACHE: str(cache)}
     child = os.posix_spawn(
-        sys.executable, [sys.executable, "-m", "lab.cli", *words], environment,
+        sys.executable, [sys.executable, "-m", module, *words], environment,
         file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0), (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0)],
     )  # fmt: skip
     _, status, used = os.wait4(child, 0)

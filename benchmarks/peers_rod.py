@@ -17,6 +17,7 @@ Peer = tuple[float, Array] | str
 """Processor seconds for all rods and their tips (n, 3) m, or why there are none."""
 
 EULER_STEPS = 100
+TOLERANCE = 1e-3
 
 
 class Equations:
@@ -41,19 +42,29 @@ class Equations:
         moved = turn @ v
         return np.concatenate([moved, (turn @ hat).ravel(), -self.load, -np.cross(moved, n)])
 
+    def slopes(self, y: Array, part: int) -> Array:
+        """The same at many places, y (18, k)."""
+        turn, n = y[3:12].reshape(3, 3, -1), y[12:15]
+        v = np.einsum("jik,jk->ik", turn, n) / self.stretch[part][:, None] + np.array([[0.0], [0.0], [1.0]])
+        u = np.einsum("jik,jk->ik", turn, y[15:18]) / self.bend[part][:, None]
+        turned = np.cross(turn, u, axisa=1, axisb=0).transpose(0, 2, 1)
+        moved = np.einsum("ijk,jk->ik", turn, v)
+        load = np.broadcast_to(-self.load[:, None], n.shape)
+        return np.concatenate([moved, turned.reshape(9, -1), load, -np.cross(moved, n, axis=0)])
+
     def open_tip(self, y: Array) -> Array:
         """What the tip carries minus what it should, [E^F, E^M]."""
         turn = y[3:12].reshape(3, 3)
         return np.concatenate([y[12:15] - turn @ self.force - self.dead, y[15:18] - turn @ self.moment])
 
 
-def paper_peer(rods: Rods) -> Peer:
-    """NumPy Euler with 100 steps and fsolve from zeros."""
+def paper_peer(rods: Rods, steps: int = EULER_STEPS) -> Peer:
+    """NumPy Euler with so many steps and fsolve from zeros."""
 
     def integrate(rod: Equations, guess: Array) -> Array:
         y = np.concatenate([np.zeros(3), np.eye(3).ravel(), guess])
-        ds = rod.length / EULER_STEPS
-        for k in range(EULER_STEPS):
+        ds = rod.length / steps
+        for k in range(steps):
             y = y + ds * rod.slope(y, 0 if k * ds < rod.joint else 1)
         return y
 
@@ -65,8 +76,8 @@ def paper_peer(rods: Rods) -> Peer:
     return time.thread_time() - start, tips
 
 
-def solve_bvp_peer(rods: Rods) -> Peer:
-    """SciPy's collocation, both elements side by side over 0..1, tolerance 1e-3."""
+def solve_bvp_peer(rods: Rods, tolerance: float = TOLERANCE) -> Peer:
+    """SciPy's collocation, both elements side by side over 0..1, all places of a mesh at once."""
     start, tips = time.thread_time(), np.empty((len(rods), 3))
     for i in range(len(rods)):
         rod = Equations(rods, i)
@@ -76,11 +87,7 @@ def solve_bvp_peer(rods: Rods) -> Peer:
         )
 
         def slope(_: Array, y: Array, rod: Equations = rod, ends: tuple[float, float] = ends) -> Array:
-            columns = [
-                np.concatenate([ends[0] * rod.slope(y[:18, k], 0), ends[1] * rod.slope(y[18:, k], 1)])
-                for k in range(y.shape[1])
-            ]
-            return np.array(columns).T
+            return np.concatenate([ends[0] * rod.slopes(y[:18], 0), ends[1] * rod.slopes(y[18:], 1)])
 
         def closed(a: Array, b: Array, rod: Equations = rod) -> Array:
             return np.concatenate(
@@ -90,7 +97,7 @@ def solve_bvp_peer(rods: Rods) -> Peer:
         x = np.linspace(0, 1, 9)
         guess = np.tile(np.concatenate([straight, straight])[:, None], x.size)
         guess[2], guess[20] = ends[0] * x, ends[0] + ends[1] * x
-        tips[i] = solve_bvp(slope, closed, x, guess, tol=1e-3).y[18:21, -1]
+        tips[i] = solve_bvp(slope, closed, x, guess, tol=tolerance).y[18:21, -1]
     return time.thread_time() - start, tips
 
 

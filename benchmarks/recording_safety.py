@@ -82,7 +82,7 @@ def truncation(folder: Path) -> Figure:
     record(path, 1.0)
     data = path.read_bytes()
     chunks = walk(memoryview(data), "").chunks
-    per_chunk = [messages(memoryview(data), c, "") for c in scan(memoryview(data), "").chunks]
+    per_chunk = [list(messages(memoryview(data), c, "")) for c in scan(memoryview(data), "").chunks]
     everything = [message for part in per_chunk for message in part]
     wrong = cuts = 0
     for cut in range(chunks[-2].start if len(chunks) > 1 else chunks[-1].start, chunks[-1].data_end + 1):

@@ -76,8 +76,16 @@ class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping): 
     """A clamped rod with loads and damping."""
 
 
-def relaxed(rods: Rods, i: int, density: float, elements: int = ELEMENTS) -> Array:
-    """(3,) m, the tip of rod `i` at rest; NaN where it does not rest."""
+def relaxed(
+    rods: Rods,
+    i: int,
+    density: float,
+    elements: int = ELEMENTS,
+    time_step: float = TIME_STEP,
+    at_rest: float = AT_REST,
+) -> Array:
+    """(3,) m, the tip of rod `i` at rest, which is `at_rest` m/s; NaN where it does not rest. Many elements want a short
+    `time_step` (s)."""
     total = float(rods.whole_length[i])
     rod = ea.CosseratRod.straight_rod(
         elements, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), total, RADIUS, density,
@@ -101,16 +109,16 @@ def relaxed(rods: Rods, i: int, density: float, elements: int = ELEMENTS) -> Arr
     system.append(rod)
     system.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
     system.add_forcing_to(rod).using(_Loads, weight, rods.field("tip_force")[i], rods.field("tip_moment")[i])
-    system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=DAMPING, time_step=TIME_STEP)
+    system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=DAMPING, time_step=time_step)
     system.finalize()
     stepper = ea.PositionVerlet()
     time = 0.0
     for step in range(MOST_STEPS):
-        time = float(stepper.step(system, time, TIME_STEP))
+        time = float(stepper.step(system, time, time_step))
         if step % LOOK == LOOK - 1:
             speed = float(np.abs(rod.velocity_collection).max())
             if not np.isfinite(speed):
                 break
-            if speed < AT_REST:
+            if speed < at_rest:
                 return np.asarray(rod.position_collection[:, -1].copy())
     return np.full(3, np.nan)

@@ -63,22 +63,28 @@ class SoRoMoX:
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """Newton's method for each state; NaN where it finds no equilibrium."""
         rods = rods_at(self._robot, states, parameters)
-        return Readings(np.array([self._at_rest(rods, i) for i in range(len(states))]))
+        return Readings(tips_of(rods, self._segments, self._models))
 
-    def _at_rest(self, rods: Rods, i: int) -> Array:
-        """(3,) m, the tip of rod `i` in equilibrium."""
-        total = float(rods.whole_length[i])
-        within = rods.shares(i, np.linspace(0.0, total, self._segments + 1))
-        compliance = [1.0 / rods.field(name)[i][:, list(ORDER)] for name in ("bend_stiffness", "stretch_stiffness")]
-        stiffness, load = 1.0 / (within @ np.hstack(compliance)), within @ rods.field("load")[i]
-        rest = within @ np.hstack([rods.field(name)[i][:, list(ORDER)] for name in ("rest_curvature", "rest_strain")])
-        key = np.concatenate([stiffness.ravel(), load.ravel(), rest.ravel()]).tobytes()
-        if key not in self._models:
-            self._models[key] = _model(total, stiffness, load, rest)
-        follower = np.concatenate([rods.field("tip_moment")[i][list(ORDER)], rods.field("tip_force")[i][list(ORDER)]])
-        dead = jnp.asarray(rods.field("dead_force")[i])
-        tip, left = _solved(self._models[key], jnp.asarray(follower), dead, jnp.asarray(total))
-        return np.asarray(tip) if float(left) < AT_REST else np.full(3, np.nan)
+
+def tips_of(rods: Rods, segments: int, models: dict[bytes, Any]) -> Array:
+    """(n, 3) m of rods in equilibrium, NaN where none is found; `models` keeps SoRoMoX' rods for further calls."""
+    return np.array([_tip(rods, i, segments, models) for i in range(len(rods))])
+
+
+def _tip(rods: Rods, i: int, segments: int, models: dict[bytes, Any]) -> Array:
+    """(3,) m, of rod `i`."""
+    total = float(rods.whole_length[i])
+    within = rods.shares(i, np.linspace(0.0, total, segments + 1))
+    compliance = [1.0 / rods.field(name)[i][:, list(ORDER)] for name in ("bend_stiffness", "stretch_stiffness")]
+    stiffness, load = 1.0 / (within @ np.hstack(compliance)), within @ rods.field("load")[i]
+    rest = within @ np.hstack([rods.field(name)[i][:, list(ORDER)] for name in ("rest_curvature", "rest_strain")])
+    key = np.concatenate([stiffness.ravel(), load.ravel(), rest.ravel()]).tobytes()
+    if key not in models:
+        models[key] = _model(total, stiffness, load, rest)
+    follower = np.concatenate([rods.field("tip_moment")[i][list(ORDER)], rods.field("tip_force")[i][list(ORDER)]])
+    dead = jnp.asarray(rods.field("dead_force")[i])
+    tip, left = equilibrium(models[key], jnp.asarray(follower), dead, jnp.asarray(total))
+    return np.asarray(tip) if float(left) < AT_REST else np.full(3, np.nan)
 
 
 def _model(length: float, stiffness: Array, load: Array, rest: Array) -> Any:
@@ -98,8 +104,11 @@ def _model(length: float, stiffness: Array, load: Array, rest: Array) -> Any:
 
 
 @eqx.filter_jit
-def _solved(model: Any, follower: Any, dead: Any, length: Any) -> tuple[Any, Any]:
-    """The tip (3,) m, and the largest component of what is out of balance."""
+def equilibrium(model: Any, follower: Any, dead: Any, length: Any) -> tuple[Any, Any]:
+    """The tip (3,) m of a model of SoRoMoX, and the largest component of what is out of balance (N m, N).
+
+    At the tip `follower` (6,) N m, N in SoRoMoX' axes, which turns with it, and `dead` (3,) N in the robot's; `length` m.
+    """
 
     def residual(q: Any, share: Any) -> Any:
         turn = model.forward_kinematics(q, length)[:3, :3]

@@ -1,0 +1,294 @@
+"""Every way to solve the paper's rods, at several errors: `python -m benchmarks.peers [--quick] [--json FILE]`.
+
+Nine rods, from hardly bent to 250 kPa without spine; an error is the worst distance (mm) of their tips from those of
+`REFERENCE` (SciPy's DOP853, which shares no code with the rod). The rod's own in a batch: the worst of 35,000 further rods, from
+the rod solved very finely. The time of a solve is processor time of one process. What is needed once in each process, models
+and compiling, stands beside. Simulators that are not installed are named: `make bench PEERS=1` installs them.
+
+PyElastica's rod has a law of its own, so its tips come to rest elsewhere: `own_mm` is the distance from where its
+own tips go with more and more elements. SoRoMoX' law is the rod's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.peers_rod import paper_peer, solve_bvp_peer
+from benchmarks.peers_simulators import Solver, pyelastica, soromox_constant, soromox_polynomial
+from benchmarks.rod_cases import eased, paper_rods
+from model.rods import REFERENCE, Fast, Paper, Rods, solve
+
+Array = NDArray[np.float64]
+
+PYELASTICA = "PyElastica"
+AT_REST = 1e-3
+"""m/s; at a hundredth of it PyElastica takes 1.6 times as long and its tips are within 0.2 mm of the same."""
+LEVELS = (1.0, 0.1, 0.01)
+"""mm, at which methods are compared."""
+STATES, RODS = 231, 1_000
+"""Of a campaign, and of a batch: how long a person waits."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method with one setting."""
+
+    method: str
+    setting: str
+    solve_s: float = float("nan")
+    """Processor time of a solve."""
+    once_s: float = float("nan")
+    """On the clock, before: models and compiling."""
+    error_mm: float = float("nan")
+    """Worst of the nine tips."""
+    own_mm: float | None = None
+    """The same from the method's own converged tips, where its law is its own."""
+    first_s: float = float("nan")
+    """On the clock, instead of `once_s` the first time on a machine, where compiled code is kept."""
+    missed: int = 0
+    """Rods that it did not solve."""
+    absent: str = ""
+    """Why it was not measured."""
+
+    @property
+    def off_mm(self) -> float:
+        """The error by the method's own law."""
+        return self.error_mm if self.own_mm is None else self.own_mm
+
+
+@dataclass(frozen=True)
+class Way:
+    """A method with a setting, before it is measured."""
+
+    method: str
+    setting: str
+    prepare: Callable[[Rods], Solver]
+
+
+@dataclass
+class Measured:
+    """Rows, and the tips (n, 3) m of each."""
+
+    rods: Rods
+    truth: Array
+    rows: list[Row] = field(default_factory=list)
+    tips: list[Array] = field(default_factory=list)
+
+    def add(self, way: Way) -> None:
+        """Solve twice: what the first takes longer is needed once."""
+        clock = time.perf_counter()
+        try:
+            call = way.prepare(self.rods)
+        except ImportError as why:
+            self.rows.append(Row(way.method, way.setting, absent=f"not installed ({why.name}): make bench PEERS=1"))
+            self.tips.append(np.full_like(self.truth, np.nan))
+            return
+        call()
+        first, again, used = time.perf_counter() - clock, time.perf_counter(), time.process_time()
+        tips = call()
+        solve_s, second = (time.process_time() - used) / len(self.rods), time.perf_counter() - again
+        missed = int(np.isnan(tips).any(axis=1).sum())
+        once = max(first - second, 0.0)
+        self.rows.append(Row(way.method, way.setting, solve_s, once, farthest(tips, self.truth), missed=missed))
+        self.tips.append(tips)
+
+    def own_errors(self, method: str, converged: Array) -> None:
+        """State the distance from a method's own converged tips."""
+        for i, (row, tips) in enumerate(zip(self.rows, self.tips, strict=True)):
+            if row.method == method and not row.absent:
+                self.rows[i] = replace(row, own_mm=farthest(tips, converged))
+
+    def finest(self, method: str, count: int) -> list[Array]:
+        """Tips of the last settings of a method."""
+        return [tips for row, tips in zip(self.rows, self.tips, strict=True) if row.method == method][-count:]
+
+
+def farthest(tips: Array, truth: Array) -> float:
+    """Worst distance, mm, of those that were found; NaN where none was."""
+    found = ~np.isnan(tips + truth).any(axis=1)
+    return float(1e3 * np.linalg.norm(tips - truth, axis=1)[found].max()) if found.any() else float("nan")
+
+
+def least(call: Callable[[], object], rounds: int) -> float:
+    """Least seconds of processor time of a call, after a first that compiles."""
+    call()
+    taken = []
+    for _ in range(rounds):
+        start = time.thread_time()
+        call()
+        taken.append(time.thread_time() - start)
+    return min(taken)
+
+
+FIRST = "import time; from benchmarks.rod_cases import paper_rods; from model.rods import solve; r = paper_rods(1, 0)"
+TIMED = "; t = time.perf_counter(); solve(r); print(time.perf_counter() - t)"
+
+
+def first_solves() -> tuple[float, float]:
+    """Seconds of the first solve of a process: the first on a machine, which compiles, and each later one."""
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        taken = [
+            subprocess.run(
+                [sys.executable, "-c", FIRST + TIMED], env=environment, check=True, capture_output=True
+            ).stdout
+            for _ in range(2)
+        ]
+    return float(taken[0]), float(taken[1])
+
+
+def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
+    """The rod's own, in a batch cold and warm and one by one."""
+    many = paper_rods(4_000 if quick else 35_000, seed=1)
+    before, fine = eased(many), solve(many, Fast(40.0, 1e-11)).trusted().tip
+    first, once = first_solves()
+    truth = solve(rods, REFERENCE).trusted().tip
+    for divisions, close in ((2.0, 1e-4), (3.0, 1e-5), (4.0, 2e-6), (8.0, 1e-8), (20.0, 1e-11)):
+        name = f"{divisions:g} divisions"
+        cold, warm = Fast(divisions, close), Fast(divisions, close, remember=True)
+        near = solve(before, warm)
+        one = [rods[i : i + 1] for i in range(len(rods))]
+        calls: dict[str, tuple[Callable[[], Array], Array, int]] = {
+            "rod, batch": (lambda m=cold: solve(many, m).tip, fine, 5),
+            "rod, batch, warm": (lambda m=cold, s=near: solve(many, m, start=s).tip, fine, 5),
+            "rod, one by one": (lambda m=cold, o=one: np.concatenate([solve(r, m).tip for r in o]), truth, 50),
+        }
+        for method, (call, right, rounds) in calls.items():
+            yield Row(method, name, least(call, rounds) / len(right), once, farthest(call(), right), first_s=first)
+
+
+def ways(quick: bool) -> list[Way]:
+    """Of all others."""
+    found = []
+    for steps in (100, 300) if quick else (30, 100, 300, 1_000):
+        found.append(Way("paper's way, NumPy", f"{steps} steps", lambda r, n=steps: lambda: paper_peer(r, n)[1]))
+    for steps in (100, 1_000) if quick else (100, 1_000, 10_000, 100_000):
+        found.append(Way("paper's way, compiled", f"{steps} steps", lambda r, n=steps: lambda: solve(r, Paper(n)).tip))
+    for tolerance in (1e-2, 1e-3, 1e-4, 1e-6):
+        name = f"tolerance {tolerance:g}"
+        found.append(Way("SciPy solve_bvp", name, lambda r, t=tolerance: lambda: solve_bvp_peer(r, t)[1]))
+    for elements in (10, 20) if quick else (10, 20, 40, 80):
+        found.append(Way(PYELASTICA, f"{elements} elements", lambda r, n=elements: pyelastica(r, n, AT_REST)))
+    for segments in (4,) if quick else (4, 10, 20):
+        name = f"{segments} segments"
+        found.append(Way("SoRoMoX, constant strain", name, lambda r, n=segments: soromox_constant(r, n)))
+    for order, points in ((1, 5),) if quick else ((1, 5), (2, 5), (3, 8)):
+        name = f"order {order}, 2 segments"
+        found.append(Way("SoRoMoX, polynomial strain", name, lambda r, k=order, g=points: soromox_polynomial(r, k, g)))
+    return found
+
+
+def figures(quick: bool) -> list[Row]:
+    """All rows."""
+    rods = paper_rods(35, seed=4)[:: 16 if quick else 4]
+    measured = Measured(rods, solve(rods, REFERENCE).trusted().tip)
+    for way in ways(quick):
+        measured.add(way)
+        print(
+            f"{way.method}, {way.setting}: {measured.rows[-1].absent or shown(measured.rows[-1].solve_s)}", flush=True
+        )
+    coarse, fine = measured.finest(PYELASTICA, 2)
+    measured.own_errors(PYELASTICA, 2.0 * fine - coarse)  # its error halves with twice the elements
+    return [*fast_ways(rods, quick), *measured.rows]
+
+
+def reached(rows: list[Row], level: float) -> dict[str, Row]:
+    """The quickest setting of each method that is within `level` mm by its own law on all rods."""
+    found: dict[str, Row] = {}
+    for row in rows:
+        if row.missed or not row.off_mm <= level:
+            continue
+        if row.method not in found or row.solve_s < found[row.method].solve_s:
+            found[row.method] = row
+    return found
+
+
+def wait(row: Row, solves: int) -> float:
+    """Seconds for so many solves one after another in a fresh process, without its imports."""
+    return row.once_s + solves * row.solve_s
+
+
+def shown(seconds: float) -> str:
+    """Of a wait: three digits and a unit."""
+    for least_s, factor, unit in ((100.0, 60.0, "min"), (1.0, 1.0, "s"), (1e-3, 1e-3, "ms")):
+        if seconds >= least_s:
+            return f"{seconds / factor:.3g} {unit}"
+    return f"{seconds / 1e-6:.3g} us"
+
+
+def all_rows(rows: list[Row]) -> Table:
+    """Every method and setting."""
+    table = Table(title="The paper's rods, every way (worst tip)", title_justify="left")
+    for column in ("way", "setting", "a solve", "once", "off, mm", "by its own law, mm", "missed"):
+        table.add_column(column)
+    for row in rows:
+        if row.absent:
+            table.add_row(row.method, row.setting, row.absent)
+            continue
+        own = "" if row.own_mm is None else f"{row.own_mm:.3g}"
+        once = shown(row.once_s) if row.once_s > 0.1 else ""
+        missed = str(row.missed) if row.missed else ""
+        table.add_row(row.method, row.setting, shown(row.solve_s), once, f"{row.error_mm:.2g}", own, missed)
+    return table
+
+
+def at_equal_error(rows: list[Row]) -> Table:
+    """What a person waits at each level."""
+    table = Table(
+        title="At equal error: the quickest setting within so many mm, or the most exact", title_justify="left"
+    )
+    for column in (
+        "within, mm",
+        "way",
+        "setting",
+        "a solve",
+        "times the rod's batch",
+        f"{STATES} states",
+        f"{RODS} rods",
+    ):
+        table.add_column(column)
+    units = {level: reached(rows, level)["rod, batch"].solve_s for level in LEVELS}
+    lines = [(f"{level:g}", row, units[level]) for level in LEVELS for row in reached(rows, level).values()]
+    measured = [row for row in rows if not np.isnan(row.off_mm)]
+    for method in {row.method: None for row in measured if row.method not in reached(rows, LEVELS[0])}:
+        best = min((row for row in measured if row.method == method), key=lambda row: row.off_mm)
+        lines.append((f"{best.off_mm:.2g}", best, units[LEVELS[0]]))
+    for level, row, unit in lines:
+        waits = [shown(wait(row, count)) for count in (STATES, RODS)]
+        table.add_row(level, row.method, row.setting, shown(row.solve_s), f"{row.solve_s / unit:,.3g}", *waits)
+    return table
+
+
+def main() -> int:
+    """Print the tables, write the JSON."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="three rods, fewer settings")
+    parser.add_argument("--json", type=Path, default=Path("out/peers.json"), help="where the numbers go")
+    options = parser.parse_args()
+    rows = figures(options.quick)
+    console = Console(width=150)
+    console.print(all_rows(rows), at_equal_error(rows))
+    console.print(f"rod: first solve on a machine {shown(rows[0].first_s)}, of a process {shown(rows[0].once_s)}")
+    host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps({"host": host, "rows": [asdict(row) for row in rows]}, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
