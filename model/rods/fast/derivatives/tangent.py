@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.columns import BEND, BLOCK, LENGTH, LOAD, REST_CURVATURE, REST_STRAIN, RISE, SERIES, STRETCH
-from model.rods.fast.algebra import Vector, add, along, cross, dot, scaled, times
-from model.rods.fast.jit import inline, routine
-from model.rods.fast.lanes import F_LOAD, INV_BEND, INV_STRETCH, LANES, Full, Group, put, vector_of
+from model.rods.fast.algebra import Vector, add, along, cross, dot, plus_cross, scaled, times
+from model.rods.fast.jit import fused, inline, put_number, routine
+from model.rods.fast.lanes import F_LOAD, INV_BEND, INV_STRETCH, LANES, Full, Group, number_of, put, vector_of
 from model.rods.fast.runge_kutta import (
     A21,
     A32,
@@ -135,7 +135,14 @@ BUFFER = COLUMN_AT + COLUMN + 1
 @inline
 def plus6(y: Change, h: float, k: Change) -> Change:
     """y + h k."""
-    return (y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3], y[4] + h * k[4], y[5] + h * k[5])
+    return (
+        fused(h, k[0], y[0]),
+        fused(h, k[1], y[1]),
+        fused(h, k[2], y[2]),
+        fused(h, k[3], y[3]),
+        fused(h, k[4], y[4]),
+        fused(h, k[5], y[5]),
+    )
 
 
 @inline
@@ -145,28 +152,27 @@ def response(full: Full, y: Change, here: Here, i: int) -> Response:
     theta, dm = (y[0], y[1], y[2]), (y[3], y[4], y[5])
     m, n = vector_of(buffer, o + MOMENT, l), vector_of(buffer, o + FORCE, l)
     u, v = vector_of(buffer, o + CURVATURE, l), vector_of(buffer, o + STRAIN, l)
-    dn = add(cross(n, theta), vector_of(buffer, o + DN_FIXED, l))
+    dn = plus_cross(vector_of(buffer, o + DN_FIXED, l), n, theta)
     du, dv = times(here.inv_bend, dm), times(here.inv_stretch, (dn[0], dn[1], dn[2] + here.added))
     if full is not None:
         k = vector_of(buffer, o + SOFTNESS, l)
         total = 2.0 * (here.inv_bend[0] * m[0] * dm[0] + here.inv_bend[1] * m[1] * dm[1])
-        first = buffer[(o + SOFTNESS + 8) * LANES + l] * total
-        second = buffer[(o + SOFTNESS + 9) * LANES + l] * total - dv[2]
-        d = buffer[(o + SOFTNESS + 4) * LANES + l] * first + buffer[(o + SOFTNESS + 6) * LANES + l] * second
-        e = buffer[(o + SOFTNESS + 5) * LANES + l] * first + buffer[(o + SOFTNESS + 7) * LANES + l] * second
+        first = number_of(buffer, o + SOFTNESS + 8, l) * total
+        second = number_of(buffer, o + SOFTNESS + 9, l) * total - dv[2]
+        d = number_of(buffer, o + SOFTNESS + 4, l) * first + number_of(buffer, o + SOFTNESS + 6, l) * second
+        e = number_of(buffer, o + SOFTNESS + 5, l) * first + number_of(buffer, o + SOFTNESS + 7, l) * second
         du = ((du[0] - k[0] * d) * k[2], (du[1] - k[1] * d) * k[2], du[2])
         dv = (dv[0], dv[1], e)
 
-    turns = cross(u, theta)
-    bends = add(add(cross(u, dm), cross(du, m)), add(cross(v, dn), cross(dv, n)))
-    moved = add(cross(theta, v), dv)
+    turns = plus_cross(scaled(-1.0, du), u, theta)
+    bends = plus_cross(plus_cross(plus_cross(cross(u, dm), du, m), v, dn), dv, n)
+    moved = plus_cross(dv, theta, v)
     dp = (
         -dot(vector_of(buffer, o + ROWS, l), moved),
         -dot(vector_of(buffer, o + ROWS + 3, l), moved),
         -dot(vector_of(buffer, o + ROWS + 6, l), moved),
     )
-    slope = (turns[0] - du[0], turns[1] - du[1], turns[2] - du[2], bends[0], bends[1], bends[2])
-    return Response(slope, dn, dp, dm, dv[2])
+    return Response((*turns, *bends), dn, dp, dm, dv[2])
 
 
 @inline
@@ -200,9 +206,9 @@ def add_work(t: Work, full: Full, a: Response, here: Here, i: int, at: Vector) -
             bend[1] * k[2] + m[1] * m[1] * mixed + by_root / here.inv_bend[1] * first,
             bend[2],
         )
-        axial = (axial[0], axial[1], buffer[(o + SOFTNESS + 13) * LANES + l] * second)
-        by_b, by_c = buffer[(o + SOFTNESS + 14) * LANES + l], buffer[(o + SOFTNESS + 15) * LANES + l]
-        terms = (by_a * first, buffer[(o + SOFTNESS + 12) * LANES + l] * second - by_b * first, by_c * second)
+        axial = (axial[0], axial[1], number_of(buffer, o + SOFTNESS + 13, l) * second)
+        by_b, by_c = number_of(buffer, o + SOFTNESS + 14, l), number_of(buffer, o + SOFTNESS + 15, l)
+        terms = (by_a * first, number_of(buffer, o + SOFTNESS + 12, l) * second - by_b * first, by_c * second)
     dp, rise = scaled(b, a.dp), scaled(z, dm)
     return Work(
         t.length + lengthens,
@@ -221,6 +227,12 @@ def add_work(t: Work, full: Full, a: Response, here: Here, i: int, at: Vector) -
 
 
 @inline
+def add_number(x: Array, k: int, l: int, more: float) -> None:
+    """Add to a quantity."""
+    put_number(x, k * LANES + l, number_of(x, k, l) + more)
+
+
+@inline
 def add_to(x: Array, k: int, l: int, h: float, a: Vector) -> None:
     """Add h a to three quantities."""
     put(x, k, l, along(vector_of(x, k, l), h, a))
@@ -229,10 +241,10 @@ def add_to(x: Array, k: int, l: int, h: float, a: Vector) -> None:
 @inline
 def step_column(full: Full, buffer: Array, z: float, dz: float, l: int) -> None:
     """Take the buffered column along the step that was saved in the buffer, and collect its T of the element."""
-    dz = dz * buffer[STEP_SHARE * LANES + l]
-    h = -dz * buffer[ELEMENT_AT * LANES + l]
+    dz = dz * number_of(buffer, STEP_SHARE, l)
+    h = -dz * number_of(buffer, ELEMENT_AT, l)
     inv_bend, inv_stretch = vector_of(buffer, ELEMENT_AT + INV_BEND, l), vector_of(buffer, ELEMENT_AT + INV_STRETCH, l)
-    here = Here(buffer, inv_bend, inv_stretch, buffer[(COLUMN_AT + STRETCH_BY) * LANES + l], l)
+    here = Here(buffer, inv_bend, inv_stretch, number_of(buffer, COLUMN_AT + STRETCH_BY, l), l)
     theta, dm = vector_of(buffer, COLUMN_AT + THETA, l), vector_of(buffer, COLUMN_AT + DM, l)
     y = (theta[0], theta[1], theta[2], dm[0], dm[1], dm[2])
     # Whatever a stage adds is added at once, or all stages would have to be remembered to the end.
@@ -273,9 +285,9 @@ def write_work(full: Full, t: Work, here: Here, h: float, share: float) -> None:
     # p feeds nothing back, so that its integral over the step needs its slopes alone.
     work_of_load = along(vector_of(buffer, COLUMN_AT + SHIFT, l), h, t.dp_left)
     add_to(buffer, COLUMN_AT + SHIFT, l, h, t.dp)
-    buffer[(COLUMN_AT + MEAN_STRAIN) * LANES + l] += share * t.strain
+    add_number(buffer, COLUMN_AT + MEAN_STRAIN, l, share * t.strain)
     load = vector_of(buffer, ELEMENT_AT + F_LOAD, l)
-    buffer[(w + LENGTH) * LANES + l] += share * (t.length + dot(work_of_load, load))
+    add_number(buffer, w + LENGTH, l, share * (t.length + dot(work_of_load, load)))
     add_to(buffer, w + BEND, l, -h, times(times(here.inv_bend, here.inv_bend), t.bend))
     add_to(buffer, w + STRETCH, l, -h, times(times(here.inv_stretch, here.inv_stretch), t.stretch))
     add_to(buffer, w + REST_CURVATURE, l, h, t.rest_curvature)
