@@ -48,6 +48,12 @@ def along(a: Vector, h: float, b: Vector) -> Vector:
 
 
 @inline
+def plus_times(c: Vector, a: Vector, b: Vector) -> Vector:
+    """c + a b, entry by entry."""
+    return (fused(a[0], b[0], c[0]), fused(a[1], b[1], c[1]), fused(a[2], b[2], c[2]))
+
+
+@inline
 def scaled(h: float, a: Vector) -> Vector:
     """h a."""
     return (h * a[0], h * a[1], h * a[2])

@@ -32,7 +32,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.rods.fast.algebra import Quaternion, State, Vector, add, along, cross, dot, plus_cross, scaled, times, turned_back
+from model.rods.fast.algebra import (
+    Quaternion,
+    State,
+    Vector,
+    add,
+    along,
+    cross,
+    dot,
+    plus_cross,
+    scaled,
+    times,
+    turned_back,
+)
 from model.rods.fast.jit import inline
 from model.rods.fast.lanes import INV_BEND, INV_STRETCH, RISES, TERMS, U_REST, V_REST, Full, terms_in, vector_of
 from model.rods.fast.stage_buffer import save_softness, save_stage

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from model.rods.columns import LENGTH, LOAD
 from model.rods.fast.algebra import Vector, add, along, cross, scaled, turned, turned_back, unit
-from model.rods.fast.derivatives.tangent import (
+from model.rods.fast.derivatives.column_layout import (
     BY_FORCE,
     BY_MOMENT,
     BY_TURN,
@@ -22,8 +22,8 @@ from model.rods.fast.derivatives.tangent import (
     THETA,
     TIP_COLUMNS,
     WORK_BY,
-    step_columns,
 )
+from model.rods.fast.derivatives.tangent import step_columns
 from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import ELEMENT, F_LOAD, LANES, TIP, Group, M, put, quaternion_of, vector_of
 from model.rods.fast.passes import advance, unit_quaternion

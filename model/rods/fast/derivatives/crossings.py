@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.fast.algebra import turned, turned_back
+from model.rods.fast.derivatives.column_layout import COLUMN, TIP_COLUMNS
 from model.rods.fast.derivatives.columns_walk import Columns, section_change, step_all
-from model.rods.fast.derivatives.tangent import COLUMN, TIP_COLUMNS
 from model.rods.fast.equations import section_of, strains
 from model.rods.fast.jit import allocating, inline, routine
 from model.rods.fast.lanes import LANES, STATE, Group, M, N, copy_numbers, put, vector_of

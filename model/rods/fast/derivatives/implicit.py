@@ -17,6 +17,15 @@ from numpy.typing import NDArray
 
 from model.rods.columns import LENGTH, TIP_FORCE, TIP_MOMENT
 from model.rods.fast.algebra import add, along, cross, turned, unit
+from model.rods.fast.derivatives.column_layout import (
+    BUFFER,
+    BY_FORCE,
+    BY_MOMENT,
+    BY_TURN,
+    COLUMN,
+    MEAN_STRAIN,
+    TIP_COLUMNS,
+)
 from model.rods.fast.derivatives.columns_walk import (
     SECTION,
     Columns,
@@ -41,7 +50,6 @@ from model.rods.fast.derivatives.ends import (
     tip_wrench_change,
     vector_in,
 )
-from model.rods.fast.derivatives.tangent import BUFFER, BY_FORCE, BY_MOMENT, BY_TURN, COLUMN, MEAN_STRAIN, TIP_COLUMNS
 from model.rods.fast.jit import inline, kernel, routine
 from model.rods.fast.lanes import (
     JACOBIAN,
