@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from model.rods.fast.jit import fused, inline
+from model.rods.fast.instructions import fused
+from model.rods.fast.jit import inline
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

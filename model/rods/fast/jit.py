@@ -16,7 +16,6 @@ import numba
 from llvmlite import binding
 from numba.core import config, types
 from numba.core.codegen import get_host_cpu_features
-from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -27,55 +26,10 @@ _kernels: list[Any] = []
 binding.set_option("", "-unroll-full-max-count=8")
 
 
-_processor = binding.get_host_cpu_features()
-_FUSES = _processor.get("fma", True)
-"""Whether this processor fuses; those that are not asked (all but x86) do."""
-
 # LLVM leaves half of an AVX-512 vector empty on processors that it fears slow down. Numba asks for features once, at its first
 # decorator, so this file comes before all others of the package.
-if config.CPU_FEATURES is None and _processor.get("avx512f", False):
+if config.CPU_FEATURES is None and binding.get_host_cpu_features().get("avx512f", False):
     config.CPU_FEATURES = get_host_cpu_features() + ",-prefer-256-bit"
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c, rounded once: one instruction instead of two. Said here and not left to the compiler, it has the same bits in a
-    loop with vectors and in one without."""
-
-    def written(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        a, b, c = values
-        return builder.fma(a, b, c) if _FUSES else builder.fadd(builder.fmul(a, b), c)
-
-    return types.float64(types.float64, types.float64, types.float64), written
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def number_at(typing: Any, array: Any, i: Any) -> Any:
-    """array[i], for i from 0 on. (Python counts negative ones from the end; asking for that makes gathers of vectors.) An array that may
-    be none, must be one here."""
-
-    def written(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return builder.load(_place(context, builder, signature, values))
-
-    array = getattr(array, "type", array)
-    return array.dtype(array, types.int64), written
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def put_number(typing: Any, array: Any, i: Any, value: Any) -> Any:
-    """array[i] = value, for i from 0 on."""
-
-    def written(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        builder.store(values[2], _place(context, builder, signature, values))
-        return context.get_dummy_value()
-
-    return types.void(array, types.int64, array.dtype), written
-
-
-def _place(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-    """Where number i of a flat array lies."""
-    array = context.make_array(signature.args[0])(context, builder, values[0])
-    return builder.gep(array.data, [values[1]], inbounds=True)
 
 
 def _compiled(**options: Any) -> Callable[[Any], Any]:

@@ -27,7 +27,8 @@ from model.rods.columns import (
     TIP_FORCE,
 )
 from model.rods.fast.algebra import Quaternion, Vector, dot
-from model.rods.fast.jit import allocating, inline, number_at, put_number, routine
+from model.rods.fast.instructions import number_at, put_number
+from model.rods.fast.jit import allocating, inline, routine
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -125,8 +126,7 @@ def new_work() -> Array:
 @inline
 def number_of(array: Array, k: int, l: int) -> float:
     """Quantity k of lane l."""
-    found: float = number_at(array, k * LANES + l)
-    return found
+    return number_at(array, k * LANES + l)
 
 
 @inline

@@ -24,7 +24,8 @@ from model.rods.fast.derivatives.column_layout import (
     add_to,
     step_of,
 )
-from model.rods.fast.jit import fused, inline
+from model.rods.fast.instructions import fused
+from model.rods.fast.jit import inline
 from model.rods.fast.lanes import F_LOAD, INV_BEND, INV_STRETCH, LANES, Full, number_of, vector_of
 from model.rods.fast.runge_kutta import B1, B3, B4, B5, B6, B7, C3, C4, C5, C6
 from model.rods.fast.stage_buffer import (
@@ -105,7 +106,7 @@ def weighted(a: Vectors, w: Six) -> Vector:
 
 @inline
 def collect_moments(full: Full, buffer: Array, z: float, dz: float, l: int) -> None:
-    """T by dm: on rest curvature and its rises, on bending stiffness (but for what hyperelastic terms have part in), on length."""
+    """T by dm: on rest curvature and its rises, on bending stiffness (less what `collect_terms` adds), on length."""
     share, h = step_of(buffer, dz, l)
     dm = answers(buffer, DM_HERE, l)
     add_number(buffer, WORK_AT + LENGTH, l, share * total_dot(dm, saved(buffer, CURVATURE, l)))
@@ -177,7 +178,7 @@ def collect_shift(buffer: Array, dz: float, l: int) -> None:
 
 @inline
 def terms_of(buffer: Array, i: int, weight: float, l: int) -> tuple[Vector, Vector]:
-    """What stage i adds, before the factors of `collect_terms`: T on two bending stiffnesses and the axial one, and on a, b, c."""
+    """What stage i adds, without the factors of `collect_terms`: T on two bending stiffnesses and the axial one; on a, b, c."""
     o, a = STAGES_AT + i * STAGE + SOFTNESS, ANSWERS_AT + i * ANSWER
     dm, m = vector_of(buffer, a + DM_HERE, l), vector_of(buffer, STAGES_AT + i * STAGE + MOMENT, l)
     dn = fused(weight, number_of(buffer, COLUMN_AT + STRETCH_BY, l), number_of(buffer, a + DN_HERE + 2, l))

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from model.rods.columns import BLOCK
 from model.rods.fast.algebra import Vector, along
-from model.rods.fast.jit import inline, put_number
+from model.rods.fast.instructions import put_number
+from model.rods.fast.jit import inline
 from model.rods.fast.lanes import LANES, number_of, put, vector_of
 from model.rods.fast.stage_buffer import COLUMN_AT, ELEMENT_AT, STAGES, STEP_SHARE
 

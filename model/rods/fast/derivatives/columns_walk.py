@@ -24,6 +24,7 @@ from model.rods.fast.derivatives.column_layout import (
     WORK_BY,
 )
 from model.rods.fast.derivatives.tangent import step_columns
+from model.rods.fast.instructions import number_at, put_number
 from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import ELEMENT, F_LOAD, LANES, TIP, Group, M, put, quaternion_of, vector_of
 from model.rods.fast.passes import advance, unit_quaternion
@@ -61,6 +62,8 @@ class Direction(NamedTuple):
     """(width, LANES), in the order of `columns`."""
     some: NDArray[np.bool_]
     """(width,): which of its numbers are not zero everywhere."""
+    most: Array
+    """(width,): the largest of each over the lanes, without sign."""
     work: Array
     """(columns + 3, LANES): T of every column, and the change of N."""
 
@@ -69,7 +72,7 @@ class Direction(NamedTuple):
 def start_columns(work: Array, columns: Columns) -> None:
     """Columns at the tip: a unit turn, moment and force about each axis of the mount frame; forced ones are empty."""
     x, moment = columns.x, columns.moment
-    x[:] = 0.0
+    x[0, :, : WORK_BY * LANES] = 0.0
     for l in range(LANES):
         put(moment, 0, l, turned(quaternion_of(work, TIP, l), vector_of(work, M, l)))
     for k in range(3):
@@ -82,13 +85,16 @@ def start_columns(work: Array, columns: Columns) -> None:
 
 
 @routine
-def step_all(group: Group, x: Array, e: int, z: float, dz: float) -> None:
-    """A step of all lanes, of each the share that the buffer says, and of all columns `x` with them."""
+def step_all(group: Group, start: Array, x: Array, step: tuple[int, int, int]) -> None:
+    """Step j of `pieces` of element e of all lanes, of each the share that the buffer says, and of all columns with them: from
+    `start` to `x`."""
+    e, j, pieces = step
+    z, dz = 1.0 - j / pieces, -1.0 / pieces
     buffer = group.work
     buffered = buffered_group(group)
     for l in range(LANES):
         advance(buffered, ELEMENT_AT, z, dz * buffer[STEP_SHARE * LANES + l], l, 1.0, buffer)
-    step_columns(group, x, e, z, dz)
+    step_columns(group, (start, x), (e, j == 0), z, dz)
 
 
 @inline
@@ -112,15 +118,28 @@ def section_changes(work: Array, x: Array, section: Array) -> None:
 
 @routine
 def load_direction(directions: Array, rods: int, first: int, k: int, to: Direction) -> None:
-    """Direction k of every lane into `to`."""
-    for c in range(directions.shape[2]):
-        any_of = False
-        for l in range(LANES):
-            row = min(first + l, rods - 1) if directions.shape[0] > 1 else 0
-            value = directions[row, k, c]
-            to.d[c, l] = value
-            any_of = any_of or value != 0.0
-        to.some[c] = any_of
+    """Direction k of every lane into `to`; most of its numbers are zero, which is found out row by row."""
+    most, width = to.most, directions.shape[2]
+    most[:] = 0.0
+    for l in range(LANES):
+        row = directions[lane_row(directions, rods, first, l), k]
+        for c in range(width):
+            put_number(most, c, max(number_at(most, c), abs(number_at(row, c))))
+    for c in range(width):
+        changes = most[c] > 0.0
+        if changes:
+            for l in range(LANES):
+                to.d[c, l] = directions[lane_row(directions, rods, first, l), k, c]
+        elif to.some[c]:
+            for l in range(LANES):
+                to.d[c, l] = 0.0
+        to.some[c] = changes
+
+
+@inline
+def lane_row(directions: Array, rods: int, first: int, l: int) -> int:
+    """The row of lane l; lanes without a rod have the last one's."""
+    return min(first + l, rods - 1) if directions.shape[0] > 1 else 0
 
 
 @routine

@@ -43,7 +43,7 @@ def visit_station(group: Group, columns: Columns, arcs: Array, first: int, step:
     copy_numbers(work, saved[0], STATE * LANES)
     for c in range(len(own)):
         copy_numbers(own[c], saved[1 + c], COLUMN * LANES)
-    step_all(group, own, e, z, -1.0 / pieces)
+    step_all(group, x[e if j > 0 else max(e - 1, 0)], own, step)
     for l in range(group.active):
         if not inside[l]:
             continue

@@ -61,7 +61,6 @@ from model.rods.fast.lanes import (
     Full,
     Group,
     RowLayout,
-    copy_numbers,
     cut,
     elements_of,
     fixed_cut,
@@ -145,7 +144,9 @@ def differentiate(
     columns.walked[stations] = 1.0
     amount = 6 if at.springs > 0 else 3
     unknowns = Unknowns(np.zeros((amount, TIP_COLUMNS * LANES)), np.zeros((amount, SECTION * LANES)))
-    direction = Direction(np.zeros((width, LANES)), np.zeros(width, np.bool_), np.zeros((count + 3, LANES)))
+    direction = Direction(
+        np.zeros((width, LANES)), np.zeros(width, np.bool_), np.zeros(width), np.zeros((count + 3, LANES))
+    )
     change = Change(
         np.zeros(TIP_COLUMNS * LANES),
         np.zeros(TIP_COLUMNS * LANES),
@@ -188,15 +189,12 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
         # An element that no rod of the group has still tells what its length would do.
         pieces = max(group.parts[e], 1)
         load_element(group, e)
-        if e > 0:
-            # Columns go on from where they left the element before, and collect anew.
-            for c in range(x.shape[1]):
-                copy_numbers(x[e - 1, c], x[e, c], MEAN_STRAIN * LANES)
         for j in range(pieces):
             pass_stations(group, columns, arcs, first, e, j, pieces)
             for l in range(LANES):
                 work[STEP_SHARE * LANES + l] = 1.0
-            step_all(group, x[e], e, 1.0 - j / pieces, -1.0 / pieces)
+            # Columns go on from where they left the element before, and collect anew.
+            step_all(group, x[e if j > 0 else max(e - 1, 0)], x[e], (e, j, pieces))
     read_base(work, LANES)
     section_changes(work, x[len(x) - 1], columns.sections[arcs.shape[1]])
 

@@ -43,7 +43,8 @@ from model.rods.fast.derivatives.column_layout import (
     add_number,
     step_of,
 )
-from model.rods.fast.jit import fused, inline, routine
+from model.rods.fast.instructions import fused
+from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import INV_BEND, INV_STRETCH, LANES, Full, Group, number_of, put, vector_of
 from model.rods.fast.runge_kutta import (
     A21,
@@ -199,13 +200,16 @@ def step_column(full: Full, buffer: Array, dz: float, l: int) -> None:
 
 
 @inline
-def load_column(buffer: Array, x: Array, column: int, used: int, e: int) -> None:
-    """Copy a column into the buffer, with R^T dN of all stages and the axial force that it adds to element e.
+def load_column(buffer: Array, x: Array, column: int, used: tuple[int, int], e: int) -> None:
+    """Copy a column into the buffer, with R^T dN of all stages and the axial force that it adds to element e; of the quantities
+    in use the first are copied, the others begin with nothing.
 
     R^T dN is a row of R for columns that begin with a force. Forced column TIP_COLUMNS + k belongs to element k.
     """
-    for k in range(used * LANES):
+    for k in range(used[0] * LANES):
         buffer[COLUMN_AT * LANES + k] = x[column, k]
+    for k in range(used[0] * LANES, used[1] * LANES):
+        buffer[COLUMN_AT * LANES + k] = 0.0
     own = 1.0 if column - TIP_COLUMNS == e else 0.0
     for l in range(LANES):
         buffer[(COLUMN_AT + STRETCH_BY) * LANES + l] = own / max(buffer[ELEMENT_AT * LANES + l], LEAST_LENGTH)
@@ -227,11 +231,12 @@ def used_quantities(full: Full) -> int:
 
 
 @routine
-def step_columns(group: Group, x: Array, e: int, z: float, dz: float) -> None:
-    """`step_column` for all columns `x` (columns, COLUMN LANES) of all lanes within element e."""
-    buffer, used = group.work, used_quantities(group.full)
+def step_columns(group: Group, columns: tuple[Array, Array], element: tuple[int, bool], z: float, dz: float) -> None:
+    """`step_column` for all lanes and all columns, from the first of `columns` to the second, (columns, COLUMN LANES) each;
+    `element` is its number and whether the step is the first in it."""
+    buffer, used, (start, x), (e, begins) = group.work, used_quantities(group.full), columns, element
     for j in range(len(x)):
-        load_column(buffer, x, j, used, e)
+        load_column(buffer, start, j, (MEAN_STRAIN if begins else used, used), e)
         for l in range(LANES):
             step_column(group.full, buffer, dz, l)
         collect(group.full, buffer, z, dz)
