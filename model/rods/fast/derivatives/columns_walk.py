@@ -63,7 +63,7 @@ class Direction(NamedTuple):
     some: NDArray[np.bool_]
     """(width,): which of its numbers are not zero everywhere."""
     most: Array
-    """(width,): the largest of each over the lanes, without sign."""
+    """(k, width): see `scan_directions`."""
     work: Array
     """(columns + 3, LANES): T of every column, and the change of N."""
 
@@ -117,16 +117,23 @@ def section_changes(work: Array, x: Array, section: Array) -> None:
 
 
 @routine
-def load_direction(directions: Array, rods: int, first: int, k: int, to: Direction) -> None:
-    """Direction k of every lane into `to`; most of its numbers are zero, which is found out row by row."""
-    most, width = to.most, directions.shape[2]
+def scan_directions(directions: Array, rods: int, first: int, most: Array) -> None:
+    """The largest of every number of every direction over the lanes, without sign, into `most` (k, width): most are zero, and
+    what is read in the order of memory comes several times as fast."""
     most[:] = 0.0
-    for l in range(LANES):
-        row = directions[lane_row(directions, rods, first, l), k]
-        for c in range(width):
-            put_number(most, c, max(number_at(most, c), abs(number_at(row, c))))
-    for c in range(width):
-        changes = most[c] > 0.0
+    count, width = most.shape
+    for l in range(LANES if directions.shape[0] > 1 else 1):
+        for k in range(count):
+            row, of_row = directions[lane_row(directions, rods, first, l), k], most[k]
+            for c in range(width):
+                put_number(of_row, c, max(number_at(of_row, c), abs(number_at(row, c))))
+
+
+@routine
+def load_direction(directions: Array, rods: int, first: int, k: int, to: Direction) -> None:
+    """Direction k of every lane into `to`."""
+    for c in range(directions.shape[2]):
+        changes = to.most[k, c] > 0.0
         if changes:
             for l in range(LANES):
                 to.d[c, l] = directions[lane_row(directions, rods, first, l), k, c]

@@ -33,6 +33,7 @@ from model.rods.fast.derivatives.columns_walk import (
     collect_work,
     combine,
     load_direction,
+    scan_directions,
     section_changes,
     start_columns,
     step_all,
@@ -145,7 +146,10 @@ def differentiate(
     amount = 6 if at.springs > 0 else 3
     unknowns = Unknowns(np.zeros((amount, TIP_COLUMNS * LANES)), np.zeros((amount, SECTION * LANES)))
     direction = Direction(
-        np.zeros((width, LANES)), np.zeros(width, np.bool_), np.zeros(width), np.zeros((count + 3, LANES))
+        np.zeros((width, LANES)),
+        np.zeros(width, np.bool_),
+        np.zeros(directions.shape[1:]),
+        np.zeros((count + 3, LANES)),
     )
     change = Change(
         np.zeros(TIP_COLUMNS * LANES),
@@ -165,6 +169,8 @@ def differentiate(
         for l in range(LANES):
             linearise_ends(work, ends, rods, min(first + l, n - 1), l)
         differentiate_unknowns(group, ends, columns.sections[stations], unknowns)
+        if first == 0 or len(directions) > 1:
+            scan_directions(directions, n, first, direction.most)
         for k in range(directions.shape[1]):
             load_direction(directions, n, first, k, direction)
             if not direction.some.any():
