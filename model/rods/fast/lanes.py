@@ -118,9 +118,17 @@ def element_at(e: int) -> int:
 
 
 @allocating
+def new_numbers(count: int) -> Array:
+    """Zeros that begin where a vector of 64 bytes does: one that lies across two such places takes twice as long to fetch."""
+    room = np.zeros(count + 7)
+    begin = -(room.ctypes.data // 8) % 8
+    return room[begin : begin + count]
+
+
+@allocating
 def new_work() -> Array:
     """Zeros for one group."""
-    return np.zeros(WORK * LANES)
+    return new_numbers(WORK * LANES)
 
 
 @inline
@@ -161,7 +169,7 @@ def put(into: Array, k: int, l: int, a: Vector) -> None:
 @allocating
 def new_elements(count: int) -> Array:
     """Room for so many elements."""
-    return np.zeros(count * ELEMENT * LANES)
+    return new_numbers(count * ELEMENT * LANES)
 
 
 @inline

@@ -67,6 +67,7 @@ from model.rods.fast.lanes import (
     fixed_cut,
     gather_rod,
     new_elements,
+    new_numbers,
     put,
     quaternion_of,
     vector_of,
@@ -127,12 +128,12 @@ def differentiate(
     stations, size = arcs.shape[1], elements_of(rods, at)
     count = TIP_COLUMNS + (size if strained else 0)
     work, elements, parts, ends = (
-        np.zeros(BUFFER * LANES),
+        new_numbers(BUFFER * LANES),
         new_elements(size),
         np.empty(size, np.int64),
         np.zeros(ENDS * LANES),
     )
-    x = np.zeros((size, count, COLUMN * LANES))
+    x = new_numbers(size * count * COLUMN * LANES).reshape((size, count, COLUMN * LANES))
     columns = Columns(
         x,
         np.zeros(3 * LANES),
