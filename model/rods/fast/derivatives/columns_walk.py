@@ -23,12 +23,10 @@ from model.rods.fast.derivatives.column_layout import (
     TIP_COLUMNS,
     WORK_BY,
 )
-from model.rods.fast.derivatives.tangent import step_columns
 from model.rods.fast.instructions import number_at, put_number
 from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import ELEMENT, F_LOAD, LANES, TIP, Group, M, put, quaternion_of, vector_of
-from model.rods.fast.passes import advance, unit_quaternion
-from model.rods.fast.stage_buffer import ELEMENT_AT, STEP_SHARE, buffered_group
+from model.rods.fast.passes import unit_quaternion
 
 Array = NDArray[np.float64]
 
@@ -82,19 +80,6 @@ def start_columns(work: Array, columns: Columns) -> None:
             put(turn, THETA, l, axis)
             put(turn, DM, l, cross(vector_of(work, M, l), axis))
             put(twist, DM, l, axis)
-
-
-@routine
-def step_all(group: Group, start: Array, x: Array, step: tuple[int, int, int]) -> None:
-    """Step j of `pieces` of element e of all lanes, of each the share that the buffer says, and of all columns with them: from
-    `start` to `x`."""
-    e, j, pieces = step
-    z, dz = 1.0 - j / pieces, -1.0 / pieces
-    buffer = group.work
-    buffered = buffered_group(group)
-    for l in range(LANES):
-        advance(buffered, ELEMENT_AT, z, dz * buffer[STEP_SHARE * LANES + l], l, 1.0, buffer)
-    step_columns(group, (start, x), (e, j == 0), z, dz)
 
 
 @inline

@@ -36,10 +36,9 @@ from model.rods.fast.derivatives.columns_walk import (
     scan_directions,
     section_changes,
     start_columns,
-    step_all,
     tip_factors,
 )
-from model.rods.fast.derivatives.crossings import pass_stations
+from model.rods.fast.derivatives.crossings import visit_station
 from model.rods.fast.derivatives.ends import (
     ENDS,
     FOLLOWER_FORCE,
@@ -51,6 +50,7 @@ from model.rods.fast.derivatives.ends import (
     tip_wrench_change,
     vector_in,
 )
+from model.rods.fast.derivatives.tangent import step_all
 from model.rods.fast.jit import inline, kernel, routine
 from model.rods.fast.lanes import (
     JACOBIAN,
@@ -133,7 +133,7 @@ def differentiate(
         np.empty(size, np.int64),
         np.zeros(ENDS * LANES),
     )
-    x = new_numbers(size * count * COLUMN * LANES).reshape((size, count, COLUMN * LANES))
+    x = np.zeros((size, count, COLUMN * LANES))
     columns = Columns(
         x,
         np.zeros(3 * LANES),
@@ -149,7 +149,7 @@ def differentiate(
     direction = Direction(
         np.zeros((width, LANES)),
         np.zeros(width, np.bool_),
-        np.zeros(directions.shape[1:]),
+        np.zeros((directions.shape[1], width)),
         np.zeros((count + 3, LANES)),
     )
     change = Change(
@@ -197,7 +197,8 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
         pieces = max(group.parts[e], 1)
         load_element(group, e)
         for j in range(pieces):
-            pass_stations(group, columns, arcs, first, e, j, pieces)
+            for s in range(arcs.shape[1]):
+                visit_station(group, columns, arcs, first, (e, j, pieces), s)
             for l in range(LANES):
                 work[STEP_SHARE * LANES + l] = 1.0
             # Columns go on from where they left the element before, and collect anew.

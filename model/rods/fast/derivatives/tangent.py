@@ -46,6 +46,7 @@ from model.rods.fast.derivatives.column_layout import (
 from model.rods.fast.instructions import fused
 from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import INV_BEND, INV_STRETCH, LANES, Full, Group, number_of, put, vector_of
+from model.rods.fast.passes import advance
 from model.rods.fast.runge_kutta import (
     A21,
     A32,
@@ -84,7 +85,9 @@ from model.rods.fast.stage_buffer import (
     STAGE,
     STAGES,
     STAGES_AT,
+    STEP_SHARE,
     STRAIN,
+    buffered_group,
 )
 
 Array = NDArray[np.float64]
@@ -231,17 +234,20 @@ def used_quantities(full: Full) -> int:
 
 
 @routine
-def step_columns(group: Group, columns: tuple[Array, Array], element: tuple[int, bool], z: float, dz: float) -> None:
-    """`step_column` for all lanes and all columns, from the first of `columns` to the second, (columns, COLUMN LANES) each;
-    `element` is its number and whether the step is the first in it."""
-    buffer, used, (start, x), (e, begins) = group.work, used_quantities(group.full), columns, element
-    for j in range(len(x)):
-        load_column(buffer, start, j, (MEAN_STRAIN if begins else used, used), e)
+def step_all(group: Group, start: Array, x: Array, step: tuple[int, int, int]) -> None:
+    """Step j of `pieces` of element e of all lanes, of each the share that the buffer says, and of all columns (columns, COLUMN
+    LANES) with them: from `start` to `x`."""
+    buffer, used, (e, j, pieces) = group.work, used_quantities(group.full), step
+    buffered, z, dz = buffered_group(group), 1.0 - j / pieces, -1.0 / pieces
+    for l in range(LANES):
+        advance(buffered, ELEMENT_AT, z, dz * number_of(buffer, STEP_SHARE, l), l, 1.0, buffer)
+    for c in range(len(x)):
+        load_column(buffer, start, c, (used if j > 0 else MEAN_STRAIN, used), e)
         for l in range(LANES):
             step_column(group.full, buffer, dz, l)
         collect(group.full, buffer, z, dz)
         for k in range(used * LANES):
-            x[j, k] = buffer[COLUMN_AT * LANES + k]
+            x[c, k] = buffer[COLUMN_AT * LANES + k]
 
 
 LEAST_LENGTH = 1e-9
