@@ -133,7 +133,7 @@ def differentiate(
         np.empty(size, np.int64),
         np.zeros(ENDS * LANES),
     )
-    x = np.zeros((size, count, COLUMN * LANES))
+    x = new_numbers(size * count * COLUMN * LANES).reshape((size, count, COLUMN * LANES))
     columns = Columns(
         x,
         np.zeros(3 * LANES),
