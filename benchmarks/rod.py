@@ -22,8 +22,10 @@ from rich.table import Table
 
 from benchmarks.peers_rod import exudyn_peer, paper_peer, solve_bvp_peer
 from benchmarks.rod_cases import directions, friction_history, paper_rods, split, tips_of
+from benchmarks.rod_floor import floor
 from model.rods import FAST, FINE, Fast, Form, Rods, sensitivities, solve
 from model.rods.fast import direct
+from model.rods.fast.batches import full_of, steps_of
 from model.rods.fast.friction import history
 from model.rods.solution import RESULT
 
@@ -59,10 +61,11 @@ def error_of(rods: Rods) -> float:
 def kernel_seconds(rods: Rods, rounds: int) -> tuple[float, float]:
     """The kernel alone, called for one rod."""
     out, memory = np.empty((len(rods), RESULT)), np.zeros((0, direct.MEMORY))
-    layout, settings, steps = rods.form.columns, (FAST.divisions, FAST.close, False), np.zeros((0, 1), np.int64)
+    layout, settings, steps = rods.form.columns, (FAST.divisions, FAST.close, False), steps_of(rods, None)
+    full = full_of(rods.form)
 
     def call() -> None:
-        direct.solve_direct(rods.values, layout, (None, None), settings, steps, memory, out)
+        direct.solve_direct(rods.values, layout, full, settings, steps, memory, out)
 
     return measure(call, rounds, time.perf_counter)
 
@@ -83,6 +86,8 @@ def figures(quick: bool) -> list[dict[str, object]]:
     rods = paper_rods(n, seed=1)
     plain = measure(lambda: solve(rods), rounds)
     lines = [row("batch, cold, 35 conditions", plain, n, ">= 1.5 M/s, <= 0.01 mm", error_of(rods))]
+    least, made_of = floor()
+    lines.append(row("floor of the arithmetic", (least, least), 1, made_of))
     warm = solve(rods, Fast(remember=True))
     lines.append(row("batch, warm", measure(lambda: solve(rods, start=warm), rounds), n))
     two = Fast(cores=2)

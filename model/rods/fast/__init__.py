@@ -1,6 +1,7 @@
 """The fast method: the static Cosserat rod compiled to machine code, batches of rods side by side, with derivatives.
 
 Kernels, from the section to the batch
+    jit, instructions                  decorators; fused operations and reads that the compiler makes vectors of
     algebra, equations, runge_kutta    vectors; equilibrium and section laws; a step along the rod
     lanes, passes                      a group of rods in arrays; one pass from tip to base
     newton, direct, follow             the tip that brings the base to its place; cold or warm; load steps

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from model.rods.fast.instructions import fused
 from model.rods.fast.jit import inline
 
 Vector = tuple[float, float, float]
@@ -12,7 +13,21 @@ State = tuple[float, float, float, float, float, float, float, float, float, flo
 @inline
 def cross(a: Vector, b: Vector) -> Vector:
     """a x b."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return (
+        fused(a[1], b[2], -(a[2] * b[1])),
+        fused(a[2], b[0], -(a[0] * b[2])),
+        fused(a[0], b[1], -(a[1] * b[0])),
+    )
+
+
+@inline
+def plus_cross(c: Vector, a: Vector, b: Vector) -> Vector:
+    """c + a x b."""
+    return (
+        fused(a[1], b[2], fused(-a[2], b[1], c[0])),
+        fused(a[2], b[0], fused(-a[0], b[2], c[1])),
+        fused(a[0], b[1], fused(-a[1], b[0], c[2])),
+    )
 
 
 @inline
@@ -30,7 +45,13 @@ def times(a: Vector, b: Vector) -> Vector:
 @inline
 def along(a: Vector, h: float, b: Vector) -> Vector:
     """a + h b."""
-    return (a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2])
+    return (fused(h, b[0], a[0]), fused(h, b[1], a[1]), fused(h, b[2], a[2]))
+
+
+@inline
+def plus_times(c: Vector, a: Vector, b: Vector) -> Vector:
+    """c + a b, entry by entry."""
+    return (fused(a[0], b[0], c[0]), fused(a[1], b[1], c[1]), fused(a[2], b[2], c[2]))
 
 
 @inline
@@ -48,16 +69,15 @@ def unit(k: int) -> Vector:
 @inline
 def dot(a: Vector, b: Vector) -> float:
     """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return fused(a[0], b[0], fused(a[1], b[1], a[2] * b[2]))
 
 
 @inline
 def turned(q: Quaternion, a: Vector) -> Vector:
     """R(q) a."""
     r = (q[1], q[2], q[3])
-    t = cross(r, a)
-    t = (2.0 * t[0], 2.0 * t[1], 2.0 * t[2])
-    return add(along(a, q[0], t), cross(r, t))
+    t = scaled(2.0, cross(r, a))
+    return plus_cross(along(a, q[0], t), r, t)
 
 
 @inline
@@ -69,26 +89,23 @@ def turned_back(q: Quaternion, a: Vector) -> Vector:
 @inline
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
     """a b: first b, then a."""
-    return (
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] + a[2] * b[0] + a[3] * b[1] - a[1] * b[3],
-        a[0] * b[3] + a[3] * b[0] + a[1] * b[2] - a[2] * b[1],
-    )
+    v, w = (a[1], a[2], a[3]), (b[1], b[2], b[3])
+    x, y, z = plus_cross(along(scaled(b[0], v), a[0], w), v, w)
+    return (fused(a[0], b[0], -dot(v, w)), x, y, z)
 
 
 @inline
 def plus(y: State, h: float, k: State) -> State:
     """y + h k for the ten numbers of a rod's state."""
     return (
-        y[0] + h * k[0],
-        y[1] + h * k[1],
-        y[2] + h * k[2],
-        y[3] + h * k[3],
-        y[4] + h * k[4],
-        y[5] + h * k[5],
-        y[6] + h * k[6],
-        y[7] + h * k[7],
-        y[8] + h * k[8],
-        y[9] + h * k[9],
+        fused(h, k[0], y[0]),
+        fused(h, k[1], y[1]),
+        fused(h, k[2], y[2]),
+        fused(h, k[3], y[3]),
+        fused(h, k[4], y[4]),
+        fused(h, k[5], y[5]),
+        fused(h, k[6], y[6]),
+        fused(h, k[7], y[7]),
+        fused(h, k[8], y[8]),
+        fused(h, k[9], y[9]),
     )

@@ -32,7 +32,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.rods.fast.algebra import Quaternion, State, Vector, add, along, cross, product, times, turned_back
+from model.rods.fast.algebra import (
+    Quaternion,
+    State,
+    Vector,
+    add,
+    along,
+    cross,
+    dot,
+    plus_cross,
+    scaled,
+    times,
+    turned_back,
+)
 from model.rods.fast.jit import inline
 from model.rods.fast.lanes import INV_BEND, INV_STRETCH, RISES, TERMS, U_REST, V_REST, Full, terms_in, vector_of
 from model.rods.fast.stage_buffer import save_softness, save_stage
@@ -91,15 +103,17 @@ def slope(
     if stages is not None:
         save_stage(stages, i, l, q, (m, n), (u, v))
     dq = turning(q, u)
-    dm = add(cross(u, m), cross(v, n))
-    dr = add(cross(u, r), v)
+    dm = plus_cross(cross(u, m), v, n)
+    dr = plus_cross(v, u, r)
     return (dq[0], dq[1], dq[2], dq[3], dm[0], dm[1], dm[2], dr[0], dr[1], dr[2]), soft
 
 
 @inline
 def turning(q: Quaternion, u: Vector) -> Quaternion:
     """dq/dt of a section that turns with curvature u (section frame) while walking towards the base."""
-    return product(q, (0.0, -0.5 * u[0], -0.5 * u[1], -0.5 * u[2]))
+    w, r, half = q[0], (q[1], q[2], q[3]), scaled(-0.5, u)
+    x, y, z = plus_cross(scaled(w, half), r, half)
+    return (-dot(r, half), x, y, z)
 
 
 @inline

@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 
 import numba
 from llvmlite import binding
-from numba.core import types
+from numba.core import config, types
+from numba.core.codegen import get_host_cpu_features
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -23,6 +24,12 @@ _kernels: list[Any] = []
 
 # Loops over lanes become vectors; whether LLVM unrolls them before, to scalars, would hang on what it guesses of their size.
 binding.set_option("", "-unroll-full-max-count=8")
+
+# LLVM leaves half of an AVX-512 vector empty on processors that it fears slow down. Numba asks for features once, at its first
+# decorator, so this file comes before all others of the package.
+_numba: Any = config
+if _numba.CPU_FEATURES is None and binding.get_host_cpu_features().get("avx512f", False):
+    _numba.CPU_FEATURES = get_host_cpu_features() + ",-prefer-256-bit"
 
 
 def _compiled(**options: Any) -> Callable[[Any], Any]:

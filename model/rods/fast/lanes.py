@@ -27,6 +27,7 @@ from model.rods.columns import (
     TIP_FORCE,
 )
 from model.rods.fast.algebra import Quaternion, Vector, dot
+from model.rods.fast.instructions import number_at, put_number
 from model.rods.fast.jit import allocating, inline, routine
 
 Array = NDArray[np.float64]
@@ -117,44 +118,58 @@ def element_at(e: int) -> int:
 
 
 @allocating
+def new_numbers(count: int) -> Array:
+    """Zeros that begin where a vector of 64 bytes does: one that lies across two such places takes twice as long to fetch."""
+    room = np.zeros(count + 7)
+    begin = -(room.ctypes.data // 8) % 8
+    return room[begin : begin + count]
+
+
+@allocating
 def new_work() -> Array:
     """Zeros for one group."""
-    return np.zeros(WORK * LANES)
+    return new_numbers(WORK * LANES)
+
+
+@inline
+def number_of(array: Array, k: int, l: int) -> float:
+    """Quantity k of lane l."""
+    return number_at(array, k * LANES + l)
 
 
 @inline
 def vector_of(array: Array, k: int, l: int) -> Vector:
     """Quantities k, k + 1, k + 2 of lane l."""
-    return (array[k * LANES + l], array[(k + 1) * LANES + l], array[(k + 2) * LANES + l])
+    o = k * LANES + l
+    return (number_at(array, o), number_at(array, o + LANES), number_at(array, o + 2 * LANES))
 
 
 @inline
 def quaternion_of(array: Array, k: int, l: int) -> Quaternion:
     """Quantities k .. k + 3 of lane l."""
-    return (array[k * LANES + l], array[(k + 1) * LANES + l], array[(k + 2) * LANES + l], array[(k + 3) * LANES + l])
+    return (number_of(array, k, l), *vector_of(array, k + 1, l))
 
 
 @inline
 def put_quaternion(into: Array, k: int, l: int, q: Quaternion) -> None:
     """Four numbers of lane l from quantity k on."""
-    into[k * LANES + l] = q[0]
-    into[(k + 1) * LANES + l] = q[1]
-    into[(k + 2) * LANES + l] = q[2]
-    into[(k + 3) * LANES + l] = q[3]
+    put_number(into, k * LANES + l, q[0])
+    put(into, k + 1, l, (q[1], q[2], q[3]))
 
 
 @inline
 def put(into: Array, k: int, l: int, a: Vector) -> None:
     """Three numbers of lane l from quantity k on (written out: tuples indexed in a loop would go through memory)."""
-    into[k * LANES + l] = a[0]
-    into[(k + 1) * LANES + l] = a[1]
-    into[(k + 2) * LANES + l] = a[2]
+    o = k * LANES + l
+    put_number(into, o, a[0])
+    put_number(into, o + LANES, a[1])
+    put_number(into, o + 2 * LANES, a[2])
 
 
 @allocating
 def new_elements(count: int) -> Array:
     """Room for so many elements."""
-    return np.zeros(count * ELEMENT * LANES)
+    return new_numbers(count * ELEMENT * LANES)
 
 
 @inline

@@ -41,6 +41,7 @@ from model.rods.fast.lanes import (
     Q,
     R,
     element_at,
+    number_of,
     put,
     put_quaternion,
     quaternion_of,
@@ -137,9 +138,9 @@ def advance(group: Group, at: int, z: float, dz: float, l: int, dead: float, sta
     q, m, r = quaternion_of(work, Q, l), vector_of(work, M, l), vector_of(work, R, l)
     y = (q[0], q[1], q[2], q[3], m[0], m[1], m[2], r[0], r[1], r[2])
     force = vector_of(work, N, l)
-    h = -dz * elements[at * LANES + l]
+    h = -dz * number_of(elements, at, l)
     section = section_of(elements, group.full, at, l)
-    load = scaled(dead * work[LOAD_SHARE * LANES + l], vector_of(elements, at + F_LOAD, l))
+    load = scaled(dead * number_of(work, LOAD_SHARE, l), vector_of(elements, at + F_LOAD, l))
     y = step(y, Step(h, z, dz, force, load), section, l, stages)
     put_quaternion(work, Q, l, (y[0], y[1], y[2], y[3]))
     put(work, M, l, (y[4], y[5], y[6]))

@@ -1,6 +1,8 @@
 """Derivatives of a fast solution by any number of a rod, in one pass: implicit differentiation with reciprocity.
 
-    tangent         how a section answers to a change; columns that walk with the rod and collect work
+    tangent         how a section answers to a change; columns that walk with the rod
+    collect         what they collect on the way: work on every number of an element
+    column_layout   what a column holds
     columns_walk    the columns of a group of rods, and what a direction in parameter space makes of them
     crossings       what is kept where the walk passes a station
     ends            what changes at the tip and at the base

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from model.rods.columns import LENGTH, LOAD
 from model.rods.fast.algebra import Vector, add, along, cross, scaled, turned, turned_back, unit
-from model.rods.fast.derivatives.tangent import (
+from model.rods.fast.derivatives.column_layout import (
     BY_FORCE,
     BY_MOMENT,
     BY_TURN,
@@ -22,12 +22,11 @@ from model.rods.fast.derivatives.tangent import (
     THETA,
     TIP_COLUMNS,
     WORK_BY,
-    step_columns,
 )
+from model.rods.fast.instructions import number_at, put_number
 from model.rods.fast.jit import inline, routine
 from model.rods.fast.lanes import ELEMENT, F_LOAD, LANES, TIP, Group, M, put, quaternion_of, vector_of
-from model.rods.fast.passes import advance, unit_quaternion
-from model.rods.fast.stage_buffer import ELEMENT_AT, STEP_SHARE, buffered_group
+from model.rods.fast.passes import unit_quaternion
 
 Array = NDArray[np.float64]
 
@@ -61,6 +60,8 @@ class Direction(NamedTuple):
     """(width, LANES), in the order of `columns`."""
     some: NDArray[np.bool_]
     """(width,): which of its numbers are not zero everywhere."""
+    most: Array
+    """(k, width): see `scan_directions`."""
     work: Array
     """(columns + 3, LANES): T of every column, and the change of N."""
 
@@ -69,7 +70,7 @@ class Direction(NamedTuple):
 def start_columns(work: Array, columns: Columns) -> None:
     """Columns at the tip: a unit turn, moment and force about each axis of the mount frame; forced ones are empty."""
     x, moment = columns.x, columns.moment
-    x[:] = 0.0
+    x[0, :, : WORK_BY * LANES] = 0.0
     for l in range(LANES):
         put(moment, 0, l, turned(quaternion_of(work, TIP, l), vector_of(work, M, l)))
     for k in range(3):
@@ -79,16 +80,6 @@ def start_columns(work: Array, columns: Columns) -> None:
             put(turn, THETA, l, axis)
             put(turn, DM, l, cross(vector_of(work, M, l), axis))
             put(twist, DM, l, axis)
-
-
-@routine
-def step_all(group: Group, x: Array, e: int, z: float, dz: float) -> None:
-    """A step of all lanes, of each the share that the buffer says, and of all columns `x` with them."""
-    buffer = group.work
-    buffered = buffered_group(group)
-    for l in range(LANES):
-        advance(buffered, ELEMENT_AT, z, dz * buffer[STEP_SHARE * LANES + l], l, 1.0, buffer)
-    step_columns(group, x, e, z, dz)
 
 
 @inline
@@ -111,16 +102,36 @@ def section_changes(work: Array, x: Array, section: Array) -> None:
 
 
 @routine
+def scan_directions(directions: Array, rods: int, first: int, most: Array) -> None:
+    """The largest of every number of every direction over the lanes, without sign, into `most` (k, width): most are zero, and
+    what is read in the order of memory comes several times as fast."""
+    most[:] = 0.0
+    count, width = most.shape
+    for l in range(LANES if directions.shape[0] > 1 else 1):
+        for k in range(count):
+            row, of_row = directions[lane_row(directions, rods, first, l), k], most[k]
+            for c in range(width):
+                put_number(of_row, c, max(number_at(of_row, c), abs(number_at(row, c))))
+
+
+@routine
 def load_direction(directions: Array, rods: int, first: int, k: int, to: Direction) -> None:
     """Direction k of every lane into `to`."""
     for c in range(directions.shape[2]):
-        any_of = False
-        for l in range(LANES):
-            row = min(first + l, rods - 1) if directions.shape[0] > 1 else 0
-            value = directions[row, k, c]
-            to.d[c, l] = value
-            any_of = any_of or value != 0.0
-        to.some[c] = any_of
+        changes = to.most[k, c] > 0.0
+        if changes:
+            for l in range(LANES):
+                to.d[c, l] = directions[lane_row(directions, rods, first, l), k, c]
+        elif to.some[c]:
+            for l in range(LANES):
+                to.d[c, l] = 0.0
+        to.some[c] = changes
+
+
+@inline
+def lane_row(directions: Array, rods: int, first: int, l: int) -> int:
+    """The row of lane l; lanes without a rod have the last one's."""
+    return min(first + l, rods - 1) if directions.shape[0] > 1 else 0
 
 
 @routine

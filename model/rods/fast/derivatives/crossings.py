@@ -6,23 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.fast.algebra import turned, turned_back
-from model.rods.fast.derivatives.columns_walk import Columns, section_change, step_all
-from model.rods.fast.derivatives.tangent import COLUMN, TIP_COLUMNS
+from model.rods.fast.derivatives.column_layout import COLUMN, TIP_COLUMNS
+from model.rods.fast.derivatives.columns_walk import Columns, section_change
+from model.rods.fast.derivatives.tangent import step_all
 from model.rods.fast.equations import section_of, strains
-from model.rods.fast.jit import allocating, inline, routine
+from model.rods.fast.jit import allocating, inline
 from model.rods.fast.lanes import LANES, STATE, Group, M, N, copy_numbers, put, vector_of
 from model.rods.fast.passes import unit_quaternion
 from model.rods.fast.stage_buffer import ELEMENT_AT, STEP_SHARE
 from model.rods.fast.walk import share_at
 
 Array = NDArray[np.float64]
-
-
-@routine
-def pass_stations(group: Group, columns: Columns, arcs: Array, first: int, e: int, j: int, pieces: int) -> None:
-    """Look at every station from the lanes where step j of `pieces` of element e passes it."""
-    for s in range(arcs.shape[1]):
-        visit_station(group, columns, arcs, first, (e, j, pieces), s)
 
 
 @allocating
@@ -43,7 +37,7 @@ def visit_station(group: Group, columns: Columns, arcs: Array, first: int, step:
     copy_numbers(work, saved[0], STATE * LANES)
     for c in range(len(own)):
         copy_numbers(own[c], saved[1 + c], COLUMN * LANES)
-    step_all(group, own, e, z, -1.0 / pieces)
+    step_all(group, x[e if j > 0 else max(e - 1, 0)], own, step)
     for l in range(group.active):
         if not inside[l]:
             continue

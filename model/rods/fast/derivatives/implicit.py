@@ -17,6 +17,15 @@ from numpy.typing import NDArray
 
 from model.rods.columns import LENGTH, TIP_FORCE, TIP_MOMENT
 from model.rods.fast.algebra import add, along, cross, turned, unit
+from model.rods.fast.derivatives.column_layout import (
+    BUFFER,
+    BY_FORCE,
+    BY_MOMENT,
+    BY_TURN,
+    COLUMN,
+    MEAN_STRAIN,
+    TIP_COLUMNS,
+)
 from model.rods.fast.derivatives.columns_walk import (
     SECTION,
     Columns,
@@ -24,12 +33,12 @@ from model.rods.fast.derivatives.columns_walk import (
     collect_work,
     combine,
     load_direction,
+    scan_directions,
     section_changes,
     start_columns,
-    step_all,
     tip_factors,
 )
-from model.rods.fast.derivatives.crossings import pass_stations
+from model.rods.fast.derivatives.crossings import visit_station
 from model.rods.fast.derivatives.ends import (
     ENDS,
     FOLLOWER_FORCE,
@@ -41,7 +50,7 @@ from model.rods.fast.derivatives.ends import (
     tip_wrench_change,
     vector_in,
 )
-from model.rods.fast.derivatives.tangent import BUFFER, BY_FORCE, BY_MOMENT, BY_TURN, COLUMN, MEAN_STRAIN, TIP_COLUMNS
+from model.rods.fast.derivatives.tangent import step_all
 from model.rods.fast.jit import inline, kernel, routine
 from model.rods.fast.lanes import (
     JACOBIAN,
@@ -53,12 +62,12 @@ from model.rods.fast.lanes import (
     Full,
     Group,
     RowLayout,
-    copy_numbers,
     cut,
     elements_of,
     fixed_cut,
     gather_rod,
     new_elements,
+    new_numbers,
     put,
     quaternion_of,
     vector_of,
@@ -119,12 +128,12 @@ def differentiate(
     stations, size = arcs.shape[1], elements_of(rods, at)
     count = TIP_COLUMNS + (size if strained else 0)
     work, elements, parts, ends = (
-        np.zeros(BUFFER * LANES),
+        new_numbers(BUFFER * LANES),
         new_elements(size),
         np.empty(size, np.int64),
         np.zeros(ENDS * LANES),
     )
-    x = np.zeros((size, count, COLUMN * LANES))
+    x = new_numbers(size * count * COLUMN * LANES).reshape((size, count, COLUMN * LANES))
     columns = Columns(
         x,
         np.zeros(3 * LANES),
@@ -137,7 +146,12 @@ def differentiate(
     columns.walked[stations] = 1.0
     amount = 6 if at.springs > 0 else 3
     unknowns = Unknowns(np.zeros((amount, TIP_COLUMNS * LANES)), np.zeros((amount, SECTION * LANES)))
-    direction = Direction(np.zeros((width, LANES)), np.zeros(width, np.bool_), np.zeros((count + 3, LANES)))
+    direction = Direction(
+        np.zeros((width, LANES)),
+        np.zeros(width, np.bool_),
+        np.zeros((directions.shape[1], width)),
+        np.zeros((count + 3, LANES)),
+    )
     change = Change(
         np.zeros(TIP_COLUMNS * LANES),
         np.zeros(TIP_COLUMNS * LANES),
@@ -156,6 +170,8 @@ def differentiate(
         for l in range(LANES):
             linearise_ends(work, ends, rods, min(first + l, n - 1), l)
         differentiate_unknowns(group, ends, columns.sections[stations], unknowns)
+        if first == 0 or len(directions) > 1:
+            scan_directions(directions, n, first, direction.most)
         for k in range(directions.shape[1]):
             load_direction(directions, n, first, k, direction)
             if not direction.some.any():
@@ -180,15 +196,13 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
         # An element that no rod of the group has still tells what its length would do.
         pieces = max(group.parts[e], 1)
         load_element(group, e)
-        if e > 0:
-            # Columns go on from where they left the element before, and collect anew.
-            for c in range(x.shape[1]):
-                copy_numbers(x[e - 1, c], x[e, c], MEAN_STRAIN * LANES)
         for j in range(pieces):
-            pass_stations(group, columns, arcs, first, e, j, pieces)
+            for s in range(arcs.shape[1]):
+                visit_station(group, columns, arcs, first, (e, j, pieces), s)
             for l in range(LANES):
                 work[STEP_SHARE * LANES + l] = 1.0
-            step_all(group, x[e], e, 1.0 - j / pieces, -1.0 / pieces)
+            # Columns go on from where they left the element before, and collect anew.
+            step_all(group, x[e if j > 0 else max(e - 1, 0)], x[e], (e, j, pieces))
     read_base(work, LANES)
     section_changes(work, x[len(x) - 1], columns.sections[arcs.shape[1]])
 

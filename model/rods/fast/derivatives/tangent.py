@@ -24,10 +24,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.rods.columns import BEND, BLOCK, LENGTH, LOAD, REST_CURVATURE, REST_STRAIN, RISE, SERIES, STRETCH
-from model.rods.fast.algebra import Vector, add, along, cross, dot, scaled, times
+from model.rods.columns import BLOCK, SERIES
+from model.rods.fast.algebra import Vector, cross, plus_cross, scaled, times
+from model.rods.fast.derivatives.collect import collect
+from model.rods.fast.derivatives.column_layout import (
+    ANSWER,
+    ANSWERS_AT,
+    BY_FORCE,
+    DM,
+    DM_HERE,
+    DN_HERE,
+    MEAN_STRAIN,
+    MOVED,
+    STRETCH_BY,
+    THETA,
+    TIP_COLUMNS,
+    WORK_BY,
+    add_number,
+    step_of,
+)
+from model.rods.fast.instructions import fused
 from model.rods.fast.jit import inline, routine
-from model.rods.fast.lanes import F_LOAD, INV_BEND, INV_STRETCH, LANES, Full, Group, put, vector_of
+from model.rods.fast.lanes import INV_BEND, INV_STRETCH, LANES, Full, Group, number_of, put, vector_of
+from model.rods.fast.passes import advance
 from model.rods.fast.runge_kutta import (
     A21,
     A32,
@@ -53,10 +72,6 @@ from model.rods.fast.runge_kutta import (
     B5,
     B6,
     B7,
-    C3,
-    C4,
-    C5,
-    C6,
 )  # fmt: skip
 from model.rods.fast.stage_buffer import (
     COLUMN_AT,
@@ -72,6 +87,7 @@ from model.rods.fast.stage_buffer import (
     STAGES_AT,
     STEP_SHARE,
     STRAIN,
+    buffered_group,
 )
 
 Array = NDArray[np.float64]
@@ -85,29 +101,11 @@ class Response(NamedTuple):
     slope: Change
     """d(theta, dm)/dt."""
     dn: Vector
-    dp: Vector
-    """dp/dt, mount frame."""
     dm: Vector
+    moved: Vector
+    """-R^T dp/dt."""
     strain: float
     """dv3."""
-
-
-class Work(NamedTuple):
-    """What the stages of a step add up: T by the numbers of an element, and the slope of p."""
-
-    length: float
-    bend: Vector
-    stretch: Vector
-    rest_curvature: Vector
-    rest_strain: Vector
-    series: Vector
-    dp: Vector
-    dp_left: Vector
-    """dp by what is left of the step."""
-    strain: float
-    rise1: Vector
-    rise2: Vector
-    rise3: Vector
 
 
 class Here(NamedTuple):
@@ -122,20 +120,17 @@ class Here(NamedTuple):
     l: int
 
 
-BY_TURN, BY_MOMENT, BY_FORCE, TIP_COLUMNS = 0, 3, 6, 9
-"""Columns that start at the tip; forced ones come behind."""
-THETA, DM, SHIFT, MEAN_STRAIN, WORK_BY = 0, 3, 6, 9, 10
-"""What a column holds: theta, dm, p, mean of dv3 over the element so far, T of the element so far (BLOCK)."""
-COLUMN = WORK_BY + BLOCK
-STRETCH_BY = COLUMN
-BUFFER = COLUMN_AT + COLUMN + 1
-"""In the buffer behind the column: the axial force that forced columns add."""
-
-
 @inline
 def plus6(y: Change, h: float, k: Change) -> Change:
     """y + h k."""
-    return (y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3], y[4] + h * k[4], y[5] + h * k[5])
+    return (
+        fused(h, k[0], y[0]),
+        fused(h, k[1], y[1]),
+        fused(h, k[2], y[2]),
+        fused(h, k[3], y[3]),
+        fused(h, k[4], y[4]),
+        fused(h, k[5], y[5]),
+    )
 
 
 @inline
@@ -145,163 +140,86 @@ def response(full: Full, y: Change, here: Here, i: int) -> Response:
     theta, dm = (y[0], y[1], y[2]), (y[3], y[4], y[5])
     m, n = vector_of(buffer, o + MOMENT, l), vector_of(buffer, o + FORCE, l)
     u, v = vector_of(buffer, o + CURVATURE, l), vector_of(buffer, o + STRAIN, l)
-    dn = add(cross(n, theta), vector_of(buffer, o + DN_FIXED, l))
+    dn = plus_cross(vector_of(buffer, o + DN_FIXED, l), n, theta)
     du, dv = times(here.inv_bend, dm), times(here.inv_stretch, (dn[0], dn[1], dn[2] + here.added))
     if full is not None:
         k = vector_of(buffer, o + SOFTNESS, l)
         total = 2.0 * (here.inv_bend[0] * m[0] * dm[0] + here.inv_bend[1] * m[1] * dm[1])
-        first = buffer[(o + SOFTNESS + 8) * LANES + l] * total
-        second = buffer[(o + SOFTNESS + 9) * LANES + l] * total - dv[2]
-        d = buffer[(o + SOFTNESS + 4) * LANES + l] * first + buffer[(o + SOFTNESS + 6) * LANES + l] * second
-        e = buffer[(o + SOFTNESS + 5) * LANES + l] * first + buffer[(o + SOFTNESS + 7) * LANES + l] * second
+        first = number_of(buffer, o + SOFTNESS + 8, l) * total
+        second = number_of(buffer, o + SOFTNESS + 9, l) * total - dv[2]
+        d = number_of(buffer, o + SOFTNESS + 4, l) * first + number_of(buffer, o + SOFTNESS + 6, l) * second
+        e = number_of(buffer, o + SOFTNESS + 5, l) * first + number_of(buffer, o + SOFTNESS + 7, l) * second
         du = ((du[0] - k[0] * d) * k[2], (du[1] - k[1] * d) * k[2], du[2])
         dv = (dv[0], dv[1], e)
 
-    turns = cross(u, theta)
-    bends = add(add(cross(u, dm), cross(du, m)), add(cross(v, dn), cross(dv, n)))
-    moved = add(cross(theta, v), dv)
-    dp = (
-        -dot(vector_of(buffer, o + ROWS, l), moved),
-        -dot(vector_of(buffer, o + ROWS + 3, l), moved),
-        -dot(vector_of(buffer, o + ROWS + 6, l), moved),
-    )
-    slope = (turns[0] - du[0], turns[1] - du[1], turns[2] - du[2], bends[0], bends[1], bends[2])
-    return Response(slope, dn, dp, dm, dv[2])
+    turns = plus_cross(scaled(-1.0, du), u, theta)
+    bends = plus_cross(plus_cross(plus_cross(cross(u, dm), du, m), v, dn), dv, n)
+    return Response((*turns, *bends), dn, dm, plus_cross(dv, theta, v), dv[2])
 
 
 @inline
-def no_work() -> Work:
-    """Nothing collected yet."""
-    none = (0.0, 0.0, 0.0)
-    return Work(0.0, none, none, none, none, none, none, none, 0.0, none, none, none)
+def keep(a: Response, i: int, weight: float, here: Here) -> None:
+    """Save what a section answers at stage i."""
+    o = ANSWERS_AT + i * ANSWER
+    put(here.buffer, o + DM_HERE, here.l, scaled(weight, a.dm))
+    put(here.buffer, o + DN_HERE, here.l, scaled(weight, a.dn))
+    put(here.buffer, o + MOVED, here.l, scaled(weight, a.moved))
 
 
 @inline
-def add_work(t: Work, full: Full, a: Response, here: Here, i: int, at: Vector) -> Work:
-    """T with what stage i adds; `at` are the weight B_i and the share C_i of the stage, and its place z in the element."""
-    b, share, z = at
-    buffer, l, o = here.buffer, here.l, STAGES_AT + i * STAGE
-    dn, dm = scaled(b, a.dn), scaled(b, a.dm)
-    # A mean strain is no longer for the element's length, but sees directly what stretches it.
-    lengthens = dot(dm, vector_of(buffer, o + CURVATURE, l)) + dot(dn, vector_of(buffer, o + STRAIN, l))
-    dn = (dn[0], dn[1], dn[2] + b * here.added)
-    m, n = vector_of(buffer, o + MOMENT, l), vector_of(buffer, o + FORCE, l)
-    bend, axial, terms = times(dm, m), times(dn, n), (0.0, 0.0, 0.0)
-    if full is not None:
-        k = vector_of(buffer, o + SOFTNESS, l)
-        _, d1, e1 = vector_of(buffer, o + SOFTNESS + 3, l)
-        d2, e2, by_total = vector_of(buffer, o + SOFTNESS + 6, l)
-        coupled, by_root, by_a = vector_of(buffer, o + SOFTNESS + 9, l)
-        x = (dm[0] * k[0] + dm[1] * k[1]) * k[2]
-        first, second = dn[2] * e1 - x * d1, dn[2] * e2 - x * d2
-        mixed = by_total * first + coupled * second
-        bend = (
-            bend[0] * k[2] + m[0] * m[0] * mixed + by_root / here.inv_bend[0] * first,
-            bend[1] * k[2] + m[1] * m[1] * mixed + by_root / here.inv_bend[1] * first,
-            bend[2],
-        )
-        axial = (axial[0], axial[1], buffer[(o + SOFTNESS + 13) * LANES + l] * second)
-        by_b, by_c = buffer[(o + SOFTNESS + 14) * LANES + l], buffer[(o + SOFTNESS + 15) * LANES + l]
-        terms = (by_a * first, buffer[(o + SOFTNESS + 12) * LANES + l] * second - by_b * first, by_c * second)
-    dp, rise = scaled(b, a.dp), scaled(z, dm)
-    return Work(
-        t.length + lengthens,
-        add(t.bend, bend),
-        add(t.stretch, axial),
-        add(t.rest_curvature, dm),
-        add(t.rest_strain, dn),
-        add(t.series, terms),
-        add(t.dp, dp),
-        along(t.dp_left, 1.0 - share, dp),
-        t.strain + b * a.strain,
-        add(t.rise1, rise),
-        along(t.rise2, z, rise),
-        along(t.rise3, z * z, rise),
-    )
-
-
-@inline
-def add_to(x: Array, k: int, l: int, h: float, a: Vector) -> None:
-    """Add h a to three quantities."""
-    put(x, k, l, along(vector_of(x, k, l), h, a))
-
-
-@inline
-def step_column(full: Full, buffer: Array, z: float, dz: float, l: int) -> None:
-    """Take the buffered column along the step that was saved in the buffer, and collect its T of the element."""
-    dz = dz * buffer[STEP_SHARE * LANES + l]
-    h = -dz * buffer[ELEMENT_AT * LANES + l]
+def step_column(full: Full, buffer: Array, dz: float, l: int) -> None:
+    """Take theta and dm of the buffered column along the step that was saved in the buffer, and keep what its stages answer."""
+    share, h = step_of(buffer, dz, l)
     inv_bend, inv_stretch = vector_of(buffer, ELEMENT_AT + INV_BEND, l), vector_of(buffer, ELEMENT_AT + INV_STRETCH, l)
-    here = Here(buffer, inv_bend, inv_stretch, buffer[(COLUMN_AT + STRETCH_BY) * LANES + l], l)
-    theta, dm = vector_of(buffer, COLUMN_AT + THETA, l), vector_of(buffer, COLUMN_AT + DM, l)
-    y = (theta[0], theta[1], theta[2], dm[0], dm[1], dm[2])
-    # Whatever a stage adds is added at once, or all stages would have to be remembered to the end.
+    here = Here(buffer, inv_bend, inv_stretch, number_of(buffer, COLUMN_AT + STRETCH_BY, l), l)
+    y = (*vector_of(buffer, COLUMN_AT + THETA, l), *vector_of(buffer, COLUMN_AT + DM, l))
     a = response(full, y, here, 0)
-    k1 = a.slope
-    t = add_work(no_work(), full, a, here, 0, (B1, 0.0, z))
-    a = response(full, plus6(y, A21 * h, k1), here, 1)
-    k2 = a.slope
+    keep(a, 0, B1, here)
+    k1, strain = a.slope, B1 * a.strain
+    k2 = response(full, plus6(y, A21 * h, k1), here, 1).slope
     a = response(full, plus6(y, A32 * h, k2), here, 2)
-    k3 = a.slope
-    t = add_work(t, full, a, here, 2, (B3, C3, z + C3 * dz))
+    keep(a, 2, B3, here)
+    k3, strain = a.slope, fused(B3, a.strain, strain)
     y4 = plus6(plus6(plus6(y, A41 * h, k1), A42 * h, k2), A43 * h, k3)
     a = response(full, y4, here, 3)
-    k4 = a.slope
-    t = add_work(t, full, a, here, 3, (B4, C4, z + C4 * dz))
+    keep(a, 3, B4, here)
+    k4, strain = a.slope, fused(B4, a.strain, strain)
     y5 = plus6(plus6(plus6(plus6(y, A51 * h, k1), A52 * h, k2), A53 * h, k3), A54 * h, k4)
     a = response(full, y5, here, 4)
-    k5 = a.slope
-    t = add_work(t, full, a, here, 4, (B5, C5, z + C5 * dz))
+    keep(a, 4, B5, here)
+    k5, strain = a.slope, fused(B5, a.strain, strain)
     y6 = plus6(plus6(plus6(plus6(y, A62 * h, k2), A63 * h, k3), A64 * h, k4), A65 * h, k5)
     a = response(full, y6, here, 5)
-    k6 = a.slope
-    t = add_work(t, full, a, here, 5, (B6, C6, z + C6 * dz))
+    keep(a, 5, B6, here)
+    k6, strain = a.slope, fused(B6, a.strain, strain)
     y7 = plus6(plus6(plus6(plus6(plus6(y, A71 * h, k1), A72 * h, k2), A73 * h, k3), A74 * h, k4), A76 * h, k6)
     y = plus6(plus6(plus6(plus6(plus6(y, B1 * h, k1), B3 * h, k3), B4 * h, k4), B5 * h, k5), B6 * h, k6)
     a = response(full, y7, here, 6)
+    keep(a, 6, B7, here)
     y = plus6(y, B7 * h, a.slope)
-    t = add_work(t, full, a, here, 6, (B7, 1.0, z + dz))
     put(buffer, COLUMN_AT + THETA, l, (y[0], y[1], y[2]))
     put(buffer, COLUMN_AT + DM, l, (y[3], y[4], y[5]))
-    write_work(full, t, here, h, -dz)
+    add_number(buffer, COLUMN_AT + MEAN_STRAIN, l, share * fused(B7, a.strain, strain))
 
 
 @inline
-def write_work(full: Full, t: Work, here: Here, h: float, share: float) -> None:
-    """Add T of a step of the length h (m), a share of the element, to the buffered column."""
-    buffer, l, w = here.buffer, here.l, COLUMN_AT + WORK_BY
-    # p feeds nothing back, so that its integral over the step needs its slopes alone.
-    work_of_load = along(vector_of(buffer, COLUMN_AT + SHIFT, l), h, t.dp_left)
-    add_to(buffer, COLUMN_AT + SHIFT, l, h, t.dp)
-    buffer[(COLUMN_AT + MEAN_STRAIN) * LANES + l] += share * t.strain
-    load = vector_of(buffer, ELEMENT_AT + F_LOAD, l)
-    buffer[(w + LENGTH) * LANES + l] += share * (t.length + dot(work_of_load, load))
-    add_to(buffer, w + BEND, l, -h, times(times(here.inv_bend, here.inv_bend), t.bend))
-    add_to(buffer, w + STRETCH, l, -h, times(times(here.inv_stretch, here.inv_stretch), t.stretch))
-    add_to(buffer, w + REST_CURVATURE, l, h, t.rest_curvature)
-    add_to(buffer, w + REST_STRAIN, l, h, t.rest_strain)
-    add_to(buffer, w + LOAD, l, h, work_of_load)
-    if full is not None:
-        add_to(buffer, w + SERIES, l, h, t.series)
-        add_to(buffer, w + RISE, l, h, t.rise1)
-        add_to(buffer, w + RISE + 3, l, h, t.rise2)
-        add_to(buffer, w + RISE + 6, l, h, t.rise3)
-
-
-@inline
-def load_column(buffer: Array, x: Array, column: int, used: int, e: int) -> None:
-    """Copy a column into the buffer, with R^T dN of all stages and the axial force that it adds to element e.
+def load_column(buffer: Array, x: Array, column: int, used: tuple[int, int], e: int) -> None:
+    """Copy a column into the buffer, with R^T dN of all stages and the axial force that it adds to element e; of the quantities
+    in use the first are copied, the others begin with nothing.
 
     R^T dN is a row of R for columns that begin with a force. Forced column TIP_COLUMNS + k belongs to element k.
     """
-    for k in range(used * LANES):
+    for k in range(used[0] * LANES):
         buffer[COLUMN_AT * LANES + k] = x[column, k]
+    for k in range(used[0] * LANES, used[1] * LANES):
+        buffer[COLUMN_AT * LANES + k] = 0.0
     own = 1.0 if column - TIP_COLUMNS == e else 0.0
     for l in range(LANES):
         buffer[(COLUMN_AT + STRETCH_BY) * LANES + l] = own / max(buffer[ELEMENT_AT * LANES + l], LEAST_LENGTH)
-    for i in range(STAGES):
-        for k in range(3 * LANES):
-            buffer[(STAGES_AT + i * STAGE + DN_FIXED) * LANES + k] = 0.0
+    if column in (0, TIP_COLUMNS):
+        for i in range(STAGES):
+            for k in range(3 * LANES):
+                buffer[(STAGES_AT + i * STAGE + DN_FIXED) * LANES + k] = 0.0
     if BY_FORCE <= column < TIP_COLUMNS:
         for i in range(STAGES):
             for k in range(3 * LANES):
@@ -316,15 +234,20 @@ def used_quantities(full: Full) -> int:
 
 
 @routine
-def step_columns(group: Group, x: Array, e: int, z: float, dz: float) -> None:
-    """`step_column` for all columns `x` (columns, COLUMN LANES) of all lanes within element e."""
-    buffer, used = group.work, used_quantities(group.full)
-    for j in range(len(x)):
-        load_column(buffer, x, j, used, e)
+def step_all(group: Group, start: Array, x: Array, step: tuple[int, int, int]) -> None:
+    """Step j of `pieces` of element e of all lanes, of each the share that the buffer says, and of all columns (columns, COLUMN
+    LANES) with them: from `start` to `x`."""
+    buffer, used, (e, j, pieces) = group.work, used_quantities(group.full), step
+    buffered, z, dz = buffered_group(group), 1.0 - j / pieces, -1.0 / pieces
+    for l in range(LANES):
+        advance(buffered, ELEMENT_AT, z, dz * number_of(buffer, STEP_SHARE, l), l, 1.0, buffer)
+    for c in range(len(x)):
+        load_column(buffer, start, c, (used if j > 0 else MEAN_STRAIN, used), e)
         for l in range(LANES):
-            step_column(group.full, buffer, z, dz, l)
+            step_column(group.full, buffer, dz, l)
+        collect(group.full, buffer, z, dz)
         for k in range(used * LANES):
-            x[j, k] = buffer[COLUMN_AT * LANES + k]
+            x[c, k] = buffer[COLUMN_AT * LANES + k]
 
 
 LEAST_LENGTH = 1e-9
