@@ -98,7 +98,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         shrink(prepared, found.calibrated, found.best, wanted.executor) if wanted.quantify else (None, None)
     )
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
-    proposals = next_experiment.propose(prepared, rivals) if wanted.experiments else ()
+    proposals = next_experiment.propose(prepared, rivals, wanted.executor) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
     detail = assemble.detail_section(found, unseen, tested)

@@ -7,19 +7,23 @@ candidates predict (`rivals`), with a fixed seed.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.prepare import Prepared
-from .candidate_experiments import candidate_experiments, columns
+from .candidate_experiments import Experiment, candidate_experiments, columns
 from .result import Proposal
 from .rivals import Prediction, Rivals
 
 Array = NDArray[np.float64]
 
+PROPOSING = (0.88, 0.9)
+"""Shares of a whole diagnosis that are done before and after."""
 DRAWS = 60
 SEED = 4711
 OVERHEAD = 5.0
@@ -29,29 +33,26 @@ SEPARATED = 0.5
 CHANNELS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
-def propose(p: Prepared, rivals: Rivals) -> tuple[Proposal, ...]:
+def propose(p: Prepared, rivals: Rivals, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign, best bits for their time first; none after stiffness trials alone."""
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
-    found = []
-    for experiment in candidate_experiments(p.robot, p.states.take(~p.states.pushed)):
-        predictions = rivals.predict(planned(p, experiment.parameters, experiment.channels))
-        if predictions is None:
-            continue
-        bits, pairs = _information(predictions, rivals.weight)
-        names = tuple(tuple(rivals.names[k] for k in pair) for pair in pairs)
-        found.append(
-            Proposal(
-                experiment.id,
-                experiment.do,
-                names,
-                round(bits, 3),
-                experiment.minutes,
-                dict(experiment.parameters),
-                experiment.hands,
-            )
-        )
-    return tuple(sorted(found, key=lambda x: -x.expected_bits / (x.cost_min + OVERHEAD)))
+    menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
+    found = executor.map(partial(_proposal, p, rivals), menu, *PROPOSING)
+    return tuple(sorted(filter(None, found), key=lambda x: -x.expected_bits / (x.cost_min + OVERHEAD)))
+
+
+def _proposal(p: Prepared, rivals: Rivals, experiment: Experiment) -> Proposal | None:
+    """What an experiment would tell; None where a rival has no equilibrium there."""
+    predictions = rivals.predict(planned(p, experiment.parameters, experiment.channels))
+    if predictions is None:
+        return None
+    bits, pairs = _information(predictions, rivals.weight)
+    names = tuple(tuple(rivals.names[k] for k in pair) for pair in pairs)
+    return Proposal(
+        experiment.id, experiment.do, names, round(bits, 3), experiment.minutes, dict(experiment.parameters),
+        experiment.hands,
+    )  # fmt: skip
 
 
 def planned(p: Prepared, protocol: Mapping[str, Any], more: tuple[str, ...] = ()) -> dict[str, NDArray[np.generic]]:

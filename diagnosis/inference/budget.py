@@ -20,7 +20,7 @@ all of the answer counts for it, whatever else it names.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,15 +110,13 @@ def parts(prepared: Prepared) -> tuple[Part, ...]:
     return tuple(found)
 
 
-def carried(problem: Problem, where: Sequence[Part], slope: Array, columns: Array) -> list[Array]:
-    """For tips and for forces: products (c, c) in m^2, mean over the states, of columns (n, c) after calibration, where the
-    model has the slope (n, k)."""
-    found = []
-    for part in where:
-        rows, unit = part.rows, part.unit[:, None]
-        left = problem.parameters.beyond_calibration(columns[rows] * unit, slope[rows] * unit)
-        found.append(left.T @ left / part.states)
-    return found
+def after_calibration(problem: Problem, where: Sequence[Part], slope: Array, columns: Array) -> list[Array]:
+    """For tips and for forces: what calibration leaves (r, c) in m of columns (n, c), where the model has the slope (n, k)."""
+    return [
+        problem.parameters.beyond_calibration(columns[part.rows] * unit, slope[part.rows] * unit)
+        for part in where
+        for unit in [part.unit[:, None]]
+    ]
 
 
 def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate], temperature: float) -> Budget:
@@ -233,21 +231,37 @@ class _Carrying:
     def _products(self, fit: Fit) -> list[dict[str, Array]]:
         p = self._problem.parameters
         at = fit.theta - p.mean
-        exact = {} if fit.form_error is None else fit.form_error.responses
+        done = {} if fit.form_error is None else dict(fit.form_error.responses)
         slope = fit.derivatives(self._problem).whole
-        found: list[dict[str, Array]] = [{} for _ in self._parts]
+        own = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
+        columns = {
+            e: np.column_stack([slope[:, i] * p.sd[i], done.get(e, slope[:, i] @ at[i])]) for e, i in own.items()
+        }
+        found = self._left(slope, columns)
+        again: dict[str, Array] = {}
         for effect in p.ids:
-            own = [i for i, e in enumerate(p.effects) if e == effect]
-            columns = np.column_stack([slope[:, own] * p.sd[own], exact.get(effect, slope[:, own] @ at[own])])
-            products = carried(self._problem, self._parts, slope, columns)
-            if effect not in exact and any(
-                m[-1, -1] > (LEAST_CARRIED * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
+            if effect not in done and any(
+                m[effect][-1, -1] > (LEAST_CARRIED * part.floor) ** 2
+                for m, part in zip(found, self._parts, strict=True)
             ):
                 # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.
-                done = self._problem.response(fit.theta, fit.predicted, effect)
-                if np.isfinite(done).all():
-                    columns[:, -1] = done
-                    products = carried(self._problem, self._parts, slope, columns)
-            for squares, product in zip(found, products, strict=True):
-                squares[effect] = product
+                response = self._problem.response(fit.theta, fit.predicted, effect)
+                if np.isfinite(response).all():
+                    again[effect] = np.column_stack([columns[effect][:, :-1], response])
+        for squares, products in zip(found, self._left(slope, again), strict=True):
+            squares.update(products)
         return found
+
+    def _left(self, slope: Array, columns: Mapping[str, Array]) -> list[dict[str, Array]]:
+        """For tips and for forces: effect -> products in m^2, mean over the states, of columns after calibration."""
+        if not columns:
+            return [{} for _ in self._parts]
+        ends = np.cumsum([c.shape[1] for c in columns.values()])[:-1]
+        return [
+            {e: x.T @ x / part.states for e, x in zip(columns, np.split(left, ends, axis=1), strict=True)}
+            for part, left in zip(
+                self._parts,
+                after_calibration(self._problem, self._parts, slope, np.hstack(list(columns.values()))),
+                strict=True,
+            )
+        ]

@@ -58,8 +58,10 @@ AHEAD, NONE_BEHIND, BEHIND = 4, 25.0, 45.0
 size would do), one whose linear problem promises that much less than they reach is not followed."""
 HALF_WAY = 0.4
 SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
-PRUNING, AFTER_SEARCH = (0.77, 0.81), 0.85
+PRUNING, FINISHING, AFTER_SEARCH = (0.77, 0.81), (0.81, 0.85), 0.85
 """Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
+AT_ONCE = 4
+"""Hypotheses that are searched to the end beside each other."""
 FULL_ROUNDS = 30
 """Of a hypothesis that is searched by itself."""
 LEFT_BEHIND = 60.0
@@ -336,6 +338,10 @@ class Search:
         assert task.begun is not None
         return [max(task.begun, self._refined(task.begun, 4), key=_evidence)]
 
+    def _refined_to_the_end(self, task: Task) -> list[Candidate]:
+        assert task.begun is not None
+        return [max(task.begun, self._refined(task.begun, 6), key=_evidence)]
+
     def _refined_in_two_rounds(self, task: Task) -> list[Candidate]:
         assert task.begun is not None
         return [self._refined(task.begun, 2)]
@@ -401,8 +407,8 @@ class Search:
         return [self._weigh(named, found, c.with_tolerances)]
 
     def _finish(self) -> None:
-        """Leading hypotheses whose search was cut short are searched to the end."""
-        for _ in range(self.extent.finish):
+        """Leading hypotheses whose search was cut short are searched to the end, some of them at once."""
+        for _ in range(self.extent.finish // AT_ONCE):
             best = max(map(_evidence, self._tried.values()))
             cut = [
                 c
@@ -411,11 +417,12 @@ class Search:
             ]
             if not cut:
                 return
-            c = max(cut, key=lambda c: c.laplace_log_evidence)
-            reached = max(c, self._refined(c, 6), key=_evidence)
-            # The decrease still predicted at the end is not counted again.
-            reached_evidence = replace(reached.weighed, log_evidence=reached.log_evidence)
-            self._keep(replace(reached, weighed=reached_evidence, fit=replace(reached.fit, predicted_decrease=0.0)))
+            leading = sorted(cut, key=lambda c: -c.laplace_log_evidence)[:AT_ONCE]
+            tasks = [Task(c.named, begun=c) for c in leading]
+            for (reached,) in self._map(self._refined_to_the_end, tasks, *FINISHING):
+                # The decrease still predicted at the end is not counted again.
+                weighed = replace(reached.weighed, log_evidence=reached.log_evidence)
+                self._keep(replace(reached, weighed=weighed, fit=replace(reached.fit, predicted_decrease=0.0)))
 
     def _children(self, parent: Candidate) -> list[Hypothesis]:
         ids = self.problem.parameters.ids

@@ -24,7 +24,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from ..criticism.probability_calibration import CALIBRATED
-from ..inference.budget import Part, carried, parts
+from ..inference.budget import Part, after_calibration, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, NONE, SPIKES, Hypothesis, log_mass
 from ..inference.linear import Linear
@@ -78,8 +78,10 @@ class Planned:
     def floors(self, white: Array) -> float:
         """Noise floors that a whitened response (n,) carries after calibration."""
         done = self.problem.noise.colour(white)[:, None]
-        squares = carried(self.problem, self.where, self.none.fit.derivatives(self.problem).whole, done)
-        return max(float(np.sqrt(s[0, 0])) / part.floor for s, part in zip(squares, self.where, strict=True))
+        left = after_calibration(self.problem, self.where, self.none.fit.derivatives(self.problem).whole, done)
+        return max(
+            float(np.sqrt((x**2).sum() / part.states)) / part.floor for x, part in zip(left, self.where, strict=True)
+        )
 
     def form_errors(self, named: Hypothesis) -> Array:
         """Columns of what may be wrong with the laws: of what is named at its plausible scale, of all else at its tolerance."""
