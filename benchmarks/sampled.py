@@ -53,7 +53,7 @@ class Hypothetical:
         """Log evidence as the diagnosis has it."""
         grid_point = one_cell(self.size)
         return (
-            weigh(self.around.linear, grid_point, self.problem.parameters, [self.named])[0].log_evidence
+            weigh(self.around.linear(self.problem), grid_point, self.problem.parameters, [self.named])[0].log_evidence
             - self.around.predicted_decrease
         )
 
@@ -116,7 +116,7 @@ class Hypothetical:
     def _columns(self) -> Array:
         """(n, k + m) what is integrated out, whitened."""
         p = self.problem.parameters
-        rest = self.problem.noise.whiten(self.around.slope[:, self._rest] * p.sd[self._rest])
+        rest = self.problem.noise.whiten(self.around.derivatives(self.problem).whole[:, self._rest] * p.sd[self._rest])
         return np.hstack([rest, self.size * self.problem.whitened_discrepancy])
 
     @cached_property

@@ -101,14 +101,14 @@ def test_starts_far_from_the_calibration_are_left_out_where_a_search_from_elsewh
     reached = search.fitted(effect).fit.theta
     none = next(c for c in search.tried if c.named == NONE and not c.with_tolerances).fit.theta
     anew: list[np.ndarray] = []
-    recalibrated = search._recalibrated
+    recalibrated = search._begin.recalibrated
 
     def counted(start: np.ndarray) -> np.ndarray:
         anew.append(start)
         return recalibrated(start)
 
-    monkeypatch.setattr(search, "_recalibrated", counted)
-    monkeypatch.setattr(search, "_misfit", lambda theta: 1.0 if theta is reached or theta is none else 1e6)
+    monkeypatch.setattr(search._begin, "recalibrated", counted)
+    monkeypatch.setattr(search._begin, "_misfit", lambda theta: 1.0 if theta is reached or theta is none else 1e6)
     search._best_of_starts(effect, False, [reached])
     assert not anew
     search._best_of_starts(effect, False, [])
