@@ -53,9 +53,10 @@ SURPASSED = 200.0
 MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 150.0))
 """Of singles: up to a predicted decrease of the cost, how far their log evidence may be behind the best and still be followed."""
 LEAST_FOLLOWED = 2
-AHEAD, NONE_BEHIND, BEHIND = 4, 25.0, 45.0
+AHEAD, NONE_BEHIND, BEHIND, TRUSTED = 4, 25.0, 60.0, 1e5
 """Singles that are followed before the others. Where none is that much log evidence behind what they reach (else an effect of no
-size would do), one whose linear problem promises that much less than they reach is not followed."""
+size would do), one whose linear problem promises that much less than they reach is not followed; but if it predicts a larger
+decrease of the cost than the last of these, it says too little of where the search ends."""
 HALF_WAY = 0.4
 SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
 PRUNING, FINISHING, AFTER_SEARCH = (0.77, 0.81), (0.81, 0.85), 0.85
@@ -283,18 +284,15 @@ class Search:
                 self._keep(c)
 
     def _not_surpassed(self, tasks: Sequence[Task], first: Mapping[tuple[Hypothesis, bool], Candidate]) -> list[Task]:
-        """Those whose linear problem promises at least nearly what others have reached."""
+        """Those whose linear problem promises at least nearly what others have reached, or says little."""
         if max(map(_evidence, self._none.values())) > self._best - NONE_BEHIND:
             return list(tasks)
-        return [
-            replace(t, with_tolerances=both)
-            for t in tasks
-            if (
-                both := tuple(
-                    w for w in t.with_tolerances if first[t.named, w].laplace_log_evidence > self._best - BEHIND
-                )
-            )
-        ]
+
+        def could_win(c: Candidate) -> bool:
+            return c.laplace_log_evidence > self._best - BEHIND or c.fit.predicted_decrease > TRUSTED
+
+        # A search with tolerances begins at what the one without them finds, too: both are done or none.
+        return [t for t in tasks if any(could_win(first[t.named, w]) for w in t.with_tolerances)]
 
     def _screened(self, task: Task) -> list[Candidate]:
         """Two steps from each starting point; the best by evidence at the point reached, without and with tolerances."""
@@ -306,8 +304,7 @@ class Search:
     def _best_of_starts(self, named: Hypothesis, with_tolerances: bool, more: Sequence[Array]) -> Candidate:
         """The best of what is reached from the usual starting points and some more.
 
-        Those far from where the robot was calibrated cost most: where a search from one of `more`, or of these, ends, they are
-        left out.
+        Those far from where the robot was calibrated cost most: where a search from one of `more` ends, they are left out.
         """
         none, reference = self._none[with_tolerances], self._references[with_tolerances]
         follow = partial(self._fit, named, with_tolerances, none.grid_point.size)
@@ -321,10 +318,7 @@ class Search:
         tried = [follow(start, 2, reference) for start in close]
         if not (more and tried and min(tried, key=_promised).predicted_decrease <= UNFINISHED):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
-            for start in far:
-                tried.append(follow(self._begin.recalibrated(start), 4))
-                if tried[-1].predicted_decrease <= UNFINISHED:
-                    break
+            tried += [follow(self._begin.recalibrated(start), 4) for start in far]
         least = min(map(_promised, tried))
         could_be_best = [f for f in tried if _promised(f) <= least + HOPELESS]
         return max((self._weigh(named, f, with_tolerances) for f in could_be_best), key=_evidence)
