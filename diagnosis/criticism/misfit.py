@@ -77,6 +77,7 @@ def misfit_diagnostics(
     `answer` the hypothesis of what is named, where that is another: a tolerance of the best hypothesis may be the cause.
     """
     linear, p = best.linear(problem), problem.parameters
+    of_answer = linear if answer is None else answer.linear(problem)
     large = LARGE.part(best.with_tolerances)
     beside = weigh(linear, large, p, [best.named])[0]
     log_terms = [np.logaddexp.reduce(w.log_terms, axis=2) for w in (best.weighed, beside)]
@@ -102,7 +103,7 @@ def misfit_diagnostics(
     if answer is not None:
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
         point = answer.grid_point
-        named = Gaussian(answer.linear(problem), answer.prior(p), point.size, point.form_error)
+        named = Gaussian(of_answer, answer.prior(p), point.size, point.form_error)
         prior_tension, furthest_from_prior = min(
             (prior_tension, furthest_from_prior), _prior_tension(named, p, answer.named)[:2]
         )
@@ -118,7 +119,7 @@ def misfit_diagnostics(
         excess_scatter=excess_scatter,
         outlier_trial=int(numbers[worst]) if significant else None,
         outlier_surprise=float(surprise[worst]),
-        law_error_gain=_law_error_gain(answer or best, linear if answer is None else answer.linear(problem)),
+        law_error_gain=_law_error_gain(answer or best, of_answer),
     )
 
 
