@@ -45,6 +45,8 @@ class Wait:
     processor_s: float
     memory_mib: float
     code: int
+    rows: int | None = None
+    """Of a diagnosis that shows how it grows with rows."""
 
 
 def waited(what: str, words: Sequence[str], cache: Path, module: str = "lab.cli") -> Wait:
@@ -92,8 +94,8 @@ def main() -> int:
     a.out.mkdir(parents=True, exist_ok=True)
     found: list[Wait] = []
 
-    def do(what: str, words: Sequence[str], cache: Path) -> None:
-        found.append(waited(what, words, cache))
+    def do(what: str, words: Sequence[str], cache: Path, rows: int | None = None) -> None:
+        found.append(replace(waited(what, words, cache), rows=rows))
         w = found[-1]
         print(f"{what}: {w.seconds:.1f} s, {w.processor_s:.1f} s of processors, {w.memory_mib:.0f} MiB, exit code {w.code}",
               flush=True)  # fmt: skip
@@ -109,7 +111,7 @@ def main() -> int:
         do("lab compare", ["compare", first, "--out", str(here / "c2")], cold)
         do("lab fit, first after installation", ["fit", first, "--out", str(here / "f1")], here / "cold fit")
         do("lab diagnose, 231 rows, first after installation", ["diagnose", first], warm)
-        do("lab diagnose, 231 rows, clean", ["diagnose", first], warm)
+        do("lab diagnose, 231 rows, clean", ["diagnose", first], warm, 77 * BASE.repeats)
         do("lab diagnose, 231 rows, cluttered", ["diagnose", second], warm)
         third = str(case_of(tendons, BASE.repeats, here / "tendons"))
         do("lab diagnose, tendons instead of chambers", ["diagnose", third], warm)
@@ -117,7 +119,7 @@ def main() -> int:
             do(f"lab diagnose {folder.name}", ["diagnose", str(folder)], warm)
         for repeats in a.repeats:
             case = case_of(alone, repeats, here / f"repeats {repeats}")
-            do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm)
+            do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm, 77 * repeats)
     shown = Table(title="What a person waits for", title_justify="left")
     for column in ("command", "s", "s of processors", "MiB"):
         shown.add_column(column)

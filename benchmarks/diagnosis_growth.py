@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import platform
-import re
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -37,7 +36,6 @@ USUAL = 3
 """Repeats of the case whose effects and workers are varied."""
 EFFECTS = (5, 10, 20)
 """And all."""
-ROWS = re.compile(r"lab diagnose, (\d+) rows(?:, clean)?")
 
 
 @dataclass(frozen=True)
@@ -65,8 +63,7 @@ def by_rows(commands: Path) -> list[Grown]:
     if not commands.is_file():
         return []
     waits = [Wait(**each) for each in json.loads(commands.read_text(encoding="utf-8"))]
-    found = [(ROWS.fullmatch(wait.what), wait) for wait in waits]
-    return [grown("rows", int(match[1]), wait) for match, wait in found if match]
+    return [grown("rows", wait.rows, wait) for wait in waits if wait.rows is not None]
 
 
 def considered(cause: Sequence[str], known: Sequence[str], count: int) -> list[str]:

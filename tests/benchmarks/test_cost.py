@@ -40,12 +40,13 @@ def test_ways_are_compared_at_equal_error_by_their_own_law() -> None:
 
 
 def test_times_by_rows_are_those_of_whole_commands(tmp_path: Path) -> None:
-    names = (
-        "lab diagnose, 231 rows, first after installation",
-        "lab diagnose, 231 rows, clean",
-        "lab diagnose, 539 rows",
-    )
-    (tmp_path / "commands.json").write_text(json.dumps([asdict(Wait(name, 9.0, 18.0, 512.0, 0)) for name in names]))
+    names = {
+        "lab diagnose, 231 rows, first after installation": None,
+        "lab diagnose, 231 rows, clean": 231,
+        "lab diagnose, 539 rows": 539,
+    }
+    waits = [Wait(name, 9.0, 18.0, 512.0, 0, rows) for name, rows in names.items()]
+    (tmp_path / "commands.json").write_text(json.dumps([asdict(wait) for wait in waits]))
     assert by_rows(tmp_path / "commands.json") == [Grown("rows", n, 9.0, 18.0, 512.0) for n in (231, 539)]
     assert by_rows(tmp_path / "none.json") == []
 
