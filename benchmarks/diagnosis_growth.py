@@ -11,11 +11,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.commands import Wait, case_of, robots, waited
+from benchmarks.written import write
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.inference.executor import Executor
 from lab.files.inputs import read_case
@@ -128,9 +127,7 @@ def main() -> int:
     for g in found:
         table.add_row(g.by, str(g.count), f"{g.seconds:.1f}", f"{g.processor_s:.1f}", f"{g.memory_mib:.0f}")
     Console().print(table)
-    host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
-    a.json.parent.mkdir(parents=True, exist_ok=True)
-    a.json.write_text(json.dumps({"host": host, "diagnoses": [asdict(g) for g in found]}, indent=1))
+    write(a.json, "diagnoses", found)
     return 0
 
 

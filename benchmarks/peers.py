@@ -12,15 +12,13 @@ own tips go with more and more elements. SoRoMoX' law is the rod's.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +29,7 @@ from rich.table import Table
 from benchmarks.peers_rod import paper_peer, solve_bvp_peer
 from benchmarks.peers_simulators import Solver, pyelastica, soromox_constant, soromox_polynomial
 from benchmarks.rod_cases import eased, paper_rods
+from benchmarks.written import write
 from model.rods import REFERENCE, Fast, Paper, Rods, solve
 
 Array = NDArray[np.float64]
@@ -284,9 +283,7 @@ def main() -> int:
     console = Console(width=150)
     console.print(all_rows(rows), at_equal_error(rows))
     console.print(f"rod: first solve on a machine {shown(rows[0].first_s)}, of a process {shown(rows[0].once_s)}")
-    host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps({"host": host, "rows": [asdict(row) for row in rows]}, indent=1))
+    write(options.json, "rows", rows)
     return 0
 
 

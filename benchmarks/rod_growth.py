@@ -8,18 +8,16 @@ call from Python, the least of several: of one thread processor time, of two the
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import platform
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.rod_cases import eased, paper_rods, split
+from benchmarks.written import write
 from model.rods import Fast, Rods, solve
 
 SIZES = (1, 10, 100, 1_000, 10_000, 100_000)
@@ -90,9 +88,7 @@ def main() -> int:
         words = (t.rods, t.elements, t.start, t.threads, f"{1e3 * t.seconds:.3g}", f"{1e6 * t.seconds / t.rods:.3g}")
         table.add_row(*map(str, words))
     Console().print(table)
-    host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps({"host": host, "batches": [asdict(t) for t in found]}, indent=1))
+    write(options.json, "batches", found)
     return 0
 
 
