@@ -128,7 +128,7 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_WEIGHT:
             continue
-        m, f = carry.of(c.fit, np.clip(_drawn(*c.posterior(problem)), p.low, p.high))
+        m, f = carry.of(c.fit, np.clip(_drawn(c.weighed.mean, c.weighed.covariance), p.low, p.high))
         metres.append(m)
         floors.append(f)
         weight += [w / DRAWS] * DRAWS

@@ -47,12 +47,6 @@ class Candidate:
         """The linear problem in which it was weighed, made anew."""
         return self.fit.linear(problem)
 
-    def posterior(self, problem: Problem) -> tuple[Array, Array]:
-        """Mean (p,) and covariance (p, p) of the effects' parameters at the most probable point of the grid, in units of their
-        scale."""
-        reduced = self.linear(problem).reduced(self.grid_point.size, self.grid_point.form_error)
-        return reduced.posterior(self.prior(problem.parameters))
-
     @property
     def laplace_log_evidence(self) -> float:
         """Log evidence of the linear problem (Laplace approximation)."""

@@ -92,6 +92,10 @@ class Weighed:
     log_evidence: float
     log_terms: Array
     """(s, g, f) log evidence with the weights of the grid, before they are summed."""
+    mean: Array
+    """(p,) of the effects' parameters at the most probable point of the grid, in units of their scale."""
+    covariance: Array
+    """(p, p) of the same."""
 
     def peak(self, grid: Grid) -> GridPoint:
         """The most probable point of the grid."""
@@ -110,6 +114,8 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
         grid = replace(grid, form_errors=np.zeros(1), form_error_weights=np.ones(1))
     log_weights = grid.log_weights
     log_terms = np.empty((len(masks), *log_weights.shape))
+    most = np.full(len(masks), -np.inf)
+    means, covariances = np.zeros(masks.shape), np.zeros((*masks.shape, masks.shape[1]))
     reduced = linear.reductions(grid.sizes, grid.form_errors)
     for i, spike in enumerate(grid.spikes):
         prior = parameters.prior(masks, float(spike), linear.effect_size)
@@ -120,8 +126,10 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
                 variance = np.diagonal(covariance, axis1=1, axis2=2)
                 # Each parameter is cut by itself.
                 cut = _log_allowed_share(mean, variance, prior, parameters) - allowed_before
-                log_terms[:, i, j, k] = log_evidence + cut + log_weights[i, j, k]
-    return [Weighed(float(logsumexp(t)), t) for t in log_terms]
+                log_terms[:, i, j, k] = here = log_evidence + cut + log_weights[i, j, k]
+                higher = here > most
+                most[higher], means[higher], covariances[higher] = here[higher], mean[higher], covariance[higher]
+    return [Weighed(float(logsumexp(t)), t, *at) for t, *at in zip(log_terms, means, covariances, strict=True)]
 
 
 def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:

@@ -28,6 +28,8 @@ LEAST_NAMED_SIZE = 0.35
 """Least size of a named effect, as a share of its scale, where nothing else is known: twice the widest spike."""
 GEOMETRY = 0.1
 """Share of a law's error that is left where the law is geometry: what turns is not turned about the very point."""
+ROUNDING = 1e-12
+"""Share of the largest eigenvalue below which one is rounding."""
 LEAKAGE = 0.3
 """Leakage: share of a model-form error that may lie where the effect itself does nothing."""
 
@@ -226,8 +228,11 @@ class Problem:
 
     @cached_property
     def form_error_basis(self) -> Array:
-        """(n, a + b) of a factor of standard deviation 1: shared and channel basis, half of the variance each."""
-        return np.sqrt(0.5) * np.hstack([self.shared_basis, self.channel_basis])
+        """(n, r) of a factor of standard deviation 1: shared and channel basis, half of the variance each, in as few columns as
+        draw the same."""
+        both = np.sqrt(0.5) * np.hstack([self.shared_basis, self.channel_basis])
+        value, vector = np.linalg.eigh(both.T @ both)
+        return np.asarray(both @ vector[:, value > ROUNDING * value[-1]])
 
     @cached_property
     def _gram(self) -> Array:
