@@ -71,22 +71,28 @@ class Linear:
 
     def reductions(self, sizes: Array, form_errors: Array) -> list[list[Reduced]]:
         """The problem in theta alone, for each size (s,) of the discrepancy and (f,) of the model-form error."""
-        wide = [b.shape[1] for b in (self.discrepancy, self.nuisance, self.form_error)]
-        rest, m = np.hstack([self.nuisance, self.form_error]), wide[0]
-        known = np.column_stack([self.effects, self.observed])
-        own = known.T @ known
-        across = np.vstack([self.discrepancy.T @ known, rest.T @ known])
-        within = np.empty((sum(wide), sum(wide)))
+        known, others = np.column_stack([self.effects, self.observed]), (self.discrepancy, self.form_error)
+        m, r = self.discrepancy.shape[1], self.form_error.shape[1]
+        within = np.empty((m + r, m + r))
         within[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
-        within[m:, :m] = rest.T @ self.discrepancy
+        within[m:, :m] = self.form_error.T @ self.discrepancy
         within[:m, m:] = within[m:, :m].T
-        within[m:, m:] = rest.T @ rest
+        within[m:, m:] = self.form_error.T @ self.form_error
+        # What is in every one of them is integrated out once.
+        pulled = np.hstack([self.nuisance.T @ columns for columns in (known, *others)])
+        half, half_log_det = _integrated_out(self.nuisance.T @ self.nuisance, pulled)
+        of_known, of_other = half[:, : known.shape[1]], half[:, known.shape[1] :]
+        own = known.T @ known - of_known.T @ of_known
+        across = np.vstack([columns.T @ known for columns in others]) - of_other.T @ of_known
+        within -= of_other.T @ of_other
 
         def at(size: float, form_error: float) -> Reduced:
-            scale = np.repeat([self.discrepancy_size(size, form_error), 1.0, form_error], wide)
-            kept = np.flatnonzero(scale)
-            gram = scale[kept, None] * within[np.ix_(kept, kept)] * scale[kept]
-            return self._reduced(own, scale[kept, None] * across[kept], gram)
+            smooth = self.discrepancy_size(size, form_error)
+            kept = slice(0 if smooth else m, m + r if form_error else m)
+            scale = np.repeat([smooth, form_error], [m, r])[kept]
+            gram = within[kept, kept] * np.outer(scale, scale)
+            half, log_det = _integrated_out(gram, scale[:, None] * across[kept])
+            return self._reduced(own - half.T @ half, half_log_det + log_det)
 
         return [[at(float(size), float(form_error)) for form_error in form_errors] for size in sizes]
 
@@ -94,16 +100,21 @@ class Linear:
         """The same for one size each."""
         return self.reductions(np.array([size]), np.array([form_error]))[0][0]
 
-    def _reduced(self, own: Array, across: Array, within: Array) -> Reduced:
+    def _reduced(self, own: Array, half_log_det: float) -> Reduced:
         n, p = self.effects.shape
-        half_log_det = 0.0
-        if len(within):
-            factor = _factor(np.eye(len(within)) + within)
-            half = solve_triangular(factor, across, lower=True, check_finite=False)
-            own = own - half.T @ half
-            half_log_det = float(np.log(np.diag(factor)).sum())
         base = -0.5 * (own[p, p] + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
         return Reduced(0.5 * (own[:p, :p] + own[:p, :p].T), own[:p, p].copy(), float(base), float(own[p, p]), n)
+
+
+def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
+    """L^-1 across (r, c) and log det L, where L L^T = 1 + gram (r, r), which is overwritten: what columns with standard normal
+    coefficients take up."""
+    if not len(gram):
+        return across, 0.0
+    gram[np.diag_indices_from(gram)] += 1.0
+    factor = _factor(gram)
+    half = solve_triangular(factor, across, lower=True, check_finite=False)
+    return np.asarray(half), float(np.log(np.diag(factor)).sum())
 
 
 def _factor(matrix: Array) -> Array:
@@ -114,7 +125,8 @@ def _factor(matrix: Array) -> Array:
     """
     for share in ROUNDING:
         try:
-            return np.asarray(cholesky(matrix + np.diag(share * np.diag(matrix)), lower=True, check_finite=False))
+            raised = matrix + np.diag(share * np.diag(matrix)) if share else matrix
+            return np.asarray(cholesky(raised, lower=True, check_finite=False))
         except np.linalg.LinAlgError:
             continue
     raise np.linalg.LinAlgError("a matrix that must be positive definite is not")

@@ -18,6 +18,7 @@ from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine, moduli
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 ZERO = np.zeros((1, 1))
 
 FAR_AWAY = 1e4
@@ -42,7 +43,7 @@ class RodColumns:
         return found if factor == 1.0 else factor * found
 
     def __setitem__(self, column: int, values: Array | float) -> None:
-        self._of[column] = np.atleast_2d(values)
+        self._of[column] = values if isinstance(values, np.ndarray) and values.ndim == 2 else np.atleast_2d(values)
 
     def add(self, column: int, values: Array) -> None:
         """Add to a column, never in place: arrays are shared with the quantities."""
@@ -171,15 +172,16 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     """
     push = q.pressure * q.area_factor
     azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]
-    force, mx, my = _wrench(push, azimuth, q.body.tip_area, q.body.path_radius[-1])
+    around = np.sin(azimuth) - 1j * np.cos(azimuth)
+    force, moment = _wrench(push, around, q.body.tip_area, q.body.path_radius[-1])
     out[at.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
-    out[at.TIP_MOMENT] = mx
-    out[at.TIP_MOMENT + 1] = my
+    out[at.TIP_MOMENT] = moment.real
+    out[at.TIP_MOMENT + 1] = moment.imag
     same = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
             for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
     if q.thrust_on_walls.any() or not all(same):
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-            own = (push * q.body.chamber_area[piece]).sum(axis=-1)
+            own = force if same[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
             taken = own - (1 - q.thrust_on_walls) * force
             out.add(element + at.REST_STRAIN + 2, taken / out[element + at.STRETCH + 2])
     if not q.twist.any() and all(same):
@@ -187,28 +189,30 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     bottom = np.zeros((1, 1))
     for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
         long = out[element + at.LENGTH]
-        stiff = out[element + at.BEND]
         growth = q.twist_growth / q.length
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
-        _, x, y = _wrench(push, azimuth, q.body.chamber_area[piece], q.body.path_radius[piece])
-        # cos(a0 + a1 x + a2 x^2) and the sine about a0 to third order in x; less what the tip carries.
-        c, s = np.cos(a0), np.sin(a0)
-        cosine = (c, -s * a1, -s * a2 - c * a1**2 / 2, -c * a1 * a2 + s * a1**3 / 6)
-        sine = (s, c * a1, c * a2 - s * a1**2 / 2, -s * a1 * a2 - c * a1**3 / 6)
-        for power in range(4):
+        own = moment if same[piece] else _wrench(push, around, q.body.chamber_area[piece], q.body.path_radius[piece])[1]
+        # exp(i (a0 + a1 x + a2 x^2)) about a0 to third order in x; less what the tip carries.
+        turned = np.exp(1j * a0) * own / out[element + at.BEND]
+        powers = (
+            turned - moment / out[element + at.BEND],
+            turned * (1j * a1),
+            turned * (1j * a2 - a1**2 / 2),
+            turned * (-a1 * a2 - 1j * a1**3 / 6),
+        )
+        for power, rise in enumerate(powers):
             column = element + (at.REST_CURVATURE if power == 0 else at.RISE + 3 * (power - 1))
-            carried = (mx, my) if power == 0 else (0.0, 0.0)
-            out.add(column, (cosine[power] * x - sine[power] * y - carried[0]) / stiff)
-            out.add(column + 1, (sine[power] * x + cosine[power] * y - carried[1]) / stiff)
+            out.add(column, rise.real)
+            out.add(column + 1, rise.imag)
         bottom = bottom + long
 
 
-def _wrench(push: Array, azimuth: Array, area: Array, path_radius: float) -> tuple[Array, Array, Array]:
-    """Force (v, n) N and moments (v, n) N m about x and y of pressures times area factors (v, n, actuators) on areas, m^2."""
+def _wrench(push: Array, around: Complex, area: Array, path_radius: float) -> tuple[Array, Complex]:
+    """Force (v, n) N and moment x + i y (v, n) N m of pressures times area factors (v, n, actuators) on areas, m^2; `around` are
+    the moments of a unit force at a unit distance."""
     pushes = push * area
-    mx, my = (np.sin(azimuth) * pushes).sum(-1), -(np.cos(azimuth) * pushes).sum(-1)
-    return pushes.sum(axis=-1), path_radius * mx, path_radius * my
+    return pushes.sum(axis=-1), path_radius * (around * pushes).sum(axis=-1)
 
 
 def _loads(q: Quantities, out: RodColumns) -> None:

@@ -285,11 +285,12 @@ class ForwardModel:
     def _laws(self, spread: Spread, asked: frozenset[int] = frozenset()) -> Iterator[tuple[Law, Callable[[], Values]]]:
         """Every law and what makes its values, in the order of the catalogue, the robot's own that are not varied among them;
         those of size zero that are `asked` alone."""
+        working = self._table.working(spread) | asked
         for known in self._order:
             if isinstance(known, str):
                 law, values = self._fixed[known]
                 yield law, partial(dict, values)
-            elif self._every_law or known in asked or not self._table.idle(known, spread):
+            elif self._every_law or known in working:
                 yield self._table.sources[known].spec.law, partial(self._table.values, known, spread)
 
     def _quantities(self, spread: Spread, more: Array | None = None, asked: frozenset[int] = frozenset()) -> Quantities:
@@ -321,7 +322,7 @@ class ForwardModel:
         """The same point with laws by which it is to be differentiated: one of size zero does nothing, but says where and how it
         would act."""
         spread = self._table.at(here.theta)
-        asked = here.asked | frozenset(s for s in sources if self._table.idle(s, spread))
+        asked = here.asked | (sources - self._table.working(spread))
         if asked == here.asked:
             return here
         q = self._quantities(spread, asked=asked)

@@ -111,15 +111,18 @@ class ParameterTable:
         first = self.first_slot[source]
         return {p.name: spread.slot(first + i) for i, p in enumerate(self.sources[source].spec.parameters)}
 
-    def idle(self, source: int, spread: Spread) -> bool:
-        """Whether all sizes of a source are zero, so that its law changes nothing."""
-        return spread.used.isdisjoint(self.size_slots[source])
+    def working(self, spread: Spread) -> frozenset[int]:
+        """The sources of which some size is not zero; the laws of all others change nothing."""
+        return frozenset(self._sized[k] for k in spread.used if k in self._sized)
 
     @cached_property
-    def size_slots(self) -> list[list[int]]:
-        """The slots of each source that are sizes."""
-        every = [(first, source.spec.parameters) for first, source in zip(self.first_slot, self.sources, strict=True)]
-        return [[first + i for i, p in enumerate(own) if p.role == "size"] for first, own in every]
+    def _sized(self) -> dict[int, int]:
+        """Slot -> source, of the slots that are sizes."""
+        every = [
+            (i, first, s.spec.parameters)
+            for i, (first, s) in enumerate(zip(self.first_slot, self.sources, strict=True))
+        ]
+        return {first + k: i for i, first, own in every for k, p in enumerate(own) if p.role == "size"}
 
     def source_of(self, slot: int) -> Source:
         """The source a slot belongs to."""
