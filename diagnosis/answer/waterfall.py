@@ -167,7 +167,7 @@ def _absorbed(f: Attribution, executor: Executor) -> Absorbed | None:
     models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
     one, *causes = (errors for errors, _, _ in held_out_errors(p, models, Folds(pressure, executor, ABSORBED)))
     cause = causes[0] if causes else None
-    by_length = prepare(p.robot, p.states, "per_length", {})
+    by_length = prepare(p.robot, p.states, "per_length", {}, noise_components=p.noise_components)
     each = held_out_errors(by_length, [baseline_model(by_length, calibrated(by_length))], Folds(pressure))[0][0]
     seen = np.isfinite(one) & np.isfinite(each)
     return Absorbed(

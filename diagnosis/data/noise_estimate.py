@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -200,9 +201,7 @@ class _Part:
         quiet = self._quiet(found)
         for j, kind in enumerate(channels):
             b[:, j, :, j] += kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet))
-        factor = cho_factor(b.reshape(k * c, k * c), lower=True)
-        inverse = cho_solve(factor, np.eye(k * c))
-        log_det = float(np.log(np.diag(factor[0])).sum())
+        inverse, log_det = _inverse(b.reshape(k * c, k * c))
         return _Solved(inverse, inverse @ self.value, inverse @ columns, log_det)
 
     def _quiet(self, found: NoiseComponents) -> Array:
@@ -228,6 +227,16 @@ class _Part:
         return _Gradient(
             2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), others
         )
+
+
+def _inverse(matrix: Array) -> tuple[Array, float]:
+    """Inverse of a positive definite matrix, which is overwritten, and half its log determinant."""
+    factor, failed = dpotrf(matrix.T, lower=1, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("the covariance of the contrasts is not positive definite")
+    log_det = float(np.log(np.diag(factor)).sum())
+    lower = np.tril(dpotri(factor, lower=1, overwrite_c=1)[0])
+    return lower + np.tril(lower, -1).T, log_det
 
 
 def _parted(contrast: Array, scatter: Scatter) -> Array:

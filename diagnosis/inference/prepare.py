@@ -152,10 +152,12 @@ def prepare(
     area: Literal["one", "per_length"] = "one",
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     baseline: Baseline | None = None,
+    noise_components: NoiseComponents | None = None,
 ) -> Prepared:
     """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was.
 
-    `baseline`: what another simulator predicts of these states, in the rod's place; it has one area factor.
+    `baseline`: what another simulator predicts of these states, in the rod's place; it has one area factor. `noise_components`:
+    of the noise where they are known, else they are estimated from repeats.
     """
     table = table_columns(states)
     design = design_from_columns(robot, table)
@@ -177,7 +179,7 @@ def prepare(
     made = parameters(forward.parameters)
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
     floor, beside_model, repeated = floor_of(
-        states, labels, forward.parameters, missed, observed[kept], slope[kept], response
+        states, labels, forward.parameters, missed, observed[kept], slope[kept], response, noise_components
     )
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
     noise = noise_of(states, labels, floor, pushes, response)

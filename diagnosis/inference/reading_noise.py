@@ -96,9 +96,10 @@ def floor_of(
     observed: Array,
     slope: Array,
     response: Array,
+    known: NoiseComponents | None = None,
 ) -> tuple[NoiseComponents, float, float]:
-    """Components of the noise of the robot's states, and the rms of a single tip reading (m): beside what the model makes of the
-    states that were read, and as it is; of cameras as usual where nothing was repeated."""
+    """Components of the noise of the robot's states, estimated unless `known`, and the rms of a single tip reading (m): beside
+    what the model makes of the states that were read, and as it is; of cameras as usual where nothing was repeated."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = NoiseComponents(dict(DEFAULT_NOISE), DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
     if not names:
@@ -136,7 +137,7 @@ def floor_of(
         states.time[complete],
     )
     trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
-    found = estimate_noise(data, replace(default, trial=trial))
+    found = known or estimate_noise(data, replace(default, trial=trial))
     tips = np.array([name in TIP for name in names])
     as_read = replace(data, residual=grid(observed)[complete])
     if not found.contrasts:
