@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from model.errors import BadCondition, NotIdentified
 
@@ -31,7 +31,7 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval (Student's t)."""
-        half = float(student.ppf(0.975, self.dof)) * self.standard_error
+        half = float(stdtrit(self.dof, 0.975)) * self.standard_error
         return self.value - half, self.value + half
 
     def scaled(self, factor: float) -> Estimate:

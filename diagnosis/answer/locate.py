@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from model.errors import ModelError
 from model.robot import Robot
@@ -123,7 +123,7 @@ def _cell(
     # Readings of a trial erring together leave as many independent vectors as there are trials.
     freedom = missed.shape[1] * len(names)
     statistic = freedom * float((total / count).mean()) / floor**2 if floor > 0 else 0.0
-    probability = float(chi2.sf(statistic, freedom)) if np.isfinite(floor) and floor > 0 else 1.0
+    probability = float(chdtrc(freedom, statistic)) if np.isfinite(floor) and floor > 0 else 1.0
     rmse, bias = float(np.sqrt(squared.mean())), float(missed[:, 0].mean())
     made = Cell(value, rmse * MM, bias * MM, len(missed), float(low) * MM, float(high) * MM, False)
     return made, probability

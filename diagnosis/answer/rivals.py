@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
@@ -70,7 +70,7 @@ class Prediction:
         covariance = (self.factor @ self.factor.T)[np.ix_(known, known)]
         white = solve_triangular(np.linalg.cholesky(covariance), (observed - self.mean)[known], lower=True)
         n = int(known.sum())
-        return float(f_distribution.sf(float(white @ white) / n, n, max(contrasts, 1)))
+        return float(fdtrc(n, max(contrasts, 1), float(white @ white) / n))
 
     @cached_property
     def tip(self) -> tuple[Array, Array]:

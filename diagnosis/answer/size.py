@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
-from scipy.stats import truncnorm
 
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN
@@ -95,6 +94,8 @@ def _averaged(p: Prepared, c: Candidate) -> tuple[Array, Array]:
 
 
 def _size(p: Prepared, i: int, fitted: float, mean: float, sd: float) -> Size:
+    from scipy.stats import truncnorm  # as in `budget`: a first look does not wait for it
+
     parameters = p.problem.parameters
     low, high = float(parameters.lower[i]), float(parameters.upper[i])
     cut = truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
-from scipy.stats import chi2
+from scipy.special import chdtrc, logsumexp
 
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, LARGE, weigh
@@ -94,7 +93,7 @@ def misfit_diagnostics(
     for t in numbers:
         value, n = within.surprise(trial == t)
         surprise.append(value / n)
-        probability.append(float(chi2.sf(value, n)))
+        probability.append(float(chdtrc(n, value)))
     worst = int(np.argmin(probability))
     significant = probability[worst] * len(numbers) < 1e-3
     kinds = np.unique(kind)

@@ -26,7 +26,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis
@@ -150,6 +149,8 @@ def _drawn(mean: Array, covariance: Array) -> Array:
     By the triangular factor of the correlations: unlike eigenvectors it moves little when the last digits of the covariance
     do, so that an answer does not depend on rounding.
     """
+    from scipy.stats import qmc  # takes as long as a hundred predictions, and a first look does not wait for it
+
     sd = np.sqrt(np.maximum(np.diag(covariance), TINY))
     factor = np.linalg.cholesky(covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
     uniform = qmc.Sobol(len(sd), seed=SEED).random(DRAWS)
