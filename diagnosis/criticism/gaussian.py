@@ -28,7 +28,8 @@ class Gaussian:
         if large := linear.discrepancy_size(size, form_error):
             blocks.append(large * linear.discrepancy)
         self._x = np.hstack(blocks)
-        self._inverse = np.linalg.inv(np.eye(self._x.shape[1]) + self._x.T @ self._x)
+        self._information = np.eye(self._x.shape[1]) + self._x.T @ self._x
+        self._inverse = np.linalg.inv(self._information)
         missed = linear.observed - linear.effects @ prior.mean
         self.residual = missed - self._x @ (self._inverse @ (self._x.T @ missed))
         """(n,) (I + X X^T)^-1 r."""
@@ -36,9 +37,9 @@ class Gaussian:
     def surprise(self, own: Flags) -> tuple[float, int]:
         """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
         x, left = self._x[own], self.residual[own]
-        # The block of the inverse covariance is the inverse covariance of the prediction's error.
-        block = np.eye(len(x)) - x @ self._inverse @ x.T
-        return float(left @ np.linalg.solve(block, left)), len(x)
+        # The block of the inverse covariance, I - x (I + X^T X)^-1 x^T, is the inverse covariance of the prediction's error.
+        pulled = x.T @ left
+        return float(left @ left + pulled @ np.linalg.solve(self._information - x.T @ x, pulled)), len(x)
 
     def misfit_per_dof(self) -> float:
         """Squared residual after the fit per remaining degree of freedom."""

@@ -86,9 +86,9 @@ def misfit_diagnostics(
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
     prior = best.prior(p)
     form_error = best.grid_point.form_error
-    plain = Gaussian(linear, prior, 0.0, form_error)
+    lack_of_fit = Gaussian(linear, prior, 0.0, form_error).misfit_per_dof()
+    tension = _prior_tension(Gaussian(linear, prior, best.grid_point.size, form_error), p, best.named)
     within = Gaussian(linear, prior, max(best.grid_point.size, LEAST_DISCREPANCY), form_error)
-    own = Gaussian(linear, prior, best.grid_point.size, form_error)
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
         value, n = within.surprise(trial == t)
@@ -98,7 +98,7 @@ def misfit_diagnostics(
     significant = probability[worst] * len(numbers) < 1e-3
     kinds = np.unique(kind)
     cross_prediction = [value / n for value, n in (within.surprise(kind == k) for k in kinds)] if len(kinds) > 1 else []
-    prior_tension, furthest_from_prior, spine_outlier = _prior_tension(own, p, best.named)
+    prior_tension, furthest_from_prior, spine_outlier = tension
     if answer is not None:
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
         point = answer.grid_point
@@ -109,7 +109,7 @@ def misfit_diagnostics(
     return MisfitDiagnostics(
         discrepancy_gain=beside.log_evidence - best.log_evidence,
         discrepancy_size=expected,
-        lack_of_fit=plain.misfit_per_dof(),
+        lack_of_fit=lack_of_fit,
         prior_tension=prior_tension,
         furthest_from_prior=furthest_from_prior,
         cross_prediction=max(cross_prediction) if cross_prediction else None,

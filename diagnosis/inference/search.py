@@ -65,7 +65,7 @@ AT_ONCE = 4
 """Hypotheses that are searched to the end beside each other."""
 FULL_ROUNDS = 30
 """Of a hypothesis that is searched by itself."""
-LEFT_BEHIND = 60.0
+LEFT_BEHIND = 20.0
 """Log evidence behind the best from which a fit's derivatives are not kept; so far behind, it has no part in the answer."""
 HOPELESS = 40.0
 """Of the points that a search reaches from several starts, one that costs so much more is not weighed: evidence does not make up
@@ -347,7 +347,8 @@ class Search:
             children = self._children(parent)
             if not children:
                 continue
-            around = parent.fit if parent.with_tolerances else self._with_all_derivatives(parent.fit)
+            known = parent.with_tolerances and parent.fit.slope is not None
+            around = parent.fit if known else self._with_all_derivatives(parent.fit)
             with_form_error = self._with_form_error(parent.named, around)
             for named, c in self._weigh_around(with_form_error, children, parent.with_tolerances).items():
                 key = (named, parent.with_tolerances)
@@ -373,7 +374,8 @@ class Search:
         )
         for c in leading:
             penalised = replace(c.weighed, log_evidence=c.laplace_log_evidence - typical)
-            self._keep(followed.get((c.named, c.with_tolerances)) or replace(c, weighed=penalised))
+            # Nothing begins where the parent stands: its derivatives are not kept for it.
+            self._keep(followed.get((c.named, c.with_tolerances)) or without_derivatives(replace(c, weighed=penalised)))
         return sorted((self._tried[key] for key in extended), key=lambda c: -c.log_evidence)
 
     def _prune(self) -> None:
