@@ -251,6 +251,7 @@ def test_samples_older_than_what_is_kept_are_refused_rather_than_missing(tmp_pat
     with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, keep=1.0) as recorder:
         for k in range(3 * BLOCK + 1):
             recorder.push("/valve", k * 0.01, on=True)
+        recorder.sync()
         newest = 0.01 * 3 * BLOCK
         assert len(recorder.buffers.window("/valve", newest - 0.995, newest)) == 100
         assert len(recorder.buffers.window("/valve", newest - 5.995, newest - 5.0)) == 100
