@@ -116,8 +116,8 @@ class Tally:
         if self.stamp_at is not None:
             self.device_stamps.append(_DOUBLE.unpack_from(payload, self.stamp_at)[0])
 
-    def counts(self, waiting: int) -> StreamCounts:
-        """The counts so far; what is still on its way to the disk, with so many waiting in the queue, counts as dropped until it
-        is there."""
+    def counts(self, generated: int) -> StreamCounts:
+        """The counts so far, of so many generated with those that wait in the queue; what is still on its way to the disk counts
+        as dropped until it is there."""
         at = timing(np.sort(np.array(self.stamps[: self.written], dtype=np.int64)) / 1e9)
-        return StreamCounts.of(self.generated + waiting, self.written, self.lost, at)
+        return StreamCounts.of(generated, self.written, self.lost, at)

@@ -156,7 +156,7 @@ class Recorder:
         except BadMessage:
             self._topics[topic].refuse()
             raise
-        # All else is done by the writer: after a pause every line of code costs microseconds, because caches are cold.
+        # All else is the writer's work: in a thread that has just woken, every line costs a microsecond (cold caches).
         if self._failure is None and self._outcome is None and len(self._queue) < QUEUE_LIMIT:
             self._queue.append((topic, ns, payload))
         else:
@@ -398,7 +398,8 @@ class Recorder:
         """What became of each topic's messages so far."""
         with self.buffers.lock:
             waiting = Counter(item[0] for item in self._queue.copy() if isinstance(item, tuple))
-            return {name: topic.counts(waiting[name]) for name, topic in self._topics.items()}
+            generated = {name: topic.generated + waiting[name] for name, topic in self._topics.items()}
+        return {name: topic.counts(generated[name]) for name, topic in self._topics.items()}
 
     def close(self, outcome: str, detail: str = "", safe: bool | None = None) -> dict[str, StreamCounts]:
         """Write counts and outcome, finish the file, return the counts. A second call returns them again.

@@ -121,7 +121,7 @@ class Buffers:
     """The buffers of all streams: `Streams` of a run in progress.
 
     `waiting`: topic -> samples (stamp s, payload) on their way into its buffer, oldest first; who looks sees them too.
-    `lock` is held while one looks, and must be while a sample goes from there into its buffer.
+    `lock` is held while somebody looks and while a sample goes from there into its buffer. Who brings samples never takes it.
     """
 
     def __init__(
