@@ -54,8 +54,6 @@ LIBRARY = "softlab recordings"
 
 _Item = tuple[str, int, bytes]
 """Topic, rig time (ns), payload. A plain tuple, because one is made for every message."""
-_Numbered = tuple[str, int, bytes, int]
-"""The same with its number in its topic."""
 
 
 class Recorder:
@@ -301,7 +299,7 @@ class Recorder:
             due = time.monotonic() + FLUSH_PERIOD
             while self._drain():
                 now = time.monotonic()
-                if now >= due:
+                if now >= due or self._mcap.full:
                     self._flush()
                     due = now + FLUSH_PERIOD
                 if not self._queue:
@@ -314,59 +312,44 @@ class Recorder:
             self._disk.give_up()
 
     def _drain(self) -> bool:
-        """Put what has come into the chunk in hand, up to a burst of it; False at the end."""
-        for item in self._take():
-            if item is None:
-                return False
-            if isinstance(item, threading.Event):
-                self._flush()
-                self._disk.sync()
-                item.set()
-            else:
-                self._write(*item)
-        return True
-
-    def _take(self) -> list[_Numbered | threading.Event | None]:
-        """What has come, up to a burst of it, numbered; samples are in memory from now on. Nothing is taken after the end."""
-        taken: list[_Numbered | threading.Event | None] = []
-        with self.buffers.lock:
+        """Put what has come into memory and into the chunk in hand, up to a burst of it; False at the end."""
+        with self.buffers.lock:  # nothing in here waits for the disk
             for _ in range(min(len(self._queue), BURST)):
                 item = self._queue.popleft()
                 if not isinstance(item, tuple):
-                    taken.append(item)
-                    if item is None:
-                        break
-                elif self._in_time(*item):
-                    taken.append((*item, self._topics[item[0]].generated))
-        return taken
-
-    def _in_time(self, topic: str, ns: int, payload: bytes) -> bool:
-        """Count a message; a sample that is not before its stream's previous one goes into memory."""
-        entry = self._topics[topic]
-        entry.taken += 1
-        if topic in self.messages:
-            if ns < entry.last:
-                return False
-            self.buffers[topic].append(ns / 1e9, payload)
-        entry.last = max(entry.last, ns)
+                    break
+                self._put(*item)
+            else:
+                return True
+        if item is None:
+            return False
+        self._flush()
+        self._disk.sync()
+        item.set()
         return True
 
-    def _write(self, topic: str, ns: int, payload: bytes, number: int) -> None:
+    def _put(self, topic: str, ns: int, payload: bytes) -> None:
+        """Count a message and put it where it belongs, unless it is a sample from before its stream's previous one."""
         entry = self._topics[topic]
+        entry.taken += 1
+        if topic not in self.messages:
+            entry.last = max(entry.last, ns)
+        elif ns < entry.last:
+            return
+        else:
+            entry.last = ns
+            self.buffers[topic].append(ns / 1e9, payload)
         entry.note(ns, payload)
-        self._mcap.message(entry.channel, number & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
+        self._mcap.message(entry.channel, entry.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
         if topic in self._paces and self._paces[topic].due(ns / 1e9):
-            self._write_views(topic, ns, payload)
+            self._put_views(topic, ns, payload)
 
-    def _write_views(self, stream: str, ns: int, payload: bytes) -> None:
+    def _put_views(self, stream: str, ns: int, payload: bytes) -> None:
         fields = self.messages[stream].decode(payload)[0]
         for topic, encode in VIEWS[stream]:
             view = encode(self.start_wall_ns + ns, fields)
             if view is not None:
-                entry = self._topics[topic]
-                entry.taken += 1
-                entry.last = ns
-                self._write(topic, ns, view, entry.taken)
+                self._put(topic, ns, view)
 
     def _flush(self) -> None:
         self._mcap.flush()
