@@ -32,7 +32,7 @@ PRODUCERS = (("/force",), ("/arm",), ("/tip",), ("/pressure", "/spine", "/valve"
 """Streams by the thread that brings them, as in a run."""
 STEADY = bytes(4096)
 STEADY_PASSES = 16
-"""Check sums over the same bytes, about as long as a push that finds cold caches: 12 to 16 us of nothing but arithmetic."""
+"""Check sums over the same bytes, about as long as a push that finds cold caches: some 16 us of nothing but arithmetic."""
 
 
 def paced(folder: Path, wall: float) -> Figure:
@@ -60,7 +60,7 @@ def paced(folder: Path, wall: float) -> Figure:
 @dataclass(frozen=True)
 class Paced:
     """How long each timed push took (us), and what the machine does to any code in its place: how long one append to a deque
-    took (us), and arithmetic without memory, lock or queue, of about a push's length (us). Messages pushed and dropped, the
+    took (us), and arithmetic without lock or queue, of about a push's length (us). Messages pushed and dropped, the
     file's size (bytes)."""
 
     delays: NDArray[np.float64]

@@ -87,7 +87,7 @@ class Tally:
     """Never came into the queue: malformed, queue full, file closed or failed."""
     lost: int = 0
     taken: int = 0
-    """Came out of the queue."""
+    """Came out of the queue, or is a view made there."""
     pending: int = 0
     written: int = 0
     last: int = -1

@@ -312,13 +312,15 @@ class Recorder:
             self._disk.give_up()
 
     def _drain(self) -> bool:
-        """Put what has come into memory and into the chunk in hand, up to a burst of it; False at the end."""
+        """Put what has come into memory and into the chunk in hand, a burst of it or until that is full; False at the end."""
         with self.buffers.lock:  # nothing in here waits for the disk
             for _ in range(min(len(self._queue), BURST)):
                 item = self._queue.popleft()
                 if not isinstance(item, tuple):
                     break
                 self._put(*item)
+                if self._mcap.full:
+                    return True
             else:
                 return True
         if item is None:

@@ -23,6 +23,7 @@ from synthetic_run import Run
 
 from recordings.errors import BadMessage, RecordingError, WriteFailed
 from recordings.file import writer
+from recordings.file.mcap_file import MOST
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.buffer import BLOCK
@@ -211,6 +212,18 @@ def test_beyond_its_limit_the_queue_takes_no_sample_and_counts_it(held: Held, mo
     counts = held.recorder.close("completed")
     assert (counts["/valve"].generated, counts["/valve"].written, counts["/valve"].dropped) == (8, 5, 3)
     assert counts["/log"].written == 2
+
+
+def test_chunks_stay_small_however_much_has_waited(held: Held, tmp_path: Path) -> None:
+    for k in range(500):
+        held.recorder.log("info", str(k % 10) * 10_000)
+    held.go.set()
+    held.recorder.close("completed")
+    with open(tmp_path / "a.mcap", "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    sizes = [chunk.uncompressed_size for chunk in summary.chunk_indexes]
+    assert sum(sizes) > 4 * MOST and max(sizes) < 1.1 * MOST
 
 
 def test_what_waits_when_the_disk_fails_is_counted_as_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
