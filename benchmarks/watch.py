@@ -133,15 +133,15 @@ def cost(folder: Path, seconds: float) -> list[Figure]:
         with looked_at(file) as seen:
             beside.append(paced_run(file, seconds, seconds, 1.0))
         ages += [np.array(viewer["ages"][20:]) for viewer in seen]
-        whole &= all(viewer["count"] == len(beside[-1].delays) for viewer in seen)
+        whole &= all(viewer["count"] == beside[-1].messages for viewer in seen)
     before, after = (
         np.quantile(np.concatenate([p.delays for p in part]), (0.5, 0.99, 0.999)) for part in (alone, beside)
     )
-    hosts = [float(np.quantile(np.concatenate([p.host for p in part]), 0.999)) for part in (alone, beside)]
+    hosts = [float(np.quantile(np.concatenate([p.bare for p in part]), 0.999)) for part in (alone, beside)]
     spread = [np.quantile(p.delays, 0.999) for p in alone]
     age = np.quantile(np.concatenate(ages), (0.5, 0.99))
     lost = sum(p.dropped for p in beside)
-    count = sum(len(p.delays) for p in beside)
+    count = sum(p.messages for p in beside)
     return [
         Figure(
             f"{VIEWERS} viewers, one of them stuck: {count} samples at {TOTAL}/s",
@@ -152,7 +152,7 @@ def cost(folder: Path, seconds: float) -> list[Figure]:
             "the producers' delay with and without viewers",
             "p99.9 not above the largest turn without by more than a quarter",
             f"p99.9 {after[2]:.0f} us with, {before[2]:.0f} us without (turns {min(spread):.0f} to {max(spread):.0f}); p99 "
-            f"{after[1]:.0f} and {before[1]:.0f}, p50 {after[0]:.1f} and {before[0]:.1f} us; bare code next to it p99.9 "
+            f"{after[1]:.0f} and {before[1]:.0f}, p50 {after[0]:.1f} and {before[0]:.1f} us; one append in its place p99.9 "
             f"{hosts[1]:.0f} and {hosts[0]:.0f} us",
             bool(after[2] <= 1.25 * max(spread)),
             {"with_p999_us": float(after[2]), "without_p999_us": float(before[2]), "without_most_us": float(max(spread))},

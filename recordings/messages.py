@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -77,6 +77,15 @@ class Field:
         if not self.shape:
             return _varint(number << 3 | wire_type)
         return _varint(number << 3 | _PACKED) + _varint(size * self.count)
+
+
+_Part = tuple[tuple[bytes, ...], int | None, Field]
+"""Constant bytes (none where an array is empty), how long a tuple is that needs no further check (None: one number), field."""
+
+
+def _part(head: bytes, field: Field) -> _Part:
+    length = None if not field.shape else field.count if len(field.shape) == 1 or not field.count else -1
+    return (head,) if field.count else (), length, field
 
 
 @dataclass(frozen=True)
@@ -172,29 +181,28 @@ class MessageType:
 
         Raises `BadMessage` when a value does not fit its field.
         """
-        if len(values) != len(self.fields) - 1:
+        first, layout, pack = self._layout
+        if len(values) != len(layout):
             raise BadMessage(f"{self.topic}: {len(values)} values given for the fields {', '.join(self.value_names)}")
-        arguments: list[object] = [self._heads[0], t]
-        for (head, shape, field), value in zip(self._layout, values, strict=True):
-            if not shape:
-                arguments += (head, value)
-            elif type(value) is tuple and value and shape == (len(value),):
-                arguments.append(head)
+        arguments: list[object] = [first, t]
+        for (head, length, field), value in zip(layout, values):  # noqa: B905 - as long as each other
+            arguments += head
+            if length is None:
+                arguments.append(value)
+            elif type(value) is tuple and len(value) == length:
                 arguments += value
             else:
-                numbers = self._flat(field, value)
-                if field.count:
-                    arguments.append(head)
-                    arguments.extend(numbers)
+                arguments += self._flat(field, value)
         try:
-            return self._struct.pack(*arguments)
+            return pack(*arguments)
         except (struct.error, TypeError) as error:
             raise BadMessage(f"{self.topic}: {error} in {dict(zip(self.value_names, values, strict=True))}") from error
 
     @cached_property
-    def _layout(self) -> tuple[tuple[bytes, tuple[int, ...], Field], ...]:
-        """(constant bytes, shape, field) of the fields after `t`; looked up for every message."""
-        return tuple((head, f.shape, f) for head, f in zip(self._heads[1:], self.fields[1:], strict=True))
+    def _layout(self) -> tuple[bytes, tuple[_Part, ...], Callable[..., bytes]]:
+        """All that encoding needs, in one look-up: constant bytes of `t`, the fields after it, what packs them."""
+        parts = [_part(head, field) for head, field in zip(self._heads[1:], self.fields[1:], strict=True)]
+        return self._heads[0], tuple(parts), self._struct.pack
 
     @cached_property
     def _heads(self) -> tuple[bytes, ...]:

@@ -79,23 +79,35 @@ def below_zero(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
 
 @dataclass
 class Tally:
-    """Book-keeping of one topic; `lock` keeps its stamps, its buffer and the queue in one order."""
+    """Book-keeping of one topic, by the writer's thread; `lock` is for what other threads count."""
 
     channel: int = 0
     lock: threading.Lock = field(default_factory=threading.Lock)
-    generated: int = 0
-    skipped: int = 0
-    """Of these, views with nothing to see."""
+    refused: int = 0
+    """Never came into the queue: malformed, queue full, file closed or failed."""
+    lost: int = 0
+    taken: int = 0
+    """Came out of the queue, or is a view made there."""
     pending: int = 0
     written: int = 0
-    lost: int = 0
     last: int = -1
+    """Newest rig time of those taken, ns."""
     stamps: array[int] = field(default_factory=lambda: array("q"))
     """Rig time of each message in the file or on its way there, ns."""
     stamp_at: int | None = None
     """Where in the message the instrument's own stamp is; None: it has none."""
     device_stamps: array[float] = field(default_factory=lambda: array("d"))
     complained: bool = False
+
+    @property
+    def generated(self) -> int:
+        """All but those that still wait in the queue."""
+        return self.taken + self.refused
+
+    def refuse(self) -> None:
+        """Count a message that does not come into the queue; from any thread."""
+        with self.lock:
+            self.refused += 1
 
     def note(self, ns: int, payload: bytes) -> None:
         """A message goes into the file."""
@@ -104,7 +116,8 @@ class Tally:
         if self.stamp_at is not None:
             self.device_stamps.append(_DOUBLE.unpack_from(payload, self.stamp_at)[0])
 
-    def counts(self) -> StreamCounts:
-        """The counts so far; what is still on its way to the disk counts as dropped until it is there."""
+    def counts(self, generated: int) -> StreamCounts:
+        """The counts so far, of so many generated with those that wait in the queue; what is still on its way to the disk counts
+        as dropped until it is there."""
         at = timing(np.sort(np.array(self.stamps[: self.written], dtype=np.int64)) / 1e9)
-        return StreamCounts.of(self.generated - self.skipped, self.written, self.lost, at)
+        return StreamCounts.of(generated, self.written, self.lost, at)

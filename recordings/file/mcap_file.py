@@ -36,7 +36,7 @@ from mcap.records import (
 from .container import MAGIC
 
 MOST = 2**20
-"""Bytes of messages after which a chunk is finished by itself."""
+"""Bytes of messages after which a chunk is full."""
 LEVEL = 3
 """Of zstd: twice as fast as higher ones for two per cent."""
 
@@ -125,8 +125,11 @@ class McapFile:
         self._records.append(head)
         self._records.append(payload)
         self._size += _MESSAGE.size + len(payload)
-        if self._size > MOST:
-            self.flush()
+
+    @property
+    def full(self) -> bool:
+        """Whether the chunk in hand should be finished."""
+        return self._size > MOST
 
     def _add(self, record: bytes) -> None:
         self._records.append(record)

@@ -6,9 +6,10 @@ They serve the eye only; nothing is computed from them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+
+import numpy as np
 
 from .. import events
 
@@ -16,23 +17,23 @@ PERIOD = 1 / 30
 """Rig seconds between two messages of a view."""
 
 
-def _pose(log_time: int, fields: Mapping[str, Any]) -> bytes | None:
+def _pose(log_time: int, fields: np.void) -> bytes | None:
     if not fields["valid"]:
         return None
     return events.encode_pose(log_time, fields["position"], fields["orientation"])
 
 
-def _markers(log_time: int, fields: Mapping[str, Any]) -> bytes | None:
+def _markers(log_time: int, fields: np.void) -> bytes | None:
     seen = [marker for marker in fields["markers"] if all(map(math.isfinite, marker))]
     return events.encode_poses(log_time, seen) if seen else None
 
 
-def _joints(log_time: int, fields: Mapping[str, Any]) -> bytes | None:
+def _joints(log_time: int, fields: np.void) -> bytes | None:
     return events.encode_joints(log_time, fields["joints"])
 
 
-Encoder = Callable[[int, Mapping[str, Any]], bytes | None]
-"""(log time ns, fields of the stream's message) -> message, None when there is nothing to see."""
+Encoder = Callable[[int, np.void], bytes | None]
+"""(log time ns, the stream's message, decoded) -> message, None when there is nothing to see."""
 
 VIEWS: dict[str, tuple[tuple[str, Encoder], ...]] = {
     "/tip": ((events.POSE.topic, _pose), (events.POSES.topic, _markers)),

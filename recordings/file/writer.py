@@ -15,10 +15,9 @@ import math
 import os
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -53,10 +52,8 @@ BURST = 1000
 
 LIBRARY = "softlab recordings"
 
-_Payload = bytes | Callable[[], bytes | None]
-"""A view is encoded in the writer's thread; None: there is nothing to see."""
-_Item = tuple[Tally, int, int, _Payload]
-"""Topic, log time (ns), number, payload. A plain tuple, because one is made for every message."""
+_Item = tuple[str, int, bytes]
+"""Topic, rig time (ns), payload. A plain tuple, because one is made for every message."""
 
 
 class Recorder:
@@ -83,20 +80,16 @@ class Recorder:
         self.path = Path(path)
         self.start_wall_ns = start_wall_ns
         self.messages: dict[str, MessageType] = streams(chambers, markers, sensors)
-        self.buffers = Buffers(self.messages, keep)
+        self.buffers = Buffers(self.messages, keep, self._waiting)
         self._topics = {topic: Tally() for topic in (*self.messages, *events.EVENTS)}
         self._queue: deque[_Item | threading.Event | None] = deque()
-        """Appending and taking are atomic; None: the end. `_wake` is set for what cannot wait for the next look."""
+        """Appending, taking and copying are atomic; None: the end. Only the writer takes, holding `buffers.lock`. `_wake` is
+        set for what cannot wait for the next look."""
         self._wake = threading.Event()
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
-        paces = {topic: Pace() for topic in VIEWS}
-        self._lanes = {
-            topic: (self.messages[topic], self._topics[topic], buffer, paces.get(topic))
-            for topic, buffer in self.buffers.items()
-        }
-        """All that `push` needs of a stream, in one look-up."""
+        self._paces = {topic: Pace() for topic in VIEWS}
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
         about = {
@@ -132,7 +125,8 @@ class Recorder:
             self._register(event.topic, schema, event.metadata)
         # Schemas and channels reach the file with the first message's chunk.
         first = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
-        self._write(self._item("/log", ns, first))
+        self._queue.append(("/log", ns, first))
+        self._drain()
         self._flush()
         self._disk.sync()
         self._disk.sync_name()
@@ -149,29 +143,23 @@ class Recorder:
         `BadMessage` when it does not fit its definition, `WriteFailed` when the file can no longer be written.
         """
         try:
-            message, entry, buffer, pace = self._lanes[topic]
+            message = self.messages[topic]
         except KeyError:
             raise BadMessage(f"no stream {topic}; there are {', '.join(self.messages)}") from None
         try:
             if values is None:
                 values = self._in_order(message, fields)
             ns = self._nanoseconds(topic, t)
-            stamp = ns / 1e9
-            payload = message.encode(stamp, values)
+            payload = message.encode(ns / 1e9, values)
         except BadMessage:
-            with entry.lock:
-                entry.generated += 1
+            self._topics[topic].refuse()
             raise
-        with entry.lock:
-            entry.generated += 1
-            if self._accepts(entry, ns):
-                entry.last = ns
-                buffer.append(stamp, payload)
-                self._queue.append((entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload))
-        if self._failure is not None or self._outcome is not None:
+        # All else is the writer's work: in a thread that has just woken, every line costs a microsecond (cold caches).
+        if self._failure is None and self._outcome is None and len(self._queue) < QUEUE_LIMIT:
+            self._queue.append((topic, ns, payload))
+        else:
+            self._topics[topic].refuse()
             self._check()
-        if pace is not None and pace.due(stamp):
-            self._push_views(message, ns, values)
 
     def _in_order(self, message: MessageType, fields: Mapping[str, object]) -> tuple[object, ...]:
         if fields.keys() != set(message.value_names):
@@ -187,17 +175,6 @@ class Recorder:
         except TypeError:
             pass
         raise BadMessage(f"{topic}: t = {t!r} is not a rig time in seconds")
-
-    def _accepts(self, entry: Tally, ns: int) -> bool:
-        open_ = self._failure is None and self._outcome is None
-        return open_ and ns >= entry.last and len(self._queue) < QUEUE_LIMIT
-
-    def _item(self, topic: str, ns: int, payload: _Payload) -> _Item:
-        """Count a message and number it; the topic's lock is held."""
-        entry = self._topics[topic]
-        entry.generated += 1
-        entry.last = max(entry.last, ns)
-        return entry, self.start_wall_ns + ns, entry.generated & 0xFFFFFFFF, payload
 
     def sink(self, topic: str) -> Callable[[Any], None]:
         """A function that records samples: objects with `t` and attributes named like the stream's fields.
@@ -276,19 +253,23 @@ class Recorder:
         self._event("/progress", self._nanoseconds("/progress", t), payload)
 
     def _newest(self) -> int:
-        return max(entry.last for entry in self._topics.values())
+        with self.buffers.lock:
+            waiting = (item[1] for item in self._queue.copy() if isinstance(item, tuple))
+            return max(*waiting, *(entry.last for entry in self._topics.values()))
 
-    def _event(self, topic: str, ns: int, payload: _Payload) -> None:
-        """Events are few and never dropped for their order."""
-        with self._topics[topic].lock:
-            if self._failure is None and self._outcome is None:
-                self._queue.append(self._item(topic, ns, payload))
+    def _event(self, topic: str, ns: int, payload: bytes) -> None:
+        """Events are few, and neither dropped for their order nor for a full queue."""
         self._check()
+        self._queue.append((topic, ns, payload))
 
-    def _push_views(self, message: MessageType, ns: int, values: tuple[object, ...]) -> None:
-        fields = dict(zip(message.value_names, values, strict=True))
-        for topic, encode in VIEWS[message.topic]:
-            self._event(topic, ns, partial(encode, self.start_wall_ns + ns, fields))
+    def _waiting(self, topic: str) -> list[tuple[float, bytes]]:
+        """What the writer has not taken yet of a stream, in order: stamps (s) and payloads; `buffers.lock` is held."""
+        last, found = self._topics[topic].last, []
+        for item in self._queue.copy():
+            if isinstance(item, tuple) and item[0] == topic and item[1] >= last:
+                last = item[1]
+                found.append((last / 1e9, item[2]))
+        return found
 
     def sync(self) -> None:
         """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
@@ -318,7 +299,7 @@ class Recorder:
             due = time.monotonic() + FLUSH_PERIOD
             while self._drain():
                 now = time.monotonic()
-                if now >= due:
+                if now >= due or self._mcap.full:
                     self._flush()
                     due = now + FLUSH_PERIOD
                 if not self._queue:
@@ -331,29 +312,46 @@ class Recorder:
             self._disk.give_up()
 
     def _drain(self) -> bool:
-        """Put what has come into the chunk in hand, up to a burst of it; False at the end."""
-        for _ in range(min(len(self._queue), BURST)):
-            item = self._queue.popleft()
-            if item is None:
-                return False
-            if isinstance(item, threading.Event):
-                self._flush()
-                self._disk.sync()
-                item.set()
+        """Put what has come into memory and into the chunk in hand, a burst of it or until that is full; False at the end."""
+        with self.buffers.lock:  # nothing in here waits for the disk
+            for _ in range(min(len(self._queue), BURST)):
+                item = self._queue.popleft()
+                if not isinstance(item, tuple):
+                    break
+                self._put(*item)
+                if self._mcap.full:
+                    return True
             else:
-                self._write(item)
+                return True
+        if item is None:
+            return False
+        self._flush()
+        self._disk.sync()
+        item.set()
         return True
 
-    def _write(self, item: _Item) -> None:
-        topic, log_time, number, payload = item
-        if not isinstance(payload, bytes):
-            view = payload()
-            if view is None:
-                topic.skipped += 1
-                return
-            payload = view
-        topic.note(log_time - self.start_wall_ns, payload)
-        self._mcap.message(topic.channel, number - topic.skipped, log_time, payload)
+    def _put(self, topic: str, ns: int, payload: bytes) -> None:
+        """Count a message and put it where it belongs, unless it is a sample from before its stream's previous one."""
+        entry = self._topics[topic]
+        entry.taken += 1
+        if topic not in self.messages:
+            entry.last = max(entry.last, ns)
+        elif ns < entry.last:
+            return
+        else:
+            entry.last = ns
+            self.buffers[topic].append(ns / 1e9, payload)
+        entry.note(ns, payload)
+        self._mcap.message(entry.channel, entry.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
+        if topic in self._paces and self._paces[topic].due(ns / 1e9):
+            self._put_views(topic, ns, payload)
+
+    def _put_views(self, stream: str, ns: int, payload: bytes) -> None:
+        fields = self.messages[stream].decode(payload)[0]
+        for topic, encode in VIEWS[stream]:
+            view = encode(self.start_wall_ns + ns, fields)
+            if view is not None:
+                self._put(topic, ns, view)
 
     def _flush(self) -> None:
         self._mcap.flush()
@@ -383,7 +381,10 @@ class Recorder:
 
     def counts(self) -> dict[str, StreamCounts]:
         """What became of each topic's messages so far."""
-        return {name: topic.counts() for name, topic in self._topics.items()}
+        with self.buffers.lock:
+            waiting = Counter(item[0] for item in self._queue.copy() if isinstance(item, tuple))
+            generated = {name: topic.generated + waiting[name] for name, topic in self._topics.items()}
+        return {name: topic.counts(generated[name]) for name, topic in self._topics.items()}
 
     def close(self, outcome: str, detail: str = "", safe: bool | None = None) -> dict[str, StreamCounts]:
         """Write counts and outcome, finish the file, return the counts. A second call returns them again.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import ItemsView
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,6 +19,9 @@ KEEP = 900.0
 
 BLOCK = 1024
 """Messages that lie end to end. What is full stays where it is: nobody waits while it is moved."""
+
+
+Waiting = Callable[[str], Sequence[tuple[float, bytes]]]
 
 
 class Streams(Protocol):
@@ -62,13 +65,11 @@ class _Held:
 
 
 class Buffer:
-    """One topic's messages, as bytes, with their stamps. Appending and looking are safe from any thread; who looks holds up
-    nobody who appends."""
+    """One topic's messages, as bytes, with their stamps. One thread appends, any may look at the same time."""
 
     def __init__(self, message: MessageType, keep: float) -> None:
         self.message = message
         self.keep = keep
-        self._lock = threading.Lock()
         self._held = _Held((_Block(message.size),))
 
     @property
@@ -80,14 +81,13 @@ class Buffer:
     def append(self, t: float, payload: bytes) -> None:
         """Add one message; stamps must not go backwards."""
         size = self.message.size
-        with self._lock:
-            block = self._held.blocks[-1]
-            if block.count == BLOCK:
-                block = self._another(t)
-            place = block.count
-            block.stamps[place] = t
-            block.raw[place * size : (place + 1) * size] = payload
-            block.count = place + 1
+        block = self._held.blocks[-1]
+        if block.count == BLOCK:
+            block = self._another(t)
+        place = block.count
+        block.stamps[place] = t
+        block.raw[place * size : (place + 1) * size] = payload
+        block.count = place + 1
 
     def _another(self, t: float) -> _Block:
         """A block more; blocks of which all is older than `keep` are forgotten."""
@@ -97,8 +97,9 @@ class Buffer:
         self._held = _Held((*held.blocks[len(old) :], block), forgotten)
         return block
 
-    def window(self, t0: float, t1: float) -> NDArray[np.void]:
-        """Messages with t0 <= t <= t1, decoded; `RecordingError` when some of them are forgotten."""
+    def window(self, t0: float, t1: float, newer: Sequence[tuple[float, bytes]] = ()) -> NDArray[np.void]:
+        """Messages with t0 <= t <= t1, decoded, followed by those of `newer` (stamp, payload) in that time; `RecordingError` when
+        some of them are forgotten."""
         held = self._held
         if -math.inf < held.forgotten >= t0:
             raise RecordingError(
@@ -110,14 +111,25 @@ class Buffer:
             parts.append(block.window(t0, t1))
             if block.count and block.stamps[0] < t0:
                 break
-        return self.message.decode(np.concatenate(parts[::-1]).reshape(-1))
+        waiting = b"".join(payload for t, payload in newer if t0 <= t <= t1)
+        return self.message.decode(
+            np.concatenate([*(p.reshape(-1) for p in parts[::-1]), np.frombuffer(waiting, np.uint8)])
+        )
 
 
 class Buffers:
-    """The buffers of all streams: `Streams` of a run in progress."""
+    """The buffers of all streams: `Streams` of a run in progress.
 
-    def __init__(self, messages: dict[str, MessageType], keep: float = KEEP) -> None:
+    `waiting`: topic -> samples (stamp s, payload) on their way into its buffer, oldest first; who looks sees them too.
+    `lock` is held while somebody looks and while a sample goes from there into its buffer. Who brings samples never takes it.
+    """
+
+    def __init__(
+        self, messages: dict[str, MessageType], keep: float = KEEP, waiting: Waiting = lambda topic: ()
+    ) -> None:
+        self.lock = threading.Lock()
         self._buffers = {topic: Buffer(message, keep) for topic, message in messages.items()}
+        self._waiting = waiting
 
     def __getitem__(self, topic: str) -> Buffer:
         try:
@@ -125,17 +137,18 @@ class Buffers:
         except KeyError:
             raise MissingStream(f"no stream {topic}; there are {', '.join(self._buffers)}") from None
 
-    def items(self) -> ItemsView[str, Buffer]:
-        """Every topic with its buffer."""
-        return self._buffers.items()
-
     def newest(self, topic: str) -> float:
         """Stamp (s) of the topic's newest sample; -inf while there is none."""
-        return self[topic].newest
+        buffer = self[topic]
+        with self.lock:
+            waiting = self._waiting(topic)
+            return waiting[-1][0] if waiting else buffer.newest
 
     def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
         """The topic's samples with t0 <= t <= t1, oldest first."""
-        return self[topic].window(t0, t1)
+        buffer = self[topic]
+        with self.lock:
+            return buffer.window(t0, t1, self._waiting(topic))
 
     def latest(self, topic: str) -> np.void | None:
         """The topic's newest sample, None while there is none."""

@@ -10,6 +10,7 @@ import sys
 import textwrap
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from synthetic_run import Run
 
 from recordings.errors import BadMessage, RecordingError, WriteFailed
+from recordings.file import writer
+from recordings.file.mcap_file import MOST
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.buffer import BLOCK
@@ -153,6 +156,117 @@ def test_many_producers_at_once_lose_nothing_and_keep_each_stream_in_order(tmp_p
     assert recording.stream("/vacuum")["absolute"].tolist() == list(range(3000))
 
 
+@dataclass
+class Held:
+    """A recorder whose writer waits for the disk until it may go on."""
+
+    recorder: Recorder
+    go: threading.Event
+
+
+@pytest.fixture
+def held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Held]:
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
+    busy, go, commit = threading.Event(), threading.Event(), recorder._disk.commit
+
+    def wait() -> None:
+        busy.set()
+        assert go.wait(60.0)
+        commit()
+
+    monkeypatch.setattr(recorder._disk, "commit", wait)
+    assert busy.wait(60.0)
+    yield Held(recorder, go)
+    go.set()
+    recorder.close("completed")
+
+
+def test_what_is_pushed_is_seen_and_counted_at_once_while_the_writer_waits_for_the_disk(
+    held: Held, tmp_path: Path
+) -> None:
+    recorder = held.recorder
+    for t in (1.0, 1.5, 1.2, 1.5, 2.0):
+        recorder.push("/vacuum", t, absolute=t)
+    recorder.push("/valve", 3.0, on=True)
+    recorder.log("info", "a line")
+    assert recorder.buffers.newest("/vacuum") == 2.0 and recorder.buffers.newest("/spine") == -np.inf
+    assert recorder.buffers.window("/vacuum", 0.0, 1.5)["t"].tolist() == [1.0, 1.5, 1.5]
+    assert recorder.buffers.latest("/vacuum")["absolute"] == 2.0  # type: ignore[index]
+    assert (recorder.counts()["/vacuum"].generated, recorder.counts()["/vacuum"].written) == (5, 0)
+    held.go.set()
+    counts = recorder.close("completed")["/vacuum"]
+    assert (counts.generated, counts.written, counts.dropped) == (5, 4, 1)
+    recording = Recording.open(tmp_path / "a.mcap")
+    live = recorder.buffers.window("/vacuum", 0.0, 9.0)
+    assert live.tobytes() == recording.stream("/vacuum").tobytes() and live["t"].tolist() == [1.0, 1.5, 1.5, 2.0]
+    assert recording.log[-1].log_time == WALL + 3 * 10**9  # the newest stamp
+
+
+def test_beyond_its_limit_the_queue_takes_no_sample_and_counts_it(held: Held, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer, "QUEUE_LIMIT", 5)
+    for k in range(8):
+        held.recorder.push("/valve", float(k), on=True)
+    held.recorder.log("info", "events always go in")
+    assert held.recorder.buffers.newest("/valve") == 4.0
+    held.go.set()
+    counts = held.recorder.close("completed")
+    assert (counts["/valve"].generated, counts["/valve"].written, counts["/valve"].dropped) == (8, 5, 3)
+    assert counts["/log"].written == 2
+
+
+def test_chunks_stay_small_however_much_has_waited(held: Held, tmp_path: Path) -> None:
+    for k in range(500):
+        held.recorder.log("info", str(k % 10) * 10_000)
+    held.go.set()
+    held.recorder.close("completed")
+    with open(tmp_path / "a.mcap", "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    sizes = [chunk.uncompressed_size for chunk in summary.chunk_indexes]
+    assert sum(sizes) > 4 * MOST and max(sizes) < 1.1 * MOST
+
+
+def test_what_waits_when_the_disk_fails_is_counted_as_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
+    busy, go = threading.Event(), threading.Event()
+
+    def fail() -> None:
+        busy.set()
+        assert go.wait(60.0)
+        raise OSError("no space left")
+
+    monkeypatch.setattr(recorder._disk, "commit", fail)
+    assert busy.wait(60.0)
+    for k in range(10):
+        recorder.push("/valve", float(k), on=True)
+    go.set()
+    with pytest.raises(WriteFailed, match="no space left"):
+        recorder.close("completed")
+    with pytest.raises(WriteFailed, match="no space left"):
+        recorder.push("/valve", 10.0, on=True)
+    counts = recorder.counts()["/valve"]
+    assert (counts.generated, counts.written, counts.dropped) == (11, 0, 11)
+
+
+def test_two_producers_of_one_stream_keep_it_in_order_and_every_sample_is_counted(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
+
+    def produce() -> None:
+        for k in range(3000):
+            recorder.push("/vacuum", k * 1e-3, (float(k),))
+
+    threads = [threading.Thread(target=produce) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    counts = recorder.close("completed")["/vacuum"]
+    written = Recording.open(tmp_path / "a.mcap").stream("/vacuum")
+    assert counts.generated == 6000 and counts.written == len(written) >= 3000
+    assert (np.diff(written["t"]) >= 0).all() and written["t"][-1] == 2.999
+    assert recorder.buffers.window("/vacuum", 0.0, 9.0).tobytes() == written.tobytes()
+
+
 def test_an_existing_file_is_never_written_over(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_text("precious")
     with pytest.raises(WriteFailed, match="exists"):
@@ -251,6 +365,7 @@ def test_samples_older_than_what_is_kept_are_refused_rather_than_missing(tmp_pat
     with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, keep=1.0) as recorder:
         for k in range(3 * BLOCK + 1):
             recorder.push("/valve", k * 0.01, on=True)
+        recorder.sync()
         newest = 0.01 * 3 * BLOCK
         assert len(recorder.buffers.window("/valve", newest - 0.995, newest)) == 100
         assert len(recorder.buffers.window("/valve", newest - 5.995, newest - 5.0)) == 100
