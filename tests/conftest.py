@@ -63,13 +63,17 @@ GROUPS = {
     "test_residual.py": RODS,
 }
 """By folder or file. (The marks of pytest-xdist 3.8 for groups do nothing with pytest 9.2.)"""
-ORDER = (WHOLE, SAFETY, RODS, OWN, CALLS, "drivers", ANSWERED)
+ORDER = (WHOLE, SAFETY, OWN, RODS, CALLS, "drivers", ANSWERED)
 """What takes longest begins first, then what talks to instruments: not every system lets a process that has stepped back come
 forward. What solves rods outside of `RODS` comes late: by then they are compiled."""
 AT_FIRST = os.getpriority(os.PRIO_PROCESS, 0)
 STEPPED_BACK = max(AT_FIRST, 15)
 """Niceness of what talks to instruments, and of all else. Linux schedules by session first (`lab.guard.priority`): among sessions
 what talks to instruments has the guard's place, and all else that of any other program."""
+
+RUNNING: list[FakeRig] = []
+"""Stopped before the first test that steps back, since all that use it are done (`ORDER`): fakes that hardly get a processor
+would fall behind, and take what they get from the tests that follow."""
 
 settings.register_profile("lab", deadline=None)
 settings.load_profile("lab")
@@ -110,10 +114,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Beside other processes, whatever talks to instruments comes first and all else steps back."""
+    """Beside other processes, whatever talks to instruments comes first and all else steps back, without a rig."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         name = group(item.nodeid)
         talks = name in (WHOLE, SAFETY, OWN, CALLS) or name.startswith("drivers/")
+        while RUNNING and not talks:
+            RUNNING.pop().stop()
         take_place(SESSION if talks else 0, AT_FIRST if talks else STEPPED_BACK)
 
 
@@ -124,4 +130,5 @@ def whole_rig() -> Iterator[FakeRig]:
     from sim_fakes.rig import FakeRig  # with a compiler, which few of the tests need
 
     with FakeRig(speed=20.0, seed=1) as running:
+        RUNNING.append(running)
         yield running
