@@ -1,9 +1,9 @@
-"""Tests run in four processes. Whatever runs a whole rig of fakes shares one of two, `WHOLE` and `SAFETY`: a rig waits more
-than it computes, but three starve each other on two processors; what would starve a rig (a cluster of processes) is with them.
-Whatever solves rods shares another, since each kind of rod is compiled once, in the process that first needs it. On one
-processor one process runs it all. All others stay together file by file. What talks to instruments is late when
-it may not run at once: it comes before other programs where the system allows it, as the guard does, and all else steps
-back."""
+"""Tests run in six processes, more than two processors seem to have room for: most tests that talk to instruments wait. Whatever
+runs a whole rig of fakes is in one of three, `WHOLE`, `SAFETY` and `OWN`, which also has what starts rigs of its own: with more
+rigs at once some would starve; what would starve a rig (a cluster of processes) is with them. Most of what solves rods shares one
+more, since each kind of rod is compiled once, in the process that first needs it; `ANSWERED` shares one diagnosis. On one
+processor one process runs it all. All others stay together file by file. What talks to instruments is late when it may not run
+at once: it comes before other programs where the system allows it, as the guard does, and all else steps back."""
 
 from __future__ import annotations
 
@@ -24,56 +24,56 @@ if TYPE_CHECKING:
 signal.signal(signal.SIGINT, signal.default_int_handler)
 """A shell that starts the tests behind it has them ignore Ctrl-C; a program that a test starts would inherit that."""
 
-WHOLE, SAFETY, CALLS, RODS = "whole rig", "safety", "call order", "rods"
+WHOLE, SAFETY, OWN, CALLS = "whole rig", "safety", "rigs of their own", "call order"
+RODS, ANSWERED = "rods", "one diagnosis"
 GROUPS = {
-    "docs": WHOLE,
+    "docs": OWN,
     "safety": SAFETY,
     "test_call_order.py": CALLS,
     "test_call_order_network.py": CALLS,
-    "test_contract.py": WHOLE,
+    "test_contract.py": OWN,
     "test_bad_input.py": WHOLE,
-    "test_blind_wire.py": WHOLE,
+    "test_blind_wire.py": OWN,
     "test_campaign.py": WHOLE,
-    "test_check_moves.py": SAFETY,
-    "test_cluster.py": WHOLE,
+    "test_check_moves.py": OWN,
+    "test_cluster.py": OWN,
     "test_end_to_end.py": WHOLE,
+    "test_fault_matrix.py": WHOLE,
     "test_front_door.py": WHOLE,
     "test_investigate_verb.py": WHOLE,
-    "test_keys.py": SAFETY,
+    "test_keys.py": WHOLE,
     "test_own_protocol.py": WHOLE,
-    "test_plain_text_on_a_rig.py": WHOLE,
+    "test_plain_text_on_a_rig.py": OWN,
     "test_processes.py": WHOLE,
     "test_proposed_experiments.py": WHOLE,
-    "test_resume.py": WHOLE,
+    "test_resume.py": OWN,
     "test_three_chambers.py": WHOLE,
-    "test_watch.py": WHOLE,
-    "test_who_may_speak.py": WHOLE,
+    "test_watch.py": OWN,
+    "test_who_may_speak.py": OWN,
     "diagnosis": RODS,
     "model": RODS,
-    "test_baseline.py": RODS,
     "test_blind_bench.py": RODS,
-    "test_diagnose_verb.py": RODS,
-    "test_diagnosis_page.py": RODS,
-    "test_docstring_examples.py": RODS,
+    "test_diagnose_verb.py": ANSWERED,
+    "test_diagnosis_page.py": ANSWERED,
     "test_drawn_worlds.py": RODS,
-    "test_effects_verb.py": RODS,
-    "test_export.py": RODS,
-    "test_paper.py": RODS,
+    "test_export.py": ANSWERED,
     "test_paper_findings.py": RODS,
-    "test_pushes_page.py": RODS,
-    "test_predict_verb.py": RODS,
     "test_sampled_evidence.py": RODS,
     "test_use.py": RODS,
     "test_residual.py": RODS,
 }
 """By folder or file. (The marks of pytest-xdist 3.8 for groups do nothing with pytest 9.2.)"""
-ORDER = (WHOLE, SAFETY, RODS, CALLS, "drivers")
+ORDER = (WHOLE, SAFETY, OWN, RODS, CALLS, "drivers", ANSWERED)
 """What takes longest begins first, then what talks to instruments: not every system lets a process that has stepped back come
-forward."""
+forward. What solves rods outside of `RODS` comes late: by then they are compiled."""
 AT_FIRST = os.getpriority(os.PRIO_PROCESS, 0)
 STEPPED_BACK = max(AT_FIRST, 15)
 """Niceness of what talks to instruments, and of all else. Linux schedules by session first (`lab.guard.priority`): among sessions
 what talks to instruments has the guard's place, and all else that of any other program."""
+
+RUNNING: list[FakeRig] = []
+"""Stopped before the first test that steps back, since all that use it are done (`ORDER`): fakes that hardly get a processor
+would fall behind, and take what they get from the tests that follow."""
 
 settings.register_profile("lab", deadline=None)
 settings.load_profile("lab")
@@ -114,18 +114,21 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Beside other processes, whatever talks to instruments comes first and all else steps back."""
+    """Beside other processes, whatever talks to instruments comes first and all else steps back, without a rig."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         name = group(item.nodeid)
-        talks = name in (WHOLE, SAFETY, CALLS) or name.startswith("drivers/")
+        talks = name in (WHOLE, SAFETY, OWN, CALLS) or name.startswith("drivers/")
+        while RUNNING and not talks:
+            RUNNING.pop().stop()
         take_place(SESSION if talks else 0, AT_FIRST if talks else STEPPED_BACK)
 
 
 @pytest.fixture(scope="session")
 def whole_rig() -> Iterator[FakeRig]:
-    """All fakes of a rig, at twenty times real speed and without effects; started once, since also a rig that nobody uses
-    takes a sixth of a processor."""
+    """All fakes of a rig, at twenty times real speed and without effects; started once, since each start
+    takes a second."""
     from sim_fakes.rig import FakeRig  # with a compiler, which few of the tests need
 
     with FakeRig(speed=20.0, seed=1) as running:
+        RUNNING.append(running)
         yield running

@@ -7,8 +7,18 @@ caller in use. So the cache goes as a whole when any source file of the package 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numba
+from llvmlite import binding
+from numba.core import config
+from numba.core.codegen import get_host_cpu_features
+
+# Numba asks for the processor's features once, at the first decorator of a process, and machine code on disk is good for those
+# only. As in model/rods/fast/jit.py: else a process with both compiles one of them anew, depending on which was imported first.
+_numba: Any = config
+if _numba.CPU_FEATURES is None and binding.get_host_cpu_features().get("avx512f", False):
+    _numba.CPU_FEATURES = get_host_cpu_features() + ",-prefer-256-bit"
 
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator: compiled once and cached, runs without the interpreter lock; strictly rounded, so that bits repeat."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -144,6 +145,7 @@ def test_bits_are_those_from_one_ranking_to_the_next() -> None:
     assert bits_gained(d, d) == pytest.approx(0.0, abs=1e-9)
 
 
+@cache
 def _answer() -> Diagnosis:
     start = loading(1)
     return investigate(start, Made(start), OPTIONS, Limits(0.0, 0)).answer

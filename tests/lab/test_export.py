@@ -74,7 +74,7 @@ def test_a_case_has_no_streams(
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = answered_once(tmp_path_factory.getbasetemp() / "answered")
+    made = answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
     case = tmp_path_factory.mktemp("arviz") / "spine"
     shutil.copytree(made.case, case)
     shutil.copy(made.json, case / "diagnosis.json")
