@@ -33,8 +33,6 @@ USUAL_LASTING, LOGIT_SD = 0.3, 1.5
 """Share of a variance that lasts, and prior standard deviation of its logit."""
 LOG_MEMORY_SD, LONGEST_MEMORY = 1.0, 600.0
 """Prior standard deviation of the logarithm of the memory, and the longest, s: more is drift."""
-STEPS_REMEMBERED = 30
-"""By the minimiser, more than there are components: with its usual ten it takes twice as many steps."""
 MOST_CONTRASTS = 150
 """Contrasts whose errors are taken to go together at most."""
 
@@ -46,8 +44,7 @@ def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
         return default
     loss = Loss(data, contrast, default)
     # Components that no contrast depends on stay at their defaults.
-    begin, options = np.zeros(len(loss.centre)), {"maxcor": STEPS_REMEMBERED}
-    found = minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=loss.bounds, options=options)
+    found = minimize(loss, np.zeros(len(loss.centre)), jac=True, method="L-BFGS-B", bounds=loss.bounds)
     sds = found.x[: loss.sds]
     return replace(
         loss.components(found.x),
