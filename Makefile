@@ -17,7 +17,8 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # The command, with the rod's kernels compiled ahead, half a minute: else the first fit and the first diagnosis wait for them.
 install: $(READY)
-	$(BIN)/python -m model.warm_up derivatives & $(BIN)/python -m model.warm_up full && $(BIN)/python -m model.warm_up plain && wait
+	$(BIN)/python -m model.warm_up derivatives & beside=$$!; \
+	$(BIN)/python -m model.warm_up full && $(BIN)/python -m model.warm_up plain && wait $$beside
 
 demo: $(READY)
 	$(BIN)/lab demo --out demo
@@ -25,7 +26,7 @@ demo: $(READY)
 # One thread of linear algebra a process: they share the processors with the fakes. What several processes would compile at
 # once is compiled before, the plain rod and the virtual robot beside each other; the full rod is first needed by one process.
 test: room $(READY_DEV)
-	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait)
+	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait $$beside)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,6) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:
