@@ -374,8 +374,7 @@ class Search:
         )
         for c in leading:
             penalised = replace(c.weighed, log_evidence=c.laplace_log_evidence - typical)
-            # Nothing begins where the parent stands: its derivatives are not kept for it.
-            self._keep(followed.get((c.named, c.with_tolerances)) or without_derivatives(replace(c, weighed=penalised)))
+            self._keep(followed.get((c.named, c.with_tolerances)) or replace(c, weighed=penalised))
         return sorted((self._tried[key] for key in extended), key=lambda c: -c.log_evidence)
 
     def _prune(self) -> None:
