@@ -228,11 +228,15 @@ class Problem:
 
     @cached_property
     def form_error_basis(self) -> Array:
-        """(n, r) of a factor of standard deviation 1: shared and channel basis, half of the variance each, in as few columns as
-        draw the same."""
-        both = np.sqrt(0.5) * np.hstack([self.shared_basis, self.channel_basis])
-        value, vector = np.linalg.eigh(both.T @ both)
-        return np.asarray(both @ vector[:, value > ROUNDING * value[-1]])
+        """(n, a + b) of a factor of standard deviation 1: shared and channel basis, half of the variance each."""
+        return np.sqrt(0.5) * np.hstack([self.shared_basis, self.channel_basis])
+
+    @cached_property
+    def _independent_basis(self) -> Array:
+        """(n, r) the same in as few columns as draw the same; which ones is up to rounding."""
+        basis = self.form_error_basis
+        value, vector = np.linalg.eigh(basis.T @ basis)
+        return np.asarray(basis @ vector[:, value > ROUNDING * value[-1]])
 
     @cached_property
     def _gram(self) -> Array:
@@ -305,7 +309,7 @@ class Problem:
 
     def form_error_of(self, done: Array) -> Array:
         """Columns (n, r) of the model-form error of an effect that does so much to the values (n,)."""
-        return leading(self.noise.whiten(done[:, None] * self.form_error_basis))
+        return leading(self.noise.whiten(done[:, None] * self._independent_basis))
 
     def _typical(self, done: Array) -> float:
         """What an effect does, rms over all values, in units of a discrepancy of size 1."""
