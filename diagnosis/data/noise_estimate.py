@@ -84,8 +84,8 @@ class Loss:
         contrast = contrast[order]
         drift = WIDE * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
         trials = [_parted(contrast, data.scatter[name]) for name in self._names]
-        self._columns, self._of = _side_by_side([*trials, drift])
-        self._parts = [_Part(data, contrast[own], slice(own.start * c, own.stop * c)) for own in parts]
+        columns, self._of = _side_by_side([*trials, drift])
+        self._parts = [_Part(data, contrast[own], columns[own.start * c : own.stop * c]) for own in parts]
 
     def components(self, x: Array) -> NoiseComponents:
         """What a point stands for."""
@@ -106,28 +106,30 @@ class Loss:
         kinds = [_Kind(found.channel[k], found.lasting.get(k, 0.0)) for k in self._kinds]
         channels = [kinds[m] for m in self._member]
         scale = np.array([*found.trial.values(), 1.0])[self._of]
-        u = self._columns * scale
-        solved = [p.solved(channels, found, u[p.own]) for p in self._parts]
-        inner = np.eye(u.shape[1]) + sum(u[p.own].T @ s.columns for p, s in zip(self._parts, solved, strict=True))
+        columns = [p.columns * scale[p.at] for p in self._parts]
+        solved = [p.solved(channels, found, u) for p, u in zip(self._parts, columns, strict=True)]
+        inner, pulled = np.eye(len(scale)), np.zeros(len(scale))
+        for p, u, s in zip(self._parts, columns, solved, strict=True):
+            inner[np.ix_(p.at, p.at)] += u.T @ s.columns
+            pulled[p.at] += s.columns.T @ p.value
         factor = cho_factor(inner, lower=True)
-        pulled = sum((s.columns.T @ p.value for p, s in zip(self._parts, solved, strict=True)), np.zeros(u.shape[1]))
         total = sum(s.log_det for s in solved) + float(np.log(np.diag(factor[0])).sum())
         weight = cho_solve(factor, pulled)
         total += 0.5 * (
             sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight)
         )
-        inverse = cho_solve(factor, np.eye(u.shape[1]))
+        inverse = cho_solve(factor, np.eye(len(scale)))
         by = np.zeros(len(x))
-        along, spread = np.zeros(u.shape[1]), np.zeros(u.shape[1])
-        for p, s in zip(self._parts, solved, strict=True):
-            a, w = s.value - s.columns @ weight, s.columns @ inverse
+        along, spread = np.zeros(len(scale)), np.zeros(len(scale))
+        for p, u, s in zip(self._parts, columns, solved, strict=True):
+            a, w = s.value - s.columns @ weight[p.at], s.columns @ inverse[np.ix_(p.at, p.at)]
             half = 0.5 * (s.inverse - w @ s.columns.T - np.outer(a, a))
             gradient = p.gradient(half, channels, found)
             np.add.at(by, self._member, gradient.sd)
             np.add.at(by, self.sds + self._member, gradient.share)
             by[[g, g + 1, self.sds + g, -1]] += gradient.others
-            along += u[p.own].T @ a
-            spread += np.einsum("nu,nu->u", u[p.own], w)
+            along[p.at] += u.T @ a
+            spread[p.at] += np.einsum("nu,nu->u", u, w)
         for j in range(len(self._names)):
             own = self._of == j
             by[g + 2 + j] = spread[own].sum() - (along[own] ** 2).sum()
@@ -164,10 +166,11 @@ class _Gradient:
 
 
 class _Part:
-    """k contrasts (k, n) whose errors go together, in c channels."""
+    """k contrasts (k, n) whose errors go together, in c channels, and which of the columns (k c, u) are theirs."""
 
-    def __init__(self, data: Repeated, contrast: Array, own: slice) -> None:
-        self.own = own
+    def __init__(self, data: Repeated, contrast: Array, columns: Array) -> None:
+        self.at = np.flatnonzero(columns.any(axis=0))
+        self.columns = columns[:, self.at]
         used = np.flatnonzero(np.abs(contrast).max(axis=0) > 0)
         self._contrast = contrast[:, used]
         self.value = (contrast @ data.residual).ravel()
