@@ -79,13 +79,18 @@ class Field:
         return _varint(number << 3 | _PACKED) + _varint(size * self.count)
 
 
+_NESTED = -1
 _Part = tuple[tuple[bytes, ...], int | None, Field]
-"""Constant bytes (none where an array is empty), how long a tuple is that needs no further check (None: one number), field."""
+"""Constant bytes (none where an array is empty), how long a tuple is that needs no further check (None: one number, `_NESTED`:
+rows of several), field."""
 
 
 def _part(head: bytes, field: Field) -> _Part:
-    length = None if not field.shape else field.count if len(field.shape) == 1 or not field.count else -1
-    return (head,) if field.count else (), length, field
+    heads = (head,) if field.count else ()
+    if not field.shape:
+        return heads, None, field
+    flat = len(field.shape) == 1 or not field.count
+    return heads, field.count if flat else _NESTED, field
 
 
 @dataclass(frozen=True)

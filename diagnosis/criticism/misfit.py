@@ -87,7 +87,9 @@ def misfit_diagnostics(
     prior = best.prior(p)
     form_error = best.grid_point.form_error
     lack_of_fit = Gaussian(linear, prior, 0.0, form_error).misfit_per_dof()
-    tension = _prior_tension(Gaussian(linear, prior, best.grid_point.size, form_error), p, best.named)
+    prior_tension, furthest_from_prior, spine_outlier = _prior_tension(
+        Gaussian(linear, prior, best.grid_point.size, form_error), p, best.named
+    )
     within = Gaussian(linear, prior, max(best.grid_point.size, LEAST_DISCREPANCY), form_error)
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
@@ -98,7 +100,6 @@ def misfit_diagnostics(
     significant = probability[worst] * len(numbers) < 1e-3
     kinds = np.unique(kind)
     cross_prediction = [value / n for value, n in (within.surprise(kind == k) for k in kinds)] if len(kinds) > 1 else []
-    prior_tension, furthest_from_prior, spine_outlier = tension
     if answer is not None:
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
         point = answer.grid_point

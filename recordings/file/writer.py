@@ -254,8 +254,7 @@ class Recorder:
 
     def _newest(self) -> int:
         with self.buffers.lock:
-            waiting = (item[1] for item in self._queue.copy() if isinstance(item, tuple))
-            return max(*waiting, *(entry.last for entry in self._topics.values()))
+            return max(*(ns for _, ns, _ in self._not_taken()), *(entry.last for entry in self._topics.values()))
 
     def _event(self, topic: str, ns: int, payload: bytes) -> None:
         """Events are few, and neither dropped for their order nor for a full queue."""
@@ -265,11 +264,15 @@ class Recorder:
     def _waiting(self, topic: str) -> list[tuple[float, bytes]]:
         """What the writer has not taken yet of a stream, in order: stamps (s) and payloads; `buffers.lock` is held."""
         last, found = self._topics[topic].last, []
-        for item in self._queue.copy():
-            if isinstance(item, tuple) and item[0] == topic and item[1] >= last:
-                last = item[1]
-                found.append((last / 1e9, item[2]))
+        for name, ns, payload in self._not_taken():
+            if name == topic and ns >= last:
+                last = ns
+                found.append((ns / 1e9, payload))
         return found
+
+    def _not_taken(self) -> list[_Item]:
+        """Messages that the writer has not taken yet, in order; `buffers.lock` is held."""
+        return [item for item in self._queue.copy() if isinstance(item, tuple)]
 
     def sync(self) -> None:
         """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
@@ -382,7 +385,7 @@ class Recorder:
     def counts(self) -> dict[str, StreamCounts]:
         """What became of each topic's messages so far."""
         with self.buffers.lock:
-            waiting = Counter(item[0] for item in self._queue.copy() if isinstance(item, tuple))
+            waiting = Counter(topic for topic, _, _ in self._not_taken())
             generated = {name: topic.generated + waiting[name] for name, topic in self._topics.items()}
         return {name: topic.counts(generated[name]) for name, topic in self._topics.items()}
 
