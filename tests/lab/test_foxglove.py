@@ -60,11 +60,17 @@ class Viewer:
         assert self.answer()["op"] == "serverInfo"
 
     def answer(self) -> dict[str, Any]:
-        """The next message that is text."""
-        text = self.wire.recv(WITHIN)
-        assert isinstance(text, str)
-        found: dict[str, Any] = json.loads(text)
+        """The next message that is text; the clock, which may come at any time, is kept."""
+        while not isinstance(data := self.wire.recv(WITHIN), str):
+            self._keep_time(data)
+        found: dict[str, Any] = json.loads(data)
         return found
+
+    def _keep_time(self, data: bytes) -> None:
+        assert data[0] == 2
+        (now,) = struct.unpack_from("<Q", data, 1)
+        assert now >= self.time
+        self.time = now
 
     def subscribe(self, topics: set[str]) -> None:
         """To these topics, as soon as there are such."""
@@ -90,10 +96,7 @@ class Viewer:
                 number, log_time = struct.unpack_from("<IQ", data, 1)
                 yield self.channels[number]["topic"], log_time, data[13:]
             else:
-                assert data[0] == 2
-                (now,) = struct.unpack_from("<Q", data, 1)
-                assert now >= self.time
-                self.time = now
+                self._keep_time(data)
 
 
 @contextmanager
