@@ -1,7 +1,7 @@
 """Work on processes of this machine: threads share Python's lock, which half of the work of a diagnosis holds.
 
-They start at once, while this process prepares the work. A process that is lost costs time only: what it had, and all that
-comes after, is done here.
+They start at once, while this process prepares the work, which then works beside them: each takes the next item that nobody has
+begun. A process that is lost costs time only: what it had, and all that comes after, is done here.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import os
 import pickle
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
@@ -32,8 +32,10 @@ ONE_THREAD = "OPENBLAS_NUM_THREADS"
 class Processes:
     """Processes that wait for work."""
 
-    def __init__(self, pool: ProcessPoolExecutor, folder: Path, first: Sequence[Future[bool]]) -> None:
-        self._pool, self._folder, self._first, self._lost = pool, folder, first, False
+    def __init__(
+        self, pool: ProcessPoolExecutor, feeders: ThreadPoolExecutor, folder: Path, first: Sequence[Future[bool]]
+    ) -> None:
+        self._pool, self._feeders, self._folder, self._first, self._lost = pool, feeders, folder, first, False
         self._do: object = None
         self._sent = 0
 
@@ -44,31 +46,52 @@ class Processes:
     def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
         """`do` for every item, in order. Raises what `do` raises.
 
-        `do` is read by each process once, however much it holds: a method's object is sent as it is when it is first asked.
+        The processes begin at once, this one when it asks for a result. `do` is read by each process once, however much it holds:
+        a method's object is sent as it is when it is first asked.
         """
         if self._lost or len(items) < 2:
-            yield from map(do, items)
-            return
+            return map(do, items)
         if do != self._do:  # two methods are the same where their objects are
             self._do = do
             self._sent += 1
             self._file.write_bytes(cloudpickle.dumps(do))  # what a person's file defines goes as a whole
+        # One feeder for each process: what none of them has taken can still be done here.
+        begun = [self._feeders.submit(self._elsewhere, str(self._file), item) for item in items]
+        return self._together(do, items, begun)
+
+    def _elsewhere(self, file: str, item: Any) -> Any:
+        return self._pool.submit(_done, file, item).result()
+
+    def _together(self, do: Callable[[A], B], items: Sequence[A], begun: list[Future[B]]) -> Iterator[B]:
         try:
-            results = [self._pool.submit(_done, str(self._file), item) for item in items]
-        except BrokenProcessPool:
-            self._lost = True
-            yield from map(do, items)
-            return
-        for item, result in zip(items, results, strict=True):
-            try:
-                yield result.result()
-            except BrokenProcessPool:
-                self._lost = True
-                yield do(item)
+            for place, item in enumerate(items):
+                while not begun[place].done():
+                    free = next((k for k in range(place, len(items)) if begun[k].cancel()), None)
+                    if free is None:
+                        break
+                    begun[free] = _here(do, items[free])
+                try:
+                    yield begun[place].result()
+                except BrokenProcessPool:
+                    self._lost = True
+                    yield do(item)
+        finally:
+            for future in begun:
+                future.cancel()
 
     @property
     def _file(self) -> Path:
         return self._folder / f"{self._sent}"
+
+
+def _here(do: Callable[[A], B], item: A) -> Future[B]:
+    """What is done here; an error waits for its turn."""
+    done: Future[B] = Future()
+    try:
+        done.set_result(do(item))
+    except Exception as e:
+        done.set_exception(e)
+    return done
 
 
 MANY_ROWS = 25
@@ -77,14 +100,14 @@ MANY_ROWS = 25
 
 @contextmanager
 def for_case(rows: int, cores: int) -> Iterator[Processes | None]:
-    """Processes for a case of so many rows on so many cores; None where one process is as quick.
+    """Processes for a case of so many rows, with this one as many as there are cores; None where one process is as quick.
 
     What the rod's kernels are not compiled for yet on this machine is compiled here and there side by side.
     """
     if cores == 1 or rows < MANY_ROWS:
         yield None
         return
-    with processes(cores, ("derivatives",)) as others:
+    with processes(cores - 1, ("derivatives",)) as others:
         if warm_up(("full",)):
             others.begun()
         yield others
@@ -92,7 +115,7 @@ def for_case(rows: int, cores: int) -> Iterator[Processes | None]:
 
 @contextmanager
 def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
-    """So many of them; a person's Ctrl-C ends this process, which then ends them. `ahead`: parts of `model.warm_up` that one of
+    """So many besides this one; a person's Ctrl-C ends this process, which then ends them. `ahead`: parts of `model.warm_up` that one of
     them sees to."""
     before = os.environ.get(ONE_THREAD)
     os.environ[ONE_THREAD] = "1"
@@ -106,12 +129,14 @@ def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
         else:
             os.environ[ONE_THREAD] = before
     others = list(pool._processes.values())
+    feeders = ThreadPoolExecutor(count)
     with TemporaryDirectory(prefix="softlab-") as folder:
         try:
-            yield Processes(pool, Path(folder), first)
+            yield Processes(pool, feeders, Path(folder), first)
         finally:
             for other in others:
                 other.terminate()
+            feeders.shutdown(wait=False, cancel_futures=True)
             with suppress(BrokenProcessPool):
                 pool.shutdown(wait=True, cancel_futures=True)
 

@@ -11,17 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from ..inference.candidate import Candidate
-from ..inference.evidence import KNOWN
 from ..inference.prepare import Prepared
 from .result import Value
 
 Array = NDArray[np.float64]
 
-LEAST_WEIGHT = 0.02
-"""Points of the grid with less weight are left out."""
 STANDARD_DEVIATIONS = 2.0
 """Standard deviations beyond a bound from which on the data speak against the effect itself."""
 
@@ -61,8 +57,7 @@ def sizes(p: Prepared, c: Candidate, sd_factor: float) -> tuple[Size, ...]:
     parameters = p.problem.parameters
     if c.unknown or not c.named:
         return ()
-    mean, sd = (x * parameters.scale for x in _averaged(p, c))
-    sd = sd_factor * sd
+    mean, sd = c.weighed.averaged_mean * parameters.scale, sd_factor * c.weighed.averaged_sd * parameters.scale
     rows = np.flatnonzero(parameters.of_effect)
     return tuple(
         _size(p, int(i), float(c.fit.theta[i]), float(mean[j]), float(sd[j]))
@@ -74,23 +69,6 @@ def sizes(p: Prepared, c: Candidate, sd_factor: float) -> tuple[Size, ...]:
 def values(found: tuple[Size, ...]) -> dict[str, Value]:
     """The same as parameter name -> fitted value with its standard deviation."""
     return {s.name: Value(s.fitted, s.sd, s.unit) for s in found}
-
-
-def _averaged(p: Prepared, c: Candidate) -> tuple[Array, Array]:
-    """Posterior mean and standard deviation (p,) of the effects' parameters, in units of their scale, over the grid."""
-    parameters, grid, log_terms = p.problem.parameters, KNOWN.part(c.with_tolerances), c.weighed.log_terms
-    weights = np.exp(log_terms - logsumexp(log_terms))
-    named = parameters.mask(c.named)
-    linear = c.linear(p.problem)
-    moments, total = np.zeros((2, len(parameters.scale))), 0.0
-    for j, k in np.argwhere(weights.max(axis=0) > LEAST_WEIGHT):
-        reduced = linear.reduced(float(grid.sizes[j]), float(grid.form_errors[k]))
-        for i in np.flatnonzero(weights[:, j, k] > LEAST_WEIGHT):
-            mean, covariance = reduced.posterior(parameters.prior(named, float(grid.spikes[i]), linear.effect_size))
-            moments += weights[i, j, k] * np.array([mean, np.diag(covariance) + mean**2])
-            total += float(weights[i, j, k])
-    mean, square = moments / total
-    return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
 def _size(p: Prepared, i: int, fitted: float, mean: float, sd: float) -> Size:

@@ -96,6 +96,10 @@ class Weighed:
     """(p,) of the effects' parameters at the most probable point of the grid, in units of their scale."""
     covariance: Array
     """(p, p) of the same."""
+    averaged_mean: Array
+    """(p,) of the same, averaged over the grid."""
+    averaged_sd: Array
+    """(p,)."""
 
     def peak(self, grid: Grid) -> GridPoint:
         """The most probable point of the grid."""
@@ -116,6 +120,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     log_terms = np.empty((len(masks), *log_weights.shape))
     most = np.full(len(masks), -np.inf)
     means, covariances = np.zeros(masks.shape), np.zeros((*masks.shape, masks.shape[1]))
+    first, second = np.empty((2, *masks.shape, *log_weights.shape))
     reduced = linear.reductions(grid.sizes, grid.form_errors)
     for i, spike in enumerate(grid.spikes):
         prior = parameters.prior(masks, float(spike), linear.effect_size)
@@ -127,9 +132,15 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
                 # Each parameter is cut by itself.
                 cut = _log_allowed_share(mean, variance, prior, parameters) - allowed_before
                 log_terms[:, i, j, k] = here = log_evidence + cut + log_weights[i, j, k]
+                first[:, :, i, j, k], second[:, :, i, j, k] = mean, variance + mean**2
                 higher = here > most
                 most[higher], means[higher], covariances[higher] = here[higher], mean[higher], covariance[higher]
-    return [Weighed(float(logsumexp(t)), t, *at) for t, *at in zip(log_terms, means, covariances, strict=True)]
+    total = logsumexp(log_terms, axis=(1, 2, 3))
+    weights = np.exp(log_terms - total[:, None, None, None])
+    averaged, square = (np.einsum("hpsgf,hsgf->hp", moment, weights) for moment in (first, second))
+    sds = np.sqrt(np.maximum(square - averaged**2, 0.0))
+    each = zip(total.tolist(), log_terms, means, covariances, averaged, sds, strict=True)
+    return [Weighed(*own) for own in each]
 
 
 def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:

@@ -7,6 +7,7 @@ is curved along a step it is corrected to second order (geodesic acceleration, T
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +32,8 @@ HALVINGS = 6
 """Times a start without equilibrium is moved half way to the baseline."""
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
 """Added to the curvature, in units of the prior's, until a step lowers the cost."""
+CHORD_DAMPINGS = DAMPINGS[:3]
+"""The same where derivatives are never taken anew: where those do not lead down, others do."""
 TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
 """Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
 
@@ -73,7 +76,7 @@ def refit(problem: Problem, prior: Prior, size: float, start: Fit, rounds: int =
     p = problem.parameters
     known, none = Reference(start.derivatives(problem).whole, problem.noise, p.sd), np.zeros(len(start.theta), bool)
     here = replace(start, slope=Slope.at_reference(known))
-    return _search(problem, prior, size, here, rounds, known, none, 0.0, CHORD_PROMISE)
+    return _search(problem, prior, size, here, rounds, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
 
 
 def fit(
@@ -99,7 +102,7 @@ def fit(
 
 def _search(
     problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Reference | None,
-    fresh: NDArray[np.bool_], tolerance: float, least_promise: float,
+    fresh: NDArray[np.bool_], tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
     """Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`; a step
     within `tolerance`, or that promises to lower the cost by less than `least_promise`, is not taken."""
@@ -154,18 +157,18 @@ def _search(
         if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < tolerance:
             break
         tried, reached, begun, given_up = theta, np.inf, damping, False
-        while damping < len(DAMPINGS):
-            point = step(local, DAMPINGS[damping], not given_up)
+        while damping < len(dampings):
+            point = step(local, dampings[damping], not given_up)
             if point is None:
-                damping = len(DAMPINGS)
+                damping = len(dampings)
                 break
             tried, reached = point
             if reached <= cost and np.isfinite(reached):
                 break
             damping += 1
-            if damping == len(DAMPINGS) and not np.isfinite(reached) and not given_up:
+            if damping == len(dampings) and not np.isfinite(reached) and not given_up:
                 damping, given_up = begun, True
-        if damping == len(DAMPINGS):
+        if damping == len(dampings):
             break
         stood = theta, predicted, slope, cost
         gained, theta, cost = cost - reached, tried, reached

@@ -297,7 +297,7 @@ class Problem:
         share = np.array([p.law_error[e] for e in p.ids])
         white = (((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members) * share)[:, tolerated]
         # Any rotation of what the effects do has the same errors, all of them together.
-        together = [self.form_error_of(self.noise.colour(own)) for own in leading(white).T]
+        together = [self.form_error_of(own) for own in self.noise.colour(leading(white)).T]
         return leading(np.hstack(together)) if together else np.zeros((len(white), 0))
 
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:

@@ -130,7 +130,12 @@ class ParameterTable:
 
     def source_index(self, slot: int) -> int:
         """The place of that source among `sources`."""
-        return int(np.searchsorted(self.first_slot, slot, side="right")) - 1
+        return self._source_of_slot[slot]
+
+    @cached_property
+    def _source_of_slot(self) -> list[int]:
+        """(slots,)"""
+        return [i for i, s in enumerate(self.sources) for _ in s.spec.parameters]
 
     @cached_property
     def first_slot(self) -> list[int]:
