@@ -21,7 +21,7 @@ from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import Facts, statement, stiffness_sentence
-from .answer.shrink import shrink
+from .answer.shrink import HeldOut, shrink
 from .answer.waterfall import waterfall
 from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.baseline import Baseline
@@ -94,19 +94,23 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         other = None if other is None else first.moved(other)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
     found = attribute(prepared, stages, wanted.executor)
-    shrunk, unseen = (
-        shrink(prepared, found.calibrated, found.best, wanted.executor) if wanted.quantify else (None, None)
-    )
+    # Other processes predict what was held out while this one does the rest.
+    held_out = HeldOut.of(prepared, wanted.executor) if wanted.quantify else None
+    shrinking = shrink(prepared, found.calibrated, found.best, held_out) if held_out is not None else None
+    listing = assemble.held_out_rms(found, held_out) if held_out is not None else None
+    falling = waterfall(found, held_out) if held_out is not None else None
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
     proposals = next_experiment.propose(prepared, rivals, wanted.executor) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
+    shrunk, unseen = shrinking() if shrinking is not None else (None, None)
     detail = assemble.detail_section(found, unseen, tested)
     if first.changed:
         detail["first_calibration"] = first.detail()
     budget = carried(found)
-    steps = waterfall(found, unseen, wanted.executor) if unseen is not None else None
-    which = assemble.attribute_section(found, where.significant, unseen, wanted.executor)
+    steps = falling(unseen) if falling is not None and unseen is not None else None
+    listed = listing(unseen) if listing is not None and unseen is not None else {}
+    which = assemble.attribute_section(found, where.significant, listed)
     facts = Facts(
         found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, shrunk, steps,
         which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking, found.misfit.outlier_trial,

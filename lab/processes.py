@@ -49,7 +49,7 @@ class Processes:
         The processes begin at once, this one when it asks for a result. `do` is read by each process once, however much it holds:
         a method's object is sent as it is when it is first asked.
         """
-        if self._lost or len(items) < 2:
+        if self._lost:
             return map(do, items)
         if do != self._do:  # two methods are the same where their objects are
             self._do = do
@@ -115,8 +115,8 @@ def for_case(rows: int, cores: int) -> Iterator[Processes | None]:
 
 @contextmanager
 def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
-    """So many besides this one; a person's Ctrl-C ends this process, which then ends them. `ahead`: parts of `model.warm_up` that one of
-    them sees to."""
+    """So many besides this one; a person's Ctrl-C ends this process, which then ends them. `ahead`: parts of `model.warm_up` that
+    one of them sees to."""
     before = os.environ.get(ONE_THREAD)
     os.environ[ONE_THREAD] = "1"
     # a fresh interpreter each: threads and compiled code of this one are not inherited

@@ -95,8 +95,9 @@ def _wrench(robot: Robot, condition: Condition, area: Array, path_radius: float)
     return force, path_radius * aside
 
 
-def rods_of(robot: Robot, condition: Condition) -> Rods:
-    """The rods of all states, after checking that the conditions fit the robot; raises `BadCondition`.
+def rods_of(robot: Robot, condition: Condition, full: bool = False) -> Rods:
+    """The rods of all states, after checking that the conditions fit the robot; raises `BadCondition`. `full`: in the form whose
+    kernels a diagnosis compiles in any case.
 
     Each piece of the body is an element to the spine's end and one beyond it. Where chambers are wider or farther off the axis
     than at the tip, or end, the difference in force and moment from those at the tip is one of rest; so is all of tendons'.
@@ -105,7 +106,7 @@ def rods_of(robot: Robot, condition: Condition) -> Rods:
 
     condition.check(robot)
     n, body, gravity = len(condition), body_of(robot), np.array(robot.gravity)
-    made = blank(Form(elements=2 * len(body)), n)
+    made = blank(Form(elements=2 * len(body), full=full), n)
     length, load = made.field("length"), made.field("load")
     stretch, bend = made.field("stretch_stiffness"), made.field("bend_stiffness")
     force, moment = actuation_wrench(robot, condition)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.effects import history, layout, solver
-from model.rods import FINE, Form, Rods, rods, sensitivities, solve, stations
+from model.rods import FINE, PAPER, Form, Rods, rods, sensitivities, solve, stations
 from model.rods.fast.jit import compiled_here
 from model.rods.solution import AT_ORIENTATION, RESULT, Solution, no_shape
 
@@ -25,14 +25,10 @@ BUCKLING = 2.0
 
 
 def plain() -> None:
-    """The rod of fits and comparisons, in every way they use it, and the laws with memory."""
+    """The rod of fits and comparisons, in every way they use it."""
     one = _one(Form(elements=2))
     stations(one, solve(one, FINE), np.array([[0.1]]), FINE)
     solve(one, replace(FINE, least_margin=BUCKLING))
-    first, at_once = np.zeros(1, np.int64), np.zeros(1)
-    path = history.Path(first, first, np.array([True]), at_once, at_once, at_once)
-    path.lag(np.zeros((1, 1, history.DRIVES)), 1.0)
-    path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
 
 
 def full() -> None:
@@ -45,8 +41,18 @@ def full() -> None:
 
 
 def derivatives() -> None:
-    """What diagnoses differentiate, without solving anything: of a rod that is said to be straight."""
+    """What diagnoses differentiate, without solving anything: of a rod that is said to be straight; and what else they need, the
+    laws with memory and the paper's own integration."""
+    first, at_once = np.zeros(1, np.int64), np.zeros(1)
+    path, drive = (
+        history.Path(first, first, np.array([True]), at_once, at_once, at_once),
+        np.zeros((1, 1, history.DRIVES)),
+    )
+    path.lag(drive, 1.0)
+    path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
+    path.extremes(drive, np.zeros((1, 1, history.CELLS)), at_once, at_once)
     one = _one(layout.UNIFORM.form)
+    solve(one, PAPER)
     values = np.zeros((1, RESULT))
     values[0, AT_ORIENTATION] = 1.0
     straight = Solution(values, np.zeros(1, np.int8), no_shape(1))

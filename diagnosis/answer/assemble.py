@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any, Literal
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from recordings.trials import Table
 
 from ..inference.evidence import NONE, Hypothesis
-from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
@@ -24,7 +23,7 @@ from .distinguishability import TIED
 from .holdout import Holdout
 from .result import STAGES, Attribute, Data, Locate, Ranked, Simulator
 from .shapes import worst_states
-from .shrink import Folds, HeldOutErrors, candidate_model, folds, held_out_errors
+from .shrink import HeldOut, HeldOutErrors, candidate_model
 from .size import sizes, values
 from .verdict import conclude, rivals
 
@@ -35,7 +34,7 @@ LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
 PREDICTED = 4
 """Leading hypotheses whose held-out error is computed."""
-LISTING = (0.98, 1.0)
+LISTING = (0.95, 1.0)
 """Shares of a whole diagnosis that are done before and after that."""
 
 
@@ -89,13 +88,10 @@ def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
     return out
 
 
-def attribute_section(
-    f: Attribution, significant: bool, unseen: HeldOutErrors | None, executor: Executor = SINGLE_THREAD
-) -> Attribute:
-    """The section `attribute`: verdict and ranking, held-out errors of the leading hypotheses where `unseen` was computed;
-    `significant` whether the gap is above the noise floor anywhere."""
+def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypothesis, float]) -> Attribute:
+    """The section `attribute`: verdict and ranking; `heldout` as of `held_out_rms`, `significant` whether the gap is above the
+    noise floor anywhere."""
     p = f.prepared
-    heldout = _held_out(f, unseen, executor)
     ranked = []
     always = [x for x in f.posterior.ranking[LISTED:] if x[0] in (NONE, UNKNOWN)]
     for named, probability in (*f.posterior.ranking[:LISTED], *always):
@@ -109,18 +105,19 @@ def attribute_section(
     )  # fmt: skip
 
 
-def _held_out(f: Attribution, unseen: HeldOutErrors | None, executor: Executor) -> dict[Hypothesis, float]:
-    """mm rms by which the leading hypotheses miss states that they did not see."""
-    if unseen is None:
-        return {}
-    p = f.prepared
-    known = {NONE: unseen.before, f.best.named: unseen.after}
+def held_out_rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
+    """When asked for, mm rms by which the leading hypotheses miss states that they did not see, those included that `shrink` has
+    computed; other processes begin at once."""
     leading = [h for h, _ in f.posterior.ranking[:PREDICTED] if h != UNKNOWN]
-    rest = [h for h in leading if h not in known]
-    models = [candidate_model(p, f.posterior.candidates[h]) for h in rest]
-    found = held_out_errors(p, models, Folds(folds(p)[0], executor, LISTING))
-    known |= {h: errors for h, (errors, _, _) in zip(rest, found, strict=True)}
-    return {h: float(np.sqrt(np.nanmean(known[h] ** 2))) * MM for h in leading}
+    rest = [h for h in leading if h not in (NONE, f.best.named)]
+    errors = held_out.errors([candidate_model(f.prepared, f.posterior.candidates[h]) for h in rest], LISTING)
+
+    def found(unseen: HeldOutErrors) -> dict[Hypothesis, float]:
+        known = {NONE: unseen.before, f.best.named: unseen.after}
+        known |= {h: missed for h, (missed, _, _) in zip(rest, errors(), strict=True)}
+        return {h: float(np.sqrt(np.nanmean(known[h] ** 2))) * MM for h in leading}
+
+    return found
 
 
 def beside(a: Attribute, certain: str) -> Attribute:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,14 @@ from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
-from ..inference.budget import Budget, budget, by_what_is_carried, parts
+from ..inference.budget import Budget, budget, by_what_is_carried, parts, standard_normal
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
-from ..inference.search import Search
+from ..inference.search import AFTER_SEARCH, Search
 from .distinguishability import Distinguishability, distinguishability
 from .verdict import Decision, decide
 
@@ -78,6 +78,7 @@ class Attribution:
 
 def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
     """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
+    standard = executor.ahead(standard_normal, [len(p.problem.parameters.scale)], AFTER_SEARCH, AFTER_SEARCH)
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
@@ -85,10 +86,11 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     weightiest = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:LEADING]
     unknown = search.unknown(weightiest, [prior(c.named, effects) for c in weightiest], CALIBRATED.temperature)
     whole = posterior(candidates, effects, CALIBRATED.temperature)
-    carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature)
+    carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature, *standard())
     known = by_what_is_carried(carried, whole)
-    leading = search.with_all_derivatives(found[whole.ranking[0][0]])
-    best = search.with_all_derivatives(known.candidates[known.ranking[0][0]])
+    first, answer = (k.candidates[k.ranking[0][0]] for k in (whole, known))
+    leading = search.with_all_derivatives(first)
+    best = leading if answer is first else search.with_all_derivatives(answer)
     misfit = misfit_diagnostics(
         p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter, best
     )
@@ -100,7 +102,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     decision = decide(weighed, CALIBRATED, not lacking(p.states))
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
-        p, weighed, found[NONE], best, calibrated(p), misfit, decision, separations, CALIBRATED, carried, free
+        p, weighed, found[NONE], replace(best, made=None), calibrated(p), misfit, decision, separations, CALIBRATED, carried, free
     )  # fmt: skip
 
 

@@ -145,7 +145,7 @@ def numerical_error(robot: Robot, states: States) -> float:
         return float("nan")
     _, first = np.unique(states.condition, return_index=True)
     try:
-        rods = rods_of(robot, states.take(np.isin(np.arange(len(states)), first)).conditions(robot))
+        rods = rods_of(robot, states.take(np.isin(np.arange(len(states)), first)).conditions(robot), full=True)
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")

@@ -22,7 +22,7 @@ from .rivals import Prediction, Rivals
 
 Array = NDArray[np.float64]
 
-PROPOSING = (0.88, 0.9)
+PROPOSING = (0.85, 0.87)
 """Shares of a whole diagnosis that are done before and after."""
 DRAWS = 60
 SEED = 4711

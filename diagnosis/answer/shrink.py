@@ -7,7 +7,7 @@ length only); the share closed counts from the noise floor, its interval comes f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..data.levels import SPINE_GAP, levels
 from ..inference.candidate import Candidate
-from ..inference.cross_validation import Model, cross_validated_residuals
+from ..inference.cross_validation import CrossValidation, Model
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit
 from ..inference.prepare import Prepared
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MM = 1e3
-SHRINKING = (0.86, 0.88)
+SHRINKING = (0.87, 0.88)
 """Shares of a whole diagnosis that are done before and after."""
 DRAWS = 500
 SEED = 31337
@@ -48,17 +48,6 @@ class HeldOutErrors:
     missed_after: Array
 
 
-def folds(p: Prepared) -> tuple[Ints, str]:
-    """What is left out together (states,), and its name."""
-    length = levels(p.states.spine_length, SPINE_GAP)
-    if len(np.unique(length)) >= 3:
-        return length, "leave one spine length out"
-    pressure = levels(p.states.highest, p.states.pressure_gap)
-    if len(np.unique(pressure[~p.states.pushed])) >= 3:
-        return pressure, "leave one pressure out"
-    return np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64), "leave one trial out"
-
-
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
     """The calibrated baseline without any effect."""
     return Model(p.problem.parameters.no_effects(), 0.0, calibrated.theta)
@@ -69,45 +58,66 @@ def candidate_model(p: Prepared, c: Candidate) -> Model:
     return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit.theta)
 
 
-@dataclass(frozen=True)
-class Folds:
-    """What is left out together, and who works."""
+class HeldOut:
+    """States in parts, each of which is predicted by fits to the others."""
 
-    fold: Ints
-    """(states,)"""
-    executor: Executor = SINGLE_THREAD
-    shares: tuple[float, float] = (0.0, 1.0)
-    """Of a whole diagnosis that are done before and after."""
+    def __init__(self, p: Prepared, part: Ints, how: str, executor: Executor = SINGLE_THREAD) -> None:
+        """`part` (states,) is left out together; `how` names it."""
+        self.how, self.executor, self._p = how, executor, p
+        self._parts = CrossValidation(p.problem, part[p.labels.state], executor)
 
+    @classmethod
+    def of(cls, p: Prepared, executor: Executor) -> HeldOut | None:
+        """By spine length, where there are three, else by pressure, else by trial; None where there is but one part."""
+        length = levels(p.states.spine_length, SPINE_GAP)
+        if len(np.unique(length)) >= 3:
+            return cls(p, length, "leave one spine length out", executor)
+        pressure = levels(p.states.highest, p.states.pressure_gap)
+        if len(np.unique(pressure[~p.states.pushed])) >= 3:
+            return cls(p, pressure, "leave one pressure out", executor)
+        trial = np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64)
+        return cls(p, trial, "leave one trial out", executor) if trial.any() else None
 
-def held_out_errors(p: Prepared, models: Sequence[Model], folds: Folds) -> list[tuple[Array, Array, Array]]:
-    """Distances (states,) m between measured and predicted by each of the models, each state predicted without its fold.
+    def errors(
+        self, models: Sequence[Model], shares: tuple[float, float] = (0.0, 1.0)
+    ) -> Callable[[], list[tuple[Array, Array, Array]]]:
+        """When asked for, distances (states,) m between measured and predicted by each of the models; other processes begin at
+        once. `shares` of a whole diagnosis are done before and after.
 
-    The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections; the third the
-    first as vectors (states, 3).
-    """
-    missed = cross_validated_residuals(p.problem, models, folds.fold[p.labels.state], folds.executor, folds.shares)
-    gaps = [p.gap(m) for m in missed]
-    return [
-        (np.asarray(np.linalg.norm(g, axis=1)), np.abs(p.deflection(m)), g) for g, m in zip(gaps, missed, strict=True)
-    ]
+        The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections; the third the
+        first as vectors (states, 3).
+        """
+        p, residuals = self._p, self._parts.residuals(models, shares)
+
+        def errors() -> list[tuple[Array, Array, Array]]:
+            missed = residuals()
+            gaps = [p.gap(m) for m in missed]
+            return [
+                (np.asarray(np.linalg.norm(g, axis=1)), np.abs(p.deflection(m)), g)
+                for g, m in zip(gaps, missed, strict=True)
+            ]
+
+        return errors
 
 
 def shrink(
-    p: Prepared, calibrated: Fit, best: Candidate, executor: Executor = SINGLE_THREAD
-) -> tuple[Shrink, HeldOutErrors] | tuple[None, None]:
-    """Before and after for the named hypothesis; nothing where there is but one part, of which none can be left out."""
-    fold, how = folds(p)
-    if len(np.unique(fold)) < 2:
-        return None, None
-    models = [baseline_model(p, calibrated), candidate_model(p, best)]
-    both = held_out_errors(p, models, Folds(fold, executor, SHRINKING))
-    (before, pushes_before, missed_before), (after, pushes_after, missed_after) = both
-    seen = np.isfinite(before) & np.isfinite(after)
-    share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
-    by = by_length(p.states.spine_length[seen], before[seen], after[seen])
-    made = Shrink(how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.noise_floor * MM, share, interval, by)
-    return made, HeldOutErrors(before, after, how, pushes_before, pushes_after, missed_before, missed_after)
+    p: Prepared, calibrated: Fit, best: Candidate, held_out: HeldOut
+) -> Callable[[], tuple[Shrink, HeldOutErrors]]:
+    """When asked for, before and after for the named hypothesis; other processes begin at once."""
+    both = held_out.errors([baseline_model(p, calibrated), candidate_model(p, best)], SHRINKING)
+
+    def shrunk() -> tuple[Shrink, HeldOutErrors]:
+        (before, pushes_before, missed_before), (after, pushes_after, missed_after) = both()
+        seen = np.isfinite(before) & np.isfinite(after)
+        share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
+        by = by_length(p.states.spine_length[seen], before[seen], after[seen])
+        made = Shrink(
+            held_out.how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.noise_floor * MM, share, interval, by
+        )
+        errors = HeldOutErrors(before, after, held_out.how, pushes_before, pushes_after, missed_before, missed_after)
+        return made, errors
+
+    return shrunk
 
 
 def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:

@@ -9,7 +9,7 @@
     irregular         what is left above the noise floor
     noise             the noise floor: repeats of a state differ by as much
 
-Each state is predicted by fits to the states of the other folds (`shrink.folds`). A step is the decrease of the rms from one
+Each state is predicted by fits to the states of the other folds (`shrink.HeldOut`). A step is the decrease of the rms from one
 model to the next, so that all steps add up to the gap as given; on unseen states it can be negative. Its interval is the 95 %
 range over trials drawn anew and, for a cause, over all orders in which the causes can be added.
 """
@@ -17,7 +17,7 @@ range over trials drawn anew and, for a cause, over all orders in which the caus
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,34 +31,41 @@ from ..inference.fit import fit
 from ..inference.prepare import Prepared, prepare
 from .attribute import Attribution, calibrated
 from .result import Absorbed, Level, Step, StepName, Waterfall
-from .shrink import Folds, HeldOutErrors, baseline_model, candidate_model, folds, held_out_errors, resampled, rms
+from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MM = 1e3
 INTERVAL = (0.025, 0.975)
 SMOOTH_SIZES = (0.35, 1.4)
 """Sizes of the smooth function that are tried, in noise floors; the one that predicts best is taken, none where none helps."""
 FIT_ROUNDS = 4
-STEPS, ABSORBED = (0.9, 0.95), (0.95, 0.98)
+STEPS, ABSORBED = (0.88, 0.93), (0.93, 0.95)
 """Shares of a whole diagnosis that are done before and after."""
 
 
-def waterfall(f: Attribution, unseen: HeldOutErrors, executor: Executor = SINGLE_THREAD) -> Waterfall:
-    """From what was found; `unseen` the errors that `shrink` has computed already."""
+def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Waterfall]:
+    """When asked for, from what was found and the errors that `shrink` has computed; other processes begin at once."""
     p, named = f.prepared, f.decision.effects
-    fold, how = folds(p)
     last, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
     known = bool(named) or f.best.named == NONE
     smooth = [replace(last, size=s, smooth=True) for s in SMOOTH_SIZES]
     models = [*([] if known else [last]), *smooth, *(_only(f, s) for s in subsets)]
-    found = [errors for errors, _, _ in held_out_errors(p, models, Folds(fold, executor, STEPS))]
-    tolerant = unseen.after if known else found.pop(0)
-    helped = min([tolerant, *found[: len(smooth)]], key=lambda e: float(np.nanmean(e**2)))
-    by_causes = {frozenset[str](): unseen.before}
-    by_causes |= {frozenset(s): errors for s, errors in zip(subsets, found[len(smooth) :], strict=True)}
-    errors = _Errors(p, by_causes, tolerant, helped, _simulator_as_it_is(p, fold))
+    by_models, absorbed = held_out.errors(models, STEPS), _absorbed(f, held_out.executor)
+
+    def made(unseen: HeldOutErrors) -> Waterfall:
+        found = [errors for errors, _, _ in by_models()]
+        tolerant = unseen.after if known else found.pop(0)
+        helped = min([tolerant, *found[: len(smooth)]], key=lambda e: float(np.nanmean(e**2)))
+        by_causes = {frozenset[str](): unseen.before}
+        by_causes |= {frozenset(s): errors for s, errors in zip(subsets, found[len(smooth) :], strict=True)}
+        errors = _Errors(p, by_causes, tolerant, helped, _simulator_as_it_is(p))
+        return _steps(p, errors, named, held_out.how, absorbed())
+
+    return made
+
+
+def _steps(p: Prepared, errors: _Errors, named: Hypothesis, how: str, absorbed: Absorbed | None) -> Waterfall:
     order = errors.largest_first(named)
     columns = errors.in_order(order)
     left = [errors.rms(c) for c in columns] + [np.full(errors.draws, p.noise_floor), np.zeros(errors.draws)]
@@ -75,7 +82,7 @@ def waterfall(f: Attribution, unseen: HeldOutErrors, executor: Executor = SINGLE
         "spine_length": errors.by(p.states.spine_length, SPINE_GAP, columns),
         "pressure": errors.by(p.states.highest, p.states.pressure_gap, columns),
     }
-    return Waterfall(how, int(errors.seen.sum()), float(left[0][0]) * MM, tuple(steps), by, _absorbed(f, executor))
+    return Waterfall(how, int(errors.seen.sum()), float(left[0][0]) * MM, tuple(steps), by, absorbed)
 
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
@@ -90,12 +97,14 @@ def _only(f: Attribution, named: Hypothesis) -> Model:
     return Model(prior, 0.0, fit(problem, prior, 0.0, start, FIT_ROUNDS).theta)
 
 
-def _simulator_as_it_is(p: Prepared, fold: Ints) -> Array | None:
+def _simulator_as_it_is(p: Prepared) -> Array | None:
     """Errors (states,) m of the simulator in the rod's place, calibrated and not taken back to the rod."""
     if p.baseline is None:
         return None
     own = p.simulator_as_it_is
-    return held_out_errors(own, [baseline_model(own, calibrated(own))], Folds(fold))[0][0]
+    held_out = HeldOut.of(own, SINGLE_THREAD)
+    assert held_out is not None
+    return held_out.errors([baseline_model(own, calibrated(own))])()[0][0]
 
 
 class _Errors:
@@ -157,20 +166,27 @@ class _Errors:
         return self._by_causes[frozenset(causes)]
 
 
-def _absorbed(f: Attribution, executor: Executor) -> Absorbed | None:
-    """One area factor, one for each spine length, and one with what is named, each pressure predicted from the others."""
+def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
+    """When asked for: one area factor, one for each spine length, and one with what is named, each pressure predicted from the
+    others."""
     p = f.prepared
     length = levels(p.states.spine_length, SPINE_GAP)
     pressure = levels(p.states.highest, p.states.pressure_gap)
     if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
-        return None
+        return lambda: None
+    how = "leave one pressure out"
     models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
-    one, *causes = (errors for errors, _, _ in held_out_errors(p, models, Folds(pressure, executor, ABSORBED)))
-    cause = causes[0] if causes else None
-    by_length = prepare(p.robot, p.states, "per_length", {}, noise_components=p.noise_components)
-    each = held_out_errors(by_length, [baseline_model(by_length, calibrated(by_length))], Folds(pressure))[0][0]
-    seen = np.isfinite(one) & np.isfinite(each)
-    return Absorbed(
-        "leave one pressure out", rms(one[seen]) * MM, rms(each[seen]) * MM,
-        None if cause is None else rms(cause[seen & np.isfinite(cause)]) * MM,
-    )  # fmt: skip
+    errors = HeldOut(p, pressure, how, executor).errors(models, ABSORBED)
+
+    def absorbed() -> Absorbed:
+        by_length = prepare(p.robot, p.states, "per_length", {}, noise_components=p.noise_components)
+        each = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()[0][0]
+        one, *causes = (own for own, _, _ in errors())
+        cause = causes[0] if causes else None
+        seen = np.isfinite(one) & np.isfinite(each)
+        return Absorbed(
+            how, rms(one[seen]) * MM, rms(each[seen]) * MM,
+            None if cause is None else rms(cause[seen & np.isfinite(cause)]) * MM,
+        )  # fmt: skip
+
+    return absorbed

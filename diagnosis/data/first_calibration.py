@@ -216,7 +216,7 @@ def _residual(theta: Array, robot: Robot, own: States) -> Array:
 
 def _missed(robot: Robot, own: States, theta: Array) -> Array:
     """(n, 3) m; a robot length where the rod has no equilibrium."""
-    found = solve(rods_of(_with(robot, theta), own.conditions(robot)), FINE)
+    found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), FINE)
     tip = own.tip - theta[5:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from .candidate import Candidate
-from .evidence import KNOWN, NONE, Hypothesis
+from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .fit import Fit
 from .posterior import Posterior, shares
 from .prepare import LEAST_CARRIED, Prepared
@@ -118,16 +118,24 @@ def after_calibration(problem: Problem, where: Sequence[Part], slope: Array, col
     ]
 
 
-def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate], temperature: float) -> Budget:
-    """Draw from candidates of the catalogue (without and with tolerances each by itself); `temperature` divides log evidence."""
+def budget(
+    problem: Problem,
+    where: Sequence[Part],
+    candidates: Sequence[Candidate],
+    temperature: float,
+    standard: Array | None = None,
+) -> Budget:
+    """Draw from candidates of the catalogue (without and with tolerances each by itself); `temperature` divides log evidence,
+    `standard` are the `standard_normal` of as many dimensions as the effects have parameters, where they are known already."""
     p = problem.parameters
+    standard = standard_normal(len(p.scale)) if standard is None else standard
     weights = shares(candidates, len(p.ids), temperature).tolist()
     carry = _Carrying(problem, where)
     metres, floors, weight, form_error, tolerant, named = [], [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_WEIGHT:
             continue
-        m, f = carry.of(c.fit, np.clip(_drawn(c.weighed.mean, c.weighed.covariance), p.low, p.high))
+        m, f = carry.of(c.fit, np.clip(_drawn(c.weighed, standard), p.low, p.high))
         metres.append(m)
         floors.append(f)
         weight += [w / DRAWS] * DRAWS
@@ -143,18 +151,22 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
     )  # fmt: skip
 
 
-def _drawn(mean: Array, covariance: Array) -> Array:
-    """(DRAWS, p) from a normal, from a scrambled Sobol sequence.
+def standard_normal(dimensions: int) -> Array:
+    """(DRAWS, dimensions) from a standard normal, from a scrambled Sobol sequence."""
+    from scipy.stats import qmc  # takes as long as a hundred predictions, and a first look does not wait for it
+
+    return np.asarray(ndtri(qmc.Sobol(dimensions, seed=SEED).random(DRAWS)))
+
+
+def _drawn(weighed: Weighed, standard: Array) -> Array:
+    """(DRAWS, p) of the effects' parameters.
 
     By the triangular factor of the correlations: unlike eigenvectors it moves little when the last digits of the covariance
     do, so that an answer does not depend on rounding.
     """
-    from scipy.stats import qmc  # takes as long as a hundred predictions, and a first look does not wait for it
-
-    sd = np.sqrt(np.maximum(np.diag(covariance), TINY))
-    factor = np.linalg.cholesky(covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
-    uniform = qmc.Sobol(len(sd), seed=SEED).random(DRAWS)
-    return np.asarray(mean + ndtri(uniform) @ factor.T * sd)
+    sd = np.sqrt(np.maximum(np.diag(weighed.covariance), TINY))
+    factor = np.linalg.cholesky(weighed.covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
+    return np.asarray(weighed.mean + standard @ factor.T * sd)
 
 
 def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:

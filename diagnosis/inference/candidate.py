@@ -38,14 +38,16 @@ class Candidate:
     with_tolerances: bool
     """Fitted with every other effect free within its tolerance; else with all others absent."""
     unknown: bool = False
+    made: Linear | None = None
+    """The linear problem in which it was weighed, where it is kept: it is as large as the derivatives."""
 
     def prior(self, p: Parameters) -> Prior:
         """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
         return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
 
     def linear(self, problem: Problem) -> Linear:
-        """The linear problem in which it was weighed, made anew."""
-        return self.fit.linear(problem)
+        """The linear problem in which it was weighed, made anew where it is not kept."""
+        return self.fit.linear(problem) if self.made is None else self.made
 
     @property
     def laplace_log_evidence(self) -> float:

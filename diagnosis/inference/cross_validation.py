@@ -7,7 +7,7 @@ model. The discrepancy weighs the fit but takes no part in the prediction, unles
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,25 +41,28 @@ class Model:
     """Whether the discrepancy predicts too."""
 
 
-def cross_validated_residuals(
-    problem: Problem,
-    models: Sequence[Model],
-    fold: Ints,
-    executor: Executor = SINGLE_THREAD,
-    shares: tuple[float, float] = (0.0, 1.0),
-) -> list[Array]:
-    """Measured minus predicted (n,) of each model, each value predicted by a fit to all values of the other folds.
+class CrossValidation:
+    """One problem's values in parts, each of which is predicted by fits to the others."""
 
-    `fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN). `shares` of the work are done
-    before and after.
-    """
-    parts = [int(part) for part in np.unique(fold[fold >= 0])]
-    missed = [np.full(len(problem.observed), np.nan) for _ in models]
-    wanted = [(model, part) for model in models for part in parts]
-    found = executor.map(_Folds(problem, fold).left_out, wanted, *shares)
-    for k, residual in enumerate(found):
-        missed[k // len(parts)][fold == parts[k % len(parts)]] = residual
-    return missed
+    def __init__(self, problem: Problem, fold: Ints, executor: Executor = SINGLE_THREAD) -> None:
+        """`fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN)."""
+        self._problem, self._fold, self._executor = problem, fold, executor
+        self._parts = [int(part) for part in np.unique(fold[fold >= 0])]
+        self._folds = _Folds(problem, fold)
+
+    def residuals(self, models: Sequence[Model], shares: tuple[float, float] = (0.0, 1.0)) -> Callable[[], list[Array]]:
+        """When asked for, measured minus predicted (n,) of each model; other processes begin at once. `shares` of the work are
+        done before and after."""
+        wanted = [(model, part) for model in models for part in self._parts]
+        left_out = self._executor.ahead(self._folds.left_out, wanted, *shares)
+
+        def residuals() -> list[Array]:
+            missed = [np.full(len(self._problem.observed), np.nan) for _ in models]
+            for k, residual in enumerate(left_out()):
+                missed[k // len(self._parts)][self._fold == self._parts[k % len(self._parts)]] = residual
+            return missed
+
+        return residuals
 
 
 class _Folds:

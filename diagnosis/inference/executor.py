@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -73,18 +73,25 @@ class Executor:
 
     def map(self, do: Callable[[A], B], items: Sequence[A], begin: float, end: float) -> list[B]:
         """`do` for every item, in order; `begin`, `end`: shares of the work before and after. Raises what `do` raises."""
-        done = []
-        with self._mapped(do, items) as results:
-            for result in results:
-                done.append(result)
-                self.progress(begin + (end - begin) * len(done) / len(items))
-        return done
+        here = self if len(items) > 1 else replace(self, remote_map=None)
+        return here.ahead(do, items, begin, end)()
+
+    def ahead(self, do: Callable[[A], B], items: Sequence[A], begin: float, end: float) -> Callable[[], list[B]]:
+        """The same when it is asked for; other processes begin at once."""
+        there = None if self.remote_map is None else self.remote_map(do, items)
+
+        def results() -> list[B]:
+            done = []
+            with self._threads(do, items) if there is None else nullcontext(there) as found:
+                for result in found:
+                    done.append(result)
+                    self.progress(begin + (end - begin) * len(done) / len(items))
+            return done
+
+        return results
 
     @contextmanager
-    def _mapped(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[Iterator[B]]:
-        if self.remote_map is not None:
-            yield self.remote_map(do, items)
-            return
+    def _threads(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[Iterator[B]]:
         if self.threads == 1:
             yield map(do, items)
             return

@@ -174,13 +174,19 @@ class Search:
         `shares` are the prior probabilities of the leading hypotheses: something unknown beside an effect is as much rarer
         than something unknown alone as the effect is than none. Evidence is divided by the temperature, shares are not.
         """
-        p = self.problem.parameters
-        beside = [weigh(c.linear(self.problem), LARGE.part(c.with_tolerances), p, [c.named])[0] for c in leading]
-        terms = np.array([w.log_evidence for w in beside]) / temperature + np.log(np.array(shares))
+        tasks = [Task(c.named, begun=c) for c in leading]
+        beside = [c for (c,) in self._map(self._with_large_discrepancy, tasks, AFTER_SEARCH, AFTER_SEARCH)]
+        terms = np.array([c.laplace_log_evidence for c in beside]) / temperature + np.log(np.array(shares))
         i = int(np.argmax(terms))
-        total = replace(beside[i], log_evidence=temperature * float(logsumexp(terms)))
-        c = leading[i]
-        return replace(c, weighed=total, grid_point=beside[i].peak(LARGE.part(c.with_tolerances)), unknown=True)
+        total = replace(beside[i].weighed, log_evidence=temperature * float(logsumexp(terms)))
+        return replace(beside[i], weighed=total)
+
+    def _with_large_discrepancy(self, task: Task) -> list[Candidate]:
+        c = task.begun
+        assert c is not None
+        grid = LARGE.part(c.with_tolerances)
+        (weighed,) = weigh(c.linear(self.problem), grid, self.problem.parameters, [c.named])
+        return [replace(c, weighed=weighed, grid_point=weighed.peak(grid), unknown=True)]
 
     def fitted(self, named: Hypothesis) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""
@@ -188,8 +194,9 @@ class Search:
         return max(begun, self._refined(begun, FULL_ROUNDS), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
-        """The same candidate with derivatives by all parameters, those of absent effects included."""
-        return replace(c, fit=self._with_form_error(c.named, self._with_all_derivatives(c.fit)))
+        """The same candidate with derivatives by all parameters, those of absent effects included, and its linear problem."""
+        whole = self._with_form_error(c.named, self._with_all_derivatives(c.fit))
+        return replace(c, fit=whole, made=whole.linear(self.problem))
 
     def _map(
         self, do: Callable[[Task], list[Candidate]], tasks: Sequence[Task], begin: float, end: float
@@ -343,17 +350,11 @@ class Search:
     def _extend(self, parents: Sequence[Candidate], follow: int, shares: tuple[float, float]) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
         extended: dict[tuple[Hypothesis, bool], Candidate] = {}
-        for parent in parents:
-            children = self._children(parent)
-            if not children:
-                continue
-            known = parent.with_tolerances and parent.fit.slope is not None
-            around = parent.fit if known else self._with_all_derivatives(parent.fit)
-            with_form_error = self._with_form_error(parent.named, around)
-            for named, c in self._weigh_around(with_form_error, children, parent.with_tolerances).items():
-                key = (named, parent.with_tolerances)
-                if key not in extended or extended[key].log_evidence < c.log_evidence:
-                    extended[key] = c
+        around = self._map(self._with_one_more, [Task(c.named, begun=c) for c in parents], shares[0], shares[0])
+        for c in itertools.chain.from_iterable(around):
+            key = (c.named, c.with_tolerances)
+            if key not in extended or extended[key].log_evidence < c.log_evidence:
+                extended[key] = c
         if not extended:
             return []
         leading = sorted(extended.values(), key=lambda c: -c.laplace_log_evidence)
@@ -376,6 +377,17 @@ class Search:
             penalised = replace(c.weighed, log_evidence=c.laplace_log_evidence - typical)
             self._keep(followed.get((c.named, c.with_tolerances)) or replace(c, weighed=penalised))
         return sorted((self._tried[key] for key in extended), key=lambda c: -c.log_evidence)
+
+    def _with_one_more(self, task: Task) -> list[Candidate]:
+        """A candidate's effects and any other one, weighed where the candidate was fitted."""
+        c = task.begun
+        assert c is not None
+        children = self._children(c)
+        if not children:
+            return []
+        known = c.with_tolerances and c.fit.slope is not None
+        around = self._with_form_error(c.named, c.fit if known else self._with_all_derivatives(c.fit))
+        return list(self._weigh_around(around, children, c.with_tolerances).values())
 
     def _prune(self) -> None:
         """The leading hypotheses of several effects with one effect less, searched from where they were found: a search for

@@ -88,6 +88,14 @@ class Path:
         _slide(drive, self.before, self.after, self.first, yields, out)
         return out
 
+    def extremes(self, drive: Array, covered: Array, roll: Array, rate: Array) -> Array:
+        """Largest plus least value (v, n, DRIVES) that each cell of the body has come to, by parts; fading at `rate` (v,) 1/s.
+        `covered` (v, n, CELLS) are the shares of the cells that are of the inner part, `roll` (n,) rad that of the body."""
+        out = np.zeros(drive.shape)
+        pause = np.where(np.isfinite(self.stay), self.stay, PAUSE)
+        _extremes(drive, covered, roll, self.after, pause + self.ramp + self.hold, rate, out)
+        return out
+
 
 def loading_path(design: Design, rest_of: Order) -> Path:
     """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
@@ -158,10 +166,7 @@ class History:
             np.array(np.broadcast_to(x, shape), order="C")
             for x, shape in ((self.drive, (v, n, DRIVES)), (covered, (v, n, CELLS)), (rate[:, 0], (v,)))
         )
-        p, out = self.path, np.zeros((v, n, DRIVES))
-        pause = np.where(np.isfinite(p.stay), p.stay, PAUSE)
-        _extremes(drive, covered, q.design.roll, p.after, pause + p.ramp + p.hold, rates, out)
-        return out
+        return self.path.extremes(drive, covered, q.design.roll, rates)
 
     def sliding(self, drive: Array, yields: Array) -> Array:
         """See Path."""

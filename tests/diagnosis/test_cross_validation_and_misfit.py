@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.criticism.misfit import misfit_diagnostics
 from diagnosis.data.noise import Noise
-from diagnosis.inference.cross_validation import Model, cross_validated_residuals
+from diagnosis.inference.cross_validation import CrossValidation, Model
 from diagnosis.inference.fit import fit
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
@@ -37,18 +37,18 @@ def changed(problem: Problem, by: np.ndarray) -> Problem:
 def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
     problem = toy_problem(1, {"play": 1.0})
     model = fitted(problem, ("play",), 0.1, 0.5)
-    before = problem.observed - cross_validated_residuals(problem, [model], LENGTH)[0]
+    before = problem.observed - CrossValidation(problem, LENGTH).residuals([model])()[0]
     lifted = changed(problem, np.where(LENGTH == 3, 5 * MM, 0.0))
-    after = lifted.observed - cross_validated_residuals(lifted, [model], LENGTH)[0]
+    after = lifted.observed - CrossValidation(lifted, LENGTH).residuals([model])()[0]
     assert after[LENGTH == 3] == pytest.approx(before[LENGTH == 3], abs=1e-9)
     assert rms(after[LENGTH != 3] - before[LENGTH != 3]) > 1e-5
 
 
 def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_without_it_they_are_not() -> None:
     problem = toy_problem(2, {"play": 1.0})
-    without = rms(cross_validated_residuals(problem, [fitted(problem, (), 0.0, 0.0)], LENGTH)[0])
+    without = rms(CrossValidation(problem, LENGTH).residuals([fitted(problem, (), 0.0, 0.0)])()[0])
     assert (
-        rms(cross_validated_residuals(problem, [fitted(problem, ("play",), 0.0, 0.5)], LENGTH)[0])
+        rms(CrossValidation(problem, LENGTH).residuals([fitted(problem, ("play",), 0.0, 0.5)])()[0])
         < 0.4 * MM
         < 0.8 * MM
         < without
@@ -58,7 +58,7 @@ def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_wit
 def test_values_of_no_fold_are_not_predicted() -> None:
     problem = toy_problem(2, {})
     fold = np.where(LENGTH == 2, 0, -1)
-    missed = cross_validated_residuals(problem, [fitted(problem, (), 0.0, 0.0)], fold)[0]
+    missed = CrossValidation(problem, fold).residuals([fitted(problem, (), 0.0, 0.0)])()[0]
     assert np.isnan(missed[fold < 0]).all() and np.isfinite(missed[fold == 0]).all()
 
 

@@ -6,7 +6,10 @@ That is an inverse crime: it shows that the path is whole and the numbers are co
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -101,3 +104,30 @@ def test_linear_algebra_has_one_thread_while_a_diagnosis_goes_on_whatever_the_pr
     executor = Executor(first_look=look)
     diagnose(measured(3, 2, FEW), Options(quantify=False, experiments=False, catalogue=SOME, executor=executor))
     assert threads == {1}
+
+
+WARM = """
+import gc
+from numba.core.dispatcher import Dispatcher
+from diagnosis.diagnose import Options, diagnose
+from model.effects import CATALOGUE
+from model.warm_up import warm_up
+from tests.diagnosis.small_campaigns import FEW, measured
+
+if __name__ == "__main__":
+    campaign = measured(3, 2, FEW)
+    warm_up(("full", "derivatives"))
+
+    def known():
+        ours = (d for d in gc.get_objects() if isinstance(d, Dispatcher) and d.__module__.startswith("model."))
+        return {d.__name__: d.signatures for d in ours if d.signatures}
+
+    before = known()
+    some = {id: CATALOGUE[id] for id in ("rest_shape", "viscoelastic", "spine_slip", "chamber_azimuth")}
+    diagnose(campaign, Options(catalogue=some, experiments=False))
+    assert before and known() == before, (before, known())
+"""
+
+
+def test_after_warming_up_a_whole_diagnosis_asks_for_no_kernel_that_is_not_ready() -> None:
+    subprocess.run([sys.executable, "-c", WARM], check=True, cwd=Path(__file__).parents[2])

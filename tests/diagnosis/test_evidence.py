@@ -90,6 +90,21 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     )
 
 
+def test_what_is_averaged_over_the_grid_is_a_mixture_of_its_points() -> None:
+    linear, p = small_problem(), parameters(3)
+    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
+    found = weigh(linear, grid, p, [("e1",)])[0]
+    weight = np.exp(found.log_terms - found.log_evidence)
+    rng, drawn = np.random.default_rng(5), []
+    for i, spike in enumerate(grid.spikes):
+        for j, size in enumerate(grid.sizes):
+            mean, covariance = linear.reduced(float(size), 0.0).posterior(p.prior(p.mask(("e1",)), float(spike)))
+            drawn.append(rng.multivariate_normal(mean, covariance, int(round(4e5 * weight[i, j, 0])), method="eigh"))
+    every = np.vstack(drawn)
+    assert found.averaged_mean == pytest.approx(every.mean(axis=0), abs=5e-3)
+    assert found.averaged_sd == pytest.approx(every.std(axis=0), abs=5e-3)
+
+
 def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
     linear, prior = small_problem(), Prior(np.array([0.0, 0.2, -0.1]), np.array([1.0, 0.04, 0.04]), WIDE)
     mean, covariance = linear.reduced(0.5, 0.0).posterior(prior)

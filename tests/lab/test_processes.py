@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from multiprocessing import active_children
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -67,25 +68,51 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(two: Processes) -> N
     assert 1 <= len(references) <= 2
 
 
-class Counts:
-    """How often it was read in a process."""
+class Meets:
+    """Waits until it is at work in so many processes; how often it was read in each."""
 
     reads = 0
 
-    def __init__(self) -> None:
-        self.state = "some"
+    def __init__(self, marks: Path, count: int) -> None:
+        self.marks, self.count = marks, count
 
-    def __setstate__(self, state: object) -> None:
-        Counts.reads += 1
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        Meets.reads += 1
+        self.__dict__ |= state
 
     def read(self, _: int) -> tuple[int, int]:
-        return os.getpid(), Counts.reads
+        (self.marks / str(os.getpid())).touch()
+        deadline = time.monotonic() + 120
+        while len(list(self.marks.iterdir())) < self.count:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return os.getpid(), Meets.reads
 
 
-def test_what_a_method_belongs_to_is_read_once_by_each_process(two: Processes) -> None:
-    one = Counts()
-    seen = [pair for _ in range(3) for pair in two.in_order(one.read, range(6))]
-    assert {reads for _, reads in seen} == {1} and os.getpid() not in {where for where, _ in seen}
+def test_this_process_works_beside_the_others_and_what_a_method_belongs_to_is_read_once_by_each_of_them(
+    two: Processes, tmp_path: Path
+) -> None:
+    one = Meets(tmp_path, 3)
+    seen = {pair for _ in range(3) for pair in two.in_order(one.read, range(6))}
+    assert len(seen) == 3 and (os.getpid(), 0) in seen
+    assert {reads for where, reads in seen if where != os.getpid()} == {1}
+
+
+def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something_else(
+    two: Processes, tmp_path: Path
+) -> None:
+    ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1], 0.0, 1.0)
+    deadline = time.monotonic() + 120
+    while len(list(tmp_path.iterdir())) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    where = {pid for pid, _ in ahead()}
+    assert len(where) == 2 and os.getpid() not in where
+
+
+def test_a_single_item_is_not_sent(two: Processes, tmp_path: Path) -> None:
+    (where,) = {pid for pid, _ in Executor(remote_map=two.in_order).map(Meets(tmp_path, 1).read, [0], 0.0, 1.0)}
+    assert where == os.getpid()
 
 
 def test_a_process_that_is_lost_costs_time_only() -> None:
@@ -104,7 +131,7 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
         "    Path(file).write_text(str(os.getpid()))\n"
         "    time.sleep(600)\n"
         "if __name__ == '__main__':\n"
-        "    with processes(2) as pool:\n"
+        "    with processes(1) as pool:\n"
         "        list(pool.in_order(waits, sys.argv[1:]))\n"
     )
     marks = [tmp_path / "a", tmp_path / "b"]
