@@ -4,6 +4,14 @@ The contrasts v are normal with covariance C = B + U U^T: B of the readings, blo
 columns of what a trial has of its own and of drift. With a = C^-1 v the loss has the gradient
 
     d(log det C / 2 + v^T C^-1 v / 2) = tr((C^-1 - a a^T) dC) / 2.
+
+Channels j share nothing but the error of the pressures: with M the covariance (k, k) of contrasts of a regulator's reading, R_j
+the response (k, k r) of channel j to r regulators, diagonal for each, and D_j the covariance (k, k) of what a channel has of its own,
+
+    B_ij = D_j [i = j] + R_i (1 x M) R_j^T,     B^-1 = D^-1 - D^-1 R K R^T D^-1,
+    K = ((1 x M)^-1 + T)^-1 = L (1 + L^T T L)^-1 L^T,     T = R^T D^-1 R,     L L^T = 1 x M,
+
+so no matrix is larger than k or k r, and none of all channels is ever made.
 """
 
 from __future__ import annotations
@@ -123,8 +131,8 @@ class Loss:
         along, spread = np.zeros(len(scale)), np.zeros(len(scale))
         for p, u, s in zip(self._parts, columns, solved, strict=True):
             a, w = s.value - s.columns @ weight[p.at], s.columns @ inverse[np.ix_(p.at, p.at)]
-            half = 0.5 * (s.inverse - w @ s.columns.T - np.outer(a, a))
-            gradient = p.gradient(half, channels, found)
+            # C^-1 of the part is its B^-1 less these columns times those.
+            gradient = p.gradient(s, np.column_stack([w, a]), np.column_stack([s.columns, a]), channels, found)
             np.add.at(by, self._member, gradient.sd)
             np.add.at(by, self.sds + self._member, gradient.share)
             by[[g, g + 1, self.sds + g, -1]] += gradient.others
@@ -149,7 +157,10 @@ class _Kind:
 class _Solved:
     """B^-1 of one part, applied to the contrasts and to the columns U, and half its log determinant."""
 
-    inverse: Array
+    own: Array
+    """(c, k, k) its blocks of single channels."""
+    shared: Array
+    """(k, k) R^T B^-1 R, summed over regulators."""
     value: Array
     columns: Array
     log_det: float
@@ -181,8 +192,7 @@ class _Part:
         # A contrast's weights squared sum to one: the response of its states, averaged.
         weight = contrast**2
         self._resting = weight @ data.resting
-        response = np.einsum("kn,ncr->kcr", weight, data.pressure_response)
-        self._by_pressure = np.einsum("kcr,ldr->kcld", response, response)
+        self._response = np.einsum("kn,ncr->ckr", weight, data.pressure_response)
         self._kept = (np.nan, np.zeros(0), np.zeros(0))
 
     def _lasting(self, memory: float) -> tuple[Array, Array]:
@@ -198,31 +208,51 @@ class _Part:
     def solved(self, channels: list[_Kind], found: NoiseComponents, columns: Array) -> _Solved:
         """The covariance B solved."""
         lasting, _ = self._lasting(found.memory)
-        k, c = len(lasting), len(channels)
-        q = found.lasting.get(PRESSURE, 0.0)
-        b = found.pressure**2 * self._by_pressure * ((1 - q) * np.eye(k) + q * lasting)[:, None, :, None]
-        quiet = self._quiet(found)
-        for j, kind in enumerate(channels):
-            b[:, j, :, j] += kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet))
-        inverse, log_det = _inverse(b.reshape(k * c, k * c))
-        return _Solved(inverse, inverse @ self.value, inverse @ columns, log_det)
+        (c, k, r), q, quiet = self._response.shape, found.lasting.get(PRESSURE, 0.0), self._quiet(found)
+        by_kind = {
+            kind: _inverse(kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet)))
+            for kind in set(channels)
+        }
+        apart = np.array([by_kind[kind][0] for kind in channels])
+        # Two axes for R: k and r are put side by side as k r.
+        spread = (apart[..., None] * self._response[:, None]).reshape(c, k, k * r)
+        factor = np.kron(np.linalg.cholesky(found.pressure**2 * ((1 - q) * np.eye(k) + q * lasting)), np.eye(r))
+        together = self._gathered(spread)
+        inner, log_det = _inverse(np.eye(k * r) + factor.T @ together @ factor)
+        kept = factor @ inner @ factor.T
+        every = np.column_stack([self.value, columns]).reshape(k, c, -1).swapaxes(0, 1)
+        solved = apart @ every
+        solved -= spread @ (kept @ self._gathered(solved))
+        solved = solved.swapaxes(0, 1).reshape(k * c, -1)
+        shared = (together - together @ kept @ together).reshape(k, r, k, r)
+        return _Solved(
+            apart - (spread @ kept) @ spread.swapaxes(1, 2), np.einsum("krlr->kl", shared), solved[:, 0], solved[:, 1:],
+            sum(by_kind[kind][1] for kind in channels) + log_det,
+        )  # fmt: skip
+
+    def _gathered(self, values: Array) -> Array:
+        """(k r, u) R^T of values (c, k, u)."""
+        return np.asarray(np.einsum("ckr,cku->kru", self._response, values).reshape(-1, values.shape[2]))
 
     def _quiet(self, found: NoiseComponents) -> Array:
         """(k,) white variance, as a factor on that of states read while ramping."""
         return np.asarray(1 + (found.rest**2 - 1) * self._resting)
 
-    def gradient(self, half: Array, channels: list[_Kind], found: NoiseComponents) -> _Gradient:
-        """sum(half * dB), half (k c, k c)."""
+    def gradient(
+        self, solved: _Solved, left: Array, right: Array, channels: list[_Kind], found: NoiseComponents
+    ) -> _Gradient:
+        """sum(half * dB) with half = (B^-1 - left right^T) / 2, of columns (k c, u)."""
         lasting, grown = self._lasting(found.memory)
-        k, c, quiet = len(lasting), len(channels), self._quiet(found)
-        half = half.reshape(k, c, k, c)
-        own = np.einsum("kclc->ckl", half)
+        (c, k, r), quiet = self._response.shape, self._quiet(found)
+        left, right = (x.reshape(k, c, -1).swapaxes(0, 1) for x in (left, right))
+        own = 0.5 * (solved.own - left @ right.swapaxes(1, 2))
         slow, longer = (own * lasting).sum(axis=(1, 2)), (own * grown).sum(axis=(1, 2))
         diagonal = np.einsum("ckk->ck", own)
         white = diagonal @ quiet
         var, share = np.array([(kind.sd**2, kind.lasting) for kind in channels]).T
         by_rest = 2 * found.rest**2 * float((var * (1 - share) * (diagonal @ self._resting)).sum())
-        shared = found.pressure**2 * np.einsum("kcld,kcld->kl", half, self._by_pressure)
+        by_left, by_right = (self._gathered(x).reshape(k, r, -1) for x in (left, right))
+        shared = 0.5 * found.pressure**2 * (solved.shared - np.einsum("kru,lru->kl", by_left, by_right, optimize=True))
         q = found.lasting.get(PRESSURE, 0.0)
         at_once, kept = float(np.trace(shared)), float((shared * lasting).sum())
         by_memory = float((var * share * longer).sum() + q * (shared * grown).sum())
