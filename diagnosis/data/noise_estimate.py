@@ -6,7 +6,7 @@ columns of what a trial has of its own and of drift. With a = C^-1 v the loss ha
     d(log det C / 2 + v^T C^-1 v / 2) = tr((C^-1 - a a^T) dC) / 2.
 
 Channels j share nothing but the error of the pressures: with M the covariance (k, k) of contrasts of a regulator's reading, R_j
-the response (k, k r) of channel j to r regulators, diagonal for each, and D_j the covariance (k, k) of what a channel has of its own,
+the response (k, k r) of channel j to r regulators, diagonal for each, and D_j the covariance (k, k) of what it has of its own,
 
     B_ij = D_j [i = j] + R_i (1 x M) R_j^T,     B^-1 = D^-1 - D^-1 R K R^T D^-1,
     K = ((1 x M)^-1 + T)^-1 = L (1 + L^T T L)^-1 L^T,     T = R^T D^-1 R,     L L^T = 1 x M,
