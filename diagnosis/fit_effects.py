@@ -258,7 +258,7 @@ def _errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float
 
 def _covariance(linear: Linear, prior: Prior, of_effect: NDArray[np.bool_], size: float, form_error: float) -> Array:
     """(k, k) of all parameters in units of their priors, discrepancy and model-form error integrated out."""
-    blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance, form_error * linear.form_error]
+    blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance.whole, form_error * linear.form_error]
     blocks.append(linear.discrepancy_size(size, form_error) * linear.discrepancy)
     x = np.hstack(blocks)
     inverse = np.linalg.inv(np.eye(x.shape[1]) + x.T @ x)

@@ -158,7 +158,7 @@ class Rivals:
             scale, _ = p.scaled(prior)
             own = p.of_effect
             ours = np.empty((len(linear.observed), len(scale)))
-            ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance
+            ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance.whole
             errors = (at.form_error * linear.form_error,
                       linear.discrepancy_size(at.size, at.form_error) * linear.discrepancy)  # fmt: skip
             every = np.hstack([ours, *errors])

@@ -20,7 +20,7 @@ class Gaussian:
 
     def __init__(self, linear: Linear, prior: Prior, size: float, form_error: float) -> None:
         self.linear = linear
-        blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance]
+        blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance.whole]
         self.form_columns = linear.form_error.shape[1] if form_error else 0
         """Number of columns of model-form error."""
         if form_error:

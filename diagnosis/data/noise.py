@@ -96,6 +96,13 @@ class Noise:
         """Half the log determinant of the covariance."""
         return float(sum(b.log_sd for b in self._blocks))
 
+    @cached_property
+    def block(self) -> Ints:
+        """(n,) number of the block that each value belongs to: whitening mixes values of one block alone."""
+        lasting = self.lasting
+        block = self.state if lasting is None else np.where(lasting.block < 0, -1 - self.state, lasting.block)
+        return np.unique(block, return_inverse=True)[1]
+
     @property
     def own(self) -> Array:
         """(n,) standard deviation of each value's own error, with what lasts of it."""
@@ -120,13 +127,8 @@ class Noise:
     @cached_property
     def _blocks(self) -> Sequence[_Blocks]:
         """Blocks of equal size side by side, so that each size is one product of matrices."""
-        block = (
-            self.state
-            if self.lasting is None
-            else np.where(self.lasting.block < 0, -1 - self.state, self.lasting.block)
-        )
-        order = np.argsort(block, kind="stable")
-        begins = np.flatnonzero(np.diff(block[order], prepend=block[order[:1]] - 1))
+        order = np.argsort(self.block, kind="stable")
+        begins = np.flatnonzero(np.diff(self.block[order], prepend=-1))
         each = np.split(order, begins[1:])
         return [
             _Blocks.of(own, self._covariance(own))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from .box_constrained import box_constrained_minimum
+from .columns import Columns
 from .linear import Linear, Prior
 from .problem import FormError, Problem, linearise
 from .slope import Reference, Slope, White
@@ -62,7 +63,7 @@ class Fit:
     def linear(self, problem: Problem) -> Linear:
         """The linear problem around it, made anew each time: it is as large as the derivatives."""
         slope = self.derivatives(problem)
-        linear = problem.whitened(self.theta, self.predicted, White(slope, problem.noise, problem.parameters.sd).whole)
+        linear = problem.whitened(self.theta, self.predicted, White(slope, problem.noise, problem.parameters.sd).every)
         reference = slope.reference
         known = None if reference is None else reference.tolerated
         return (
@@ -74,7 +75,7 @@ def refit(problem: Problem, prior: Prior, size: float, start: Fit, rounds: int =
     """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
     p = problem.parameters
-    known, none = Reference(start.derivatives(problem).whole, problem.noise, p.sd), np.zeros(len(start.theta), bool)
+    known, none = Reference(start.derivatives(problem).every, problem.noise, p.sd), np.zeros(len(start.theta), bool)
     here = replace(start, slope=Slope.at_reference(known))
     return _search(problem, prior, size, here, rounds, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
 
@@ -113,7 +114,7 @@ def _search(
 
     def linearised(theta: Array) -> tuple[Array, Slope]:
         predicted, columns = linearise(forward, theta, anew.tolist())
-        return predicted, Slope(frozen, anew, columns, len(theta))
+        return predicted, Slope(frozen, anew, Columns.of(columns), len(theta))
 
     def total(theta: Array, predicted: Array) -> float:
         return misfit.cost(predicted) + _distance(theta, mean, scale)
@@ -217,7 +218,15 @@ class _Misfit:
 
     def information(self, white: White) -> Array:
         """(k, k) of the data, in units of the priors."""
-        return white.information(self._size, self.solve)
+        return white.information(self._size, self._between)
+
+    def _between(self, a: Columns, b: Columns) -> Array:
+        """(c, d) A^T C^-1 B."""
+        out = a.times(b)
+        if self._factor is not None:
+            own = a.against(self._columns)
+            out -= own @ cho_solve(self._factor, (own if b is a else b.against(self._columns)).T)
+        return out
 
 
 class _Local:

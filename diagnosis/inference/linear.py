@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from .columns import Columns
+
 Array = NDArray[np.float64]
 
 ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
@@ -43,7 +45,7 @@ class Linear:
     """(n,) whitened, with the prediction at theta = u = w = 0 taken off."""
     effects: Array
     """(n, p) A."""
-    nuisance: Array
+    nuisance: Columns
     """(n, q) N."""
     discrepancy: Array
     """(n, m) D, for a discrepancy of size 1."""
@@ -61,9 +63,9 @@ class Linear:
     def __post_init__(self) -> None:
         n = len(self.observed)
         for name in ("effects", "nuisance", "discrepancy", "form_error"):
-            value: Array = getattr(self, name)
-            if value.ndim != 2 or len(value) != n:
-                raise ValueError(f"{name}: shape {value.shape}, must be ({n}, columns)")
+            shape: tuple[int, ...] = getattr(self, name).shape
+            if len(shape) != 2 or shape[0] != n:
+                raise ValueError(f"{name}: shape {shape}, must be ({n}, columns)")
 
     def discrepancy_size(self, size: float, form_error: float) -> float:
         """Size of the discrepancy, the leakage of a model-form error of size `form_error` included."""
@@ -79,8 +81,8 @@ class Linear:
         within[:m, m:] = within[m:, :m].T
         within[m:, m:] = self.form_error.T @ self.form_error
         # What is in every one of them is integrated out once.
-        pulled = np.hstack([self.nuisance.T @ columns for columns in (known, *others)])
-        half, half_log_det = _integrated_out(self.nuisance.T @ self.nuisance, pulled)
+        pulled = np.hstack([self.nuisance.against(columns) for columns in (known, *others)])
+        half, half_log_det = _integrated_out(self.nuisance.times(self.nuisance), pulled)
         of_known, of_other = half[:, : known.shape[1]], half[:, known.shape[1] :]
         own = known.T @ known - of_known.T @ of_known
         across = np.vstack([columns.T @ known for columns in others]) - of_other.T @ of_known

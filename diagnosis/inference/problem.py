@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.noise import Noise
+from .columns import Columns
 from .linear import Linear, Prior
 
 Array = NDArray[np.float64]
@@ -252,19 +253,19 @@ class Problem:
 
     def linear(self, theta: Array, predicted: Array, slope: Array) -> Linear:
         """The same from a prediction (n,) and slope (n, k) that are known already."""
-        return self.whitened(theta, predicted, self.noise.whiten(slope * self.parameters.sd))
+        return self.whitened(theta, predicted, Columns.of(slope).whitened(self.noise, self.parameters.sd))
 
-    def whitened(self, theta: Array, predicted: Array, scaled: Array) -> Linear:
+    def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
         """The same from a slope (n, k) that is whitened, by one prior standard deviation of each parameter."""
         p = self.parameters
         own = p.of_effect
-        shift = scaled @ ((theta - p.mean) / p.sd)
+        shift = scaled.along((theta - p.mean) / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
         none = np.zeros((len(observed), 0))
         return Linear(
             observed,
-            scaled[:, own],
-            scaled[:, ~own],
+            scaled.take(own).whole,
+            scaled.take(~own),
             self.whitened_discrepancy,
             self.noise.log_sd,
             none,

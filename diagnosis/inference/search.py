@@ -129,7 +129,7 @@ class Search:
         """Keep a fit of none, at which other searches begin; its derivatives are their reference."""
         alone = replace(none, form_error=FormError(NONE, {}))
         p = self.problem
-        reference = Reference(none.derivatives(p).whole, p.noise, p.parameters.sd, alone.linear(p).form_error)
+        reference = Reference(none.derivatives(p).every, p.noise, p.parameters.sd, alone.linear(p).form_error)
         around = replace(none, slope=Slope.at_reference(reference), form_error=FormError(NONE, {}, shared=True))
         found = self._weigh_around(around, [NONE], with_tolerances)[NONE]
         self._references[with_tolerances], self._none[with_tolerances] = reference, found

@@ -15,19 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.noise import Noise
+from .columns import Columns
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-Solve = Callable[[Array], Array]
-"""C^-1 of whitened columns (n, c), C their covariance with a discrepancy."""
+Between = Callable[[Columns, Columns], Array]
+"""A^T C^-1 B of whitened columns A and B, C their covariance with a discrepancy."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
     """Derivatives at one point, and what linear problems make of them, once."""
 
-    slope: Array
+    slope: Columns
     """(n, k) in the parameters' units."""
     noise: Noise
     sd: Array
@@ -42,14 +43,14 @@ class Reference:
         return {"_information": {}, **{name: getattr(self, name) for name in kept}}
 
     @cached_property
-    def white(self) -> Array:
+    def white(self) -> Columns:
         """(n, k) W: whitened, by one prior standard deviation of each parameter."""
-        return self.noise.whiten(self.slope * self.sd)
+        return self.slope.whitened(self.noise, self.sd)
 
-    def information(self, size: float, solve: Solve) -> Array:
+    def information(self, size: float, between: Between) -> Array:
         """(k, k) W^T C^-1 W with a discrepancy of this size."""
         if size not in self._information:
-            self._information[size] = self.white.T @ solve(self.white)
+            self._information[size] = between(self.white, self.white)
         return self._information[size]
 
 
@@ -60,7 +61,7 @@ class Slope:
     reference: Reference | None
     at: Ints
     """(c,) which parameters these columns are of."""
-    columns: Array
+    columns: Columns
     """(n, c) in the parameters' units."""
     parameters: int
     """k."""
@@ -70,43 +71,48 @@ class Slope:
     @classmethod
     def of(cls, slope: Array) -> Slope:
         """Of derivatives (n, k)."""
-        return cls(None, np.arange(slope.shape[1]), slope, slope.shape[1])
+        return cls(None, np.arange(slope.shape[1]), Columns.of(slope), slope.shape[1])
 
     @classmethod
     def at_reference(cls, reference: Reference) -> Slope:
         """Those of a reference."""
         n, k = reference.slope.shape
-        return cls(reference, np.zeros(0, np.int64), np.zeros((n, 0)), k)
+        return cls(reference, np.zeros(0, np.int64), Columns.of(np.zeros((n, 0))), k)
 
     @property
-    def whole(self) -> Array:
+    def every(self) -> Columns:
         """(n, k) in the parameters' units."""
         return self.filled(None if self.reference is None else self.reference.slope, self.columns)
 
+    @property
+    def whole(self) -> Array:
+        """The same as one array."""
+        return self.every.whole
+
     def along(self, step: Array) -> Array:
         """(n,) by how much the values change along a step (k,), in the parameters' units."""
-        own = np.asarray(self.columns @ step[self.at])
+        own = self.columns.along(step[self.at])
         if self.reference is None:
             return own
         rest = step.copy()
         rest[self.at] = 0.0
-        return np.asarray(self.reference.slope @ rest + own)
+        return np.asarray(self.reference.slope.along(rest) + own)
 
-    def filled(self, known: Array | None, own: Array) -> Array:
+    def filled(self, known: Columns | None, own: Columns) -> Columns:
         """(n, k) of what the reference and the own columns have become."""
-        out = np.zeros((len(own), self.parameters)) if known is None else known.copy()
-        out[:, self.at] = own
-        return out
+        if known is None:
+            known = Columns.nothing(own.shape[0], self.parameters)
+        return known.replaced(self.at, own)
 
 
 class White:
     """W: derivatives whitened, by one prior standard deviation of each parameter."""
 
     def __init__(self, slope: Slope, noise: Noise, sd: Array) -> None:
-        self._slope, self._own = slope, noise.whiten(slope.columns * sd[slope.at])
+        self._slope, self._own = slope, slope.columns.whitened(noise, sd[slope.at])
 
     @property
-    def whole(self) -> Array:
+    def every(self) -> Columns:
         """(n, k)."""
         reference = self._slope.reference
         return self._slope.filled(None if reference is None else reference.white, self._own)
@@ -114,19 +120,18 @@ class White:
     def against(self, white: Array) -> Array:
         """(k,) W^T x of whitened values x (n,)."""
         reference = self._slope.reference
-        out = np.zeros(self._slope.parameters) if reference is None else np.asarray(reference.white.T @ white)
-        out[self._slope.at] = self._own.T @ white
+        out = np.zeros(self._slope.parameters) if reference is None else reference.white.against(white)
+        out[self._slope.at] = self._own.against(white)
         return out
 
-    def information(self, size: float, solve: Solve) -> Array:
+    def information(self, size: float, between: Between) -> Array:
         """(k, k) W^T C^-1 W with a discrepancy of this size."""
         reference, at = self._slope.reference, self._slope.at
-        solved = solve(self._own)
         if reference is None:
             out = np.zeros((self._slope.parameters, self._slope.parameters))
         else:
-            out = reference.information(size, solve).copy()
-            across = reference.white.T @ solved
+            out = reference.information(size, between).copy()
+            across = between(reference.white, self._own)
             out[:, at], out[at, :] = across, across.T
-        out[np.ix_(at, at)] = self._own.T @ solved
+        out[np.ix_(at, at)] = between(self._own, self._own)
         return out

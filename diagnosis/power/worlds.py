@@ -112,7 +112,7 @@ def drawn(
 ) -> tuple[World, dict[str, Array]]:
     """One world, and the whitened response (n,) of each effect in it; the cause is drawn unless it is given."""
     linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
-    y = rng.standard_normal(len(linear.observed)) + linear.nuisance @ rng.standard_normal(linear.nuisance.shape[1])
+    y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
     size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
     y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
     if cause is None:
@@ -141,9 +141,9 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     linear, p = d.linear, d.problem.parameters
     named: tuple[Hypothesis, ...] = (NONE, *((e,) for e in d.effects))
     errors = [d.form_errors(h) for h in named]
-    basis, kept = _span([linear.effects, linear.nuisance, linear.discrepancy, *errors])
+    basis, kept = _span([linear.effects, linear.nuisance.whole, linear.discrepancy, *errors])
     seen = readings @ basis
-    effects, nuisance, smooth = (basis.T @ m for m in (linear.effects, linear.nuisance, linear.discrepancy))
+    effects, nuisance, smooth = (basis.T @ m for m in (linear.effects, linear.nuisance.whole, linear.discrepancy))
     outer_nuisance, outer_smooth = nuisance @ nuisance.T, smooth @ smooth.T
     evidence = np.empty((len(named), len(readings)))
     for i, h in enumerate(named):

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, uniform
 
+from diagnosis.inference.columns import Columns
 from diagnosis.inference.evidence import MOST_TOLERATED_SIZE, Grid, weigh
 from diagnosis.inference.linear import Linear, Prior
 from diagnosis.inference.problem import LEAST_NAMED_SIZE, Parameters
@@ -21,7 +22,8 @@ ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]), *
 
 def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
     columns = [RNG.normal(size=(n, k)) for k in (p, q, m)]
-    return Linear(RNG.normal(size=n), *columns, 1.7, np.zeros((n, 0)))
+    effects, nuisance, discrepancy = columns
+    return Linear(RNG.normal(size=n), effects, Columns.of(nuisance), discrepancy, 1.7, np.zeros((n, 0)))
 
 
 def parameters(p: int, lower: float = -np.inf) -> Parameters:
@@ -31,7 +33,7 @@ def parameters(p: int, lower: float = -np.inf) -> Parameters:
 
 
 def dense_log_evidence(linear: Linear, prior: Prior, size: float) -> float:
-    a, n, d = linear.effects, linear.nuisance, size * linear.discrepancy
+    a, n, d = linear.effects, linear.nuisance.whole, size * linear.discrepancy
     covariance = np.eye(len(a)) + (a * prior.variance) @ a.T + n @ n.T + d @ d.T
     return float(multivariate_normal(a @ prior.mean, covariance).logpdf(linear.observed)) - linear.log_noise
 
@@ -50,7 +52,7 @@ def test_log_evidence_equals_the_gaussian_marginal_likelihood(
 def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_noise_do() -> None:
     plain, columns = small_problem(), RNG.normal(size=(12, 2))
     wrong = replace(plain, form_error=columns)
-    noisy = replace(plain, nuisance=np.hstack([plain.nuisance, 0.3 * columns]))
+    noisy = replace(plain, nuisance=Columns.of(np.hstack([plain.nuisance.whole, 0.3 * columns])))
     v = Prior(np.zeros(3), np.ones(3), WIDE)
     assert wrong.reduced(0.5, 0.3).log_evidence(v) == pytest.approx(float(noisy.reduced(0.5, 0.0).log_evidence(v)))
 
@@ -58,7 +60,7 @@ def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_nois
 @pytest.mark.parametrize("lower", [0.0, -np.inf])
 def test_a_named_effect_is_weighed_with_the_prior_within_its_bounds_and_off_small_sizes(lower: float) -> None:
     a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
-    linear = Linear(y, a, *(np.zeros((8, 0)) for _ in range(2)), 0.0, np.zeros((8, 0)))
+    linear = Linear(y, a, Columns.nothing(8, 0), np.zeros((8, 0)), 0.0, np.zeros((8, 0)))
 
     def joint(theta: float) -> float:
         return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta))
@@ -108,7 +110,7 @@ def test_what_is_averaged_over_the_grid_is_a_mixture_of_its_points() -> None:
 def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
     linear, prior = small_problem(), Prior(np.array([0.0, 0.2, -0.1]), np.array([1.0, 0.04, 0.04]), WIDE)
     mean, covariance = linear.reduced(0.5, 0.0).posterior(prior)
-    n, d = linear.nuisance, 0.5 * linear.discrepancy
+    n, d = linear.nuisance.whole, 0.5 * linear.discrepancy
     noise = np.eye(12) + n @ n.T + d @ d.T
     exact = np.linalg.inv(linear.effects.T @ np.linalg.solve(noise, linear.effects) + np.diag(1 / prior.variance))
     assert covariance == pytest.approx(exact, abs=1e-10)
@@ -130,7 +132,7 @@ def test_what_acts_one_way_only_is_tolerated_like_a_size_evenly_spread_up_to_a_l
 
 def test_a_tolerated_size_is_below_the_one_at_which_it_must_be_named() -> None:
     a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
-    linear = Linear(y, a, *(np.zeros((8, 0)) for _ in range(2)), 0.0, np.zeros((8, 0)))
+    linear = Linear(y, a, Columns.nothing(8, 0), np.zeros((8, 0)), 0.0, np.zeros((8, 0)))
     spiked = replace(ONE, spikes=np.array([0.3]))
 
     def joint(theta: float) -> float:

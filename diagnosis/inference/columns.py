@@ -1,0 +1,135 @@
+"""Columns of derivatives, of which many are zero but for few rows.
+
+What belongs to one trial (its spine as it was inserted, how it was mounted) moves the values of that trial alone. The more
+trials, the more such columns there are, each with as few numbers as before: as a whole they would grow with the square of the
+trials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ..data.noise import Noise
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+SPARSE = 0.25
+"""Share of the rows below which a column is kept by the numbers that are not zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A matrix A (n, c), in two parts."""
+
+    dense: Array
+    """(n, d)"""
+    at: Ints
+    """(d,) which of the c columns they are."""
+    sparse: csr_array
+    """(n, s)"""
+    rest: Ints
+    """(s,) which of the c columns they are."""
+
+    @classmethod
+    def of(cls, whole: Array) -> Columns:
+        """From a matrix (n, c)."""
+        few = np.count_nonzero(whole, axis=0) < SPARSE * len(whole)
+        at, rest = np.flatnonzero(~few), np.flatnonzero(few)
+        return cls(np.ascontiguousarray(whole[:, at]), at, csr_array(whole[:, rest]), rest)
+
+    @classmethod
+    def nothing(cls, rows: int, count: int) -> Columns:
+        """Zeros (rows, count)."""
+        return cls(np.zeros((rows, 0)), np.zeros(0, np.int64), csr_array((rows, count)), np.arange(count))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, c)."""
+        return len(self.dense), self.at.size + self.rest.size
+
+    @property
+    def whole(self) -> Array:
+        """(n, c)."""
+        out = np.empty(self.shape)
+        out[:, self.at], out[:, self.rest] = self.dense, self.sparse.toarray()
+        return out
+
+    def along(self, step: Array) -> Array:
+        """(n,) A x of a step x (c,)."""
+        return np.asarray(self.dense @ step[self.at] + self.sparse @ step[self.rest])
+
+    def against(self, values: Array) -> Array:
+        """(c,) or (c, m) A^T x of values x (n,) or (n, m)."""
+        out = np.empty((self.shape[1], *values.shape[1:]))
+        out[self.at], out[self.rest] = self.dense.T @ values, self.sparse.T @ values
+        return out
+
+    def times(self, other: Columns) -> Array:
+        """(c, b) A^T B."""
+        out = np.empty((self.shape[1], other.shape[1]))
+        for at, own in ((self.at, self.dense.T), (self.rest, self.sparse.T)):
+            out[np.ix_(at, other.at)] = own @ other.dense
+            across = own @ other.sparse
+            out[np.ix_(at, other.rest)] = across if isinstance(across, np.ndarray) else across.toarray()
+        return out
+
+    def take(self, chosen: Flags) -> Columns:
+        """Some of the columns (c,)."""
+        place = np.cumsum(chosen) - 1
+        dense, sparse = chosen[self.at], chosen[self.rest]
+        return Columns(
+            self.dense[:, dense],
+            place[self.at[dense]],
+            self.sparse[:, np.flatnonzero(sparse)],
+            place[self.rest[sparse]],
+        )
+
+    def rows(self, chosen: Flags) -> Columns:
+        """Some of the rows (n,)."""
+        return Columns(self.dense[chosen], self.at, self.sparse[np.flatnonzero(chosen)], self.rest)
+
+    def replaced(self, at: Ints, by: Columns) -> Columns:
+        """The same with columns `at` (b,) replaced by others (n, b)."""
+        kept = np.ones(self.shape[1], bool)
+        kept[at] = False
+        dense, sparse = kept[self.at], kept[self.rest]
+        return Columns(
+            np.hstack([self.dense[:, dense], by.dense]), np.concatenate([self.at[dense], at[by.at]]),
+            _beside([self.sparse[:, np.flatnonzero(sparse)], by.sparse]), np.concatenate([self.rest[sparse], at[by.rest]]),
+        )  # fmt: skip
+
+    def whitened(self, noise: Noise, scale: Array) -> Columns:
+        """The same times `scale` (c,), as they would look with independent noise of standard deviation 1."""
+        dense = noise.whiten(self.dense * scale[self.at])
+        return Columns(dense, self.at, _whitened(self.sparse, noise, scale[self.rest]), self.rest)
+
+
+def _beside(parts: Sequence[csr_array]) -> csr_array:
+    """Sparse matrices side by side."""
+    from scipy.sparse import hstack
+
+    return csr_array(hstack(parts, format="csr"))
+
+
+def _whitened(columns: csr_array, noise: Noise, scale: Array) -> csr_array:
+    """Sparse columns, whitened: what is zero in all of a block of the noise stays so."""
+    if not columns.nnz:
+        return columns
+    n, count = columns.shape
+    row = np.repeat(np.arange(n), np.diff(columns.indptr))
+    # A block and each column that it has something of get a place; blocks have few of them, which lie side by side.
+    pair, which = np.unique(noise.block[row] * count + columns.indices, return_inverse=True)
+    block, column = np.divmod(pair, count)
+    place = np.arange(len(pair)) - np.searchsorted(block, block)
+    wide = int(place.max()) + 1
+    packed, of = np.zeros((n, wide)), np.zeros((int(noise.block.max()) + 1, wide), np.int64)
+    packed[row, place[which]], of[block, place] = columns.data * scale[columns.indices], column
+    white = noise.whiten(packed)
+    return csr_array((white.ravel(), of[noise.block].ravel(), np.arange(0, n * wide + 1, wide)), shape=columns.shape)
