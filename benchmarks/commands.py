@@ -1,8 +1,10 @@
 """How long a person waits: whole commands, from an empty cache of compiled code and again, and how a diagnosis grows with rows.
 
-    python -m benchmarks.commands --out out/commands          # a quarter of an hour on two processors
+    python -m benchmarks.commands --out out/commands                       # a quarter of an hour on two processors
+    python -m benchmarks.commands --out out/commands --beside CHECKOUT     # ratios to the code of another checkout
 
 Each figure is a fresh process: seconds on the clock, seconds of processors, and the most memory that any of its processes held.
+Machines differ, and the same one from hour to hour: what has become of a command is told by the ratio of both codes in turn.
 Robots are drawn from the virtual robot (seed 7), one alone and one in clutter; of the first also with fewer and more repeats.
 """
 
@@ -11,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -33,7 +36,7 @@ CACHE = "NUMBA_CACHE_DIR"
 REPEATS = (7, 13, 26)
 """Of the sweep of 77 states, besides the usual three: 539 to 2,002 rows."""
 MIB = 1024.0
-RECORDING = Path("tests/recordings/data/bending-schema-1.mcap")
+RECORDING = Path("tests/recordings/data/bending-schema-1.mcap").resolve()
 
 
 @dataclass(frozen=True)
@@ -47,19 +50,26 @@ class Wait:
     code: int
     rows: int | None = None
     """Of a diagnosis that shows how it grows with rows."""
+    beside: Wait | None = None
+    """The same of the other checkout's code."""
 
 
-def waited(what: str, words: Sequence[str], cache: Path, module: str = "lab.cli") -> Wait:
-    """Run `lab`, or another module, with words in a process of its own, its compiled code kept in `cache`."""
+def waited(what: str, words: Sequence[str], cache: Path, module: str = "lab.cli", code: Path | None = None) -> Wait:
+    """Run `lab`, or another module, with words in a process of its own, its compiled code kept in `cache`; `code`: of which
+    checkout, this one unless given."""
     began = time.monotonic()
     environment = {**os.environ, CACHE: str(cache)}
-    child = os.posix_spawn(
-        sys.executable, [sys.executable, "-m", module, *words], environment,
-        file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0), (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0)],
-    )  # fmt: skip
-    _, status, used = os.wait4(child, 0)
+    with subprocess.Popen(
+        [sys.executable, "-m", module, *words],
+        cwd=code,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as child:  # where it runs comes first among the places that modules are looked for
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
     taken = time.monotonic() - began
-    return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / MIB, os.waitstatus_to_exitcode(status))
+    return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / MIB, child.returncode)
 
 
 def case_of(truth: Truth, repeats: int, folder: Path) -> Path:
@@ -80,6 +90,14 @@ def robots() -> tuple[Truth, Truth, Truth]:
     return found[0], found[1], found[2]
 
 
+def _shares(w: Wait) -> tuple[str, ...]:
+    other = w.beside
+    if other is None or other.code:
+        return ("",) * 3
+    pairs = ((w.seconds, other.seconds), (w.processor_s, other.processor_s), (w.memory_mib, other.memory_mib))
+    return tuple(f"{own / its:.2f}" for own, its in pairs)
+
+
 def main() -> int:
     """Measure, print, write JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -90,15 +108,21 @@ def main() -> int:
     parser.add_argument(
         "--case", type=Path, action="append", default=[], help="a case folder that is diagnosed too; repeatable"
     )
+    parser.add_argument("--beside", type=Path, help="another checkout, whose code does the same in turn")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
     found: list[Wait] = []
 
     def do(what: str, words: Sequence[str], cache: Path, rows: int | None = None) -> None:
-        found.append(replace(waited(what, words, cache), rows=rows))
-        w = found[-1]
-        print(f"{what}: {w.seconds:.1f} s, {w.processor_s:.1f} s of processors, {w.memory_mib:.0f} MiB, exit code {w.code}",
-              flush=True)  # fmt: skip
+        other = None
+        if a.beside is not None:
+            other = waited(what, words, cache.with_name(f"{cache.name} beside"), code=a.beside.resolve())
+        w = replace(waited(what, words, cache), rows=rows, beside=other)
+        found.append(w)
+        text = f"{what}: {w.seconds:.1f} s, {w.processor_s:.1f} s of processors, {w.memory_mib:.0f} MiB, exit code {w.code}"
+        if other is not None:
+            text += f"; the other code {other.seconds:.1f} s, {other.processor_s:.1f} s, {other.memory_mib:.0f} MiB, {other.code}"
+        print(text, flush=True)
 
     with tempfile.TemporaryDirectory(prefix="commands-") as place:
         here, (alone, cluttered, tendons) = Path(place), robots()
@@ -121,10 +145,18 @@ def main() -> int:
             case = case_of(alone, repeats, here / f"repeats {repeats}")
             do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm, 77 * repeats)
     shown = Table(title="What a person waits for", title_justify="left")
-    for column in ("command", "s", "s of processors", "MiB"):
+    for column in (
+        "command",
+        "s",
+        "s of processors",
+        "MiB",
+        "of the other code's s",
+        "of its processors",
+        "of its MiB",
+    ):
         shown.add_column(column)
     for w in found:
-        shown.add_row(w.what, f"{w.seconds:.1f}", f"{w.processor_s:.1f}", f"{w.memory_mib:.0f}")
+        shown.add_row(w.what, f"{w.seconds:.1f}", f"{w.processor_s:.1f}", f"{w.memory_mib:.0f}", *_shares(w))
     Console(highlight=False).print(shown)
     (a.out / "commands.json").write_text(json.dumps([asdict(w) for w in found], indent=1))
     return int(any(w.code for w in found))
