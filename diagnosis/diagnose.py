@@ -21,8 +21,7 @@ from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import Facts, statement, stiffness_sentence
-from .answer.shrink import HeldOut, shrink
-from .answer.waterfall import waterfall
+from .answer.unseen import Unseen, unseen
 from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
@@ -95,26 +94,21 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
     found = attribute(prepared, stages, wanted.executor)
     # Other processes predict what was held out while this one does the rest.
-    held_out = HeldOut.of(prepared, wanted.executor) if wanted.quantify else None
-    shrinking = shrink(prepared, found.calibrated, found.best, held_out) if held_out is not None else None
-    listing = assemble.held_out_rms(found, held_out) if held_out is not None else None
-    falling = waterfall(found, held_out) if held_out is not None else None
+    predicting = unseen(found, wanted.executor) if wanted.quantify else Unseen
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
     proposals = next_experiment.propose(prepared, rivals, wanted.executor) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
-    shrunk, unseen = shrinking() if shrinking is not None else (None, None)
-    detail = assemble.detail_section(found, unseen, tested)
+    held_out = predicting()
+    detail = assemble.detail_section(found, held_out.errors, tested)
     if first.changed:
         detail["first_calibration"] = first.detail()
     budget = carried(found)
-    steps = falling(unseen) if falling is not None and unseen is not None else None
-    listed = listing(unseen) if listing is not None and unseen is not None else {}
-    which = assemble.attribute_section(found, where.significant, listed)
+    which = assemble.attribute_section(found, where.significant, held_out.rms_mm)
     facts = Facts(
-        found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, shrunk, steps,
-        which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking, found.misfit.outlier_trial,
-        lacking(first.states), assemble.simulator_section(found),
+        found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, held_out.shrink,
+        held_out.waterfall, which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking,
+        found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),
     )  # fmt: skip
     wanted.executor.progress(1.0)
     text = statement(facts)
@@ -129,12 +123,12 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         data=assemble.data_section(prepared, case.table),
         locate=where,
         attribute=which,
-        shrink=shrunk,
+        shrink=held_out.shrink,
         next_experiment=proposals,
         concerns=(*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)),
         detail=detail,
         budget=budget,
-        waterfall=steps,
+        waterfall=held_out.waterfall,
     )
     return Examined(answer, rivals, first)
 

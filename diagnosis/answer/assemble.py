@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any, Literal
 
@@ -23,7 +23,7 @@ from .distinguishability import TIED
 from .holdout import Holdout
 from .result import STAGES, Attribute, Data, Locate, Ranked, Simulator
 from .shapes import worst_states
-from .shrink import HeldOut, HeldOutErrors, candidate_model
+from .shrink import HeldOutErrors
 from .size import sizes, values
 from .verdict import conclude, rivals
 
@@ -32,10 +32,6 @@ Array = NDArray[np.float64]
 MM = 1e3
 LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
-PREDICTED = 4
-"""Leading hypotheses whose held-out error is computed."""
-LISTING = (0.95, 1.0)
-"""Shares of a whole diagnosis that are done before and after that."""
 
 
 def data_section(p: Prepared, table: Table) -> Data:
@@ -89,8 +85,8 @@ def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
 
 
 def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypothesis, float]) -> Attribute:
-    """The section `attribute`: verdict and ranking; `heldout` as of `held_out_rms`, `significant` whether the gap is above the
-    noise floor anywhere."""
+    """The section `attribute`: verdict and ranking; `heldout` are mm rms on unseen states of some hypotheses, `significant` whether
+    the gap is above the noise floor anywhere."""
     p = f.prepared
     ranked = []
     always = [x for x in f.posterior.ranking[LISTED:] if x[0] in (NONE, UNKNOWN)]
@@ -103,21 +99,6 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
         conclude(d, significant, f.asking), rivals(d, f.posterior),
     )  # fmt: skip
-
-
-def held_out_rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
-    """When asked for, mm rms by which the leading hypotheses miss states that they did not see, those included that `shrink` has
-    computed; other processes begin at once."""
-    leading = [h for h, _ in f.posterior.ranking[:PREDICTED] if h != UNKNOWN]
-    rest = [h for h in leading if h not in (NONE, f.best.named)]
-    errors = held_out.errors([candidate_model(f.prepared, f.posterior.candidates[h]) for h in rest], LISTING)
-
-    def found(unseen: HeldOutErrors) -> dict[Hypothesis, float]:
-        known = {NONE: unseen.before, f.best.named: unseen.after}
-        known |= {h: missed for h, (missed, _, _) in zip(rest, errors(), strict=True)}
-        return {h: float(np.sqrt(np.nanmean(known[h] ** 2))) * MM for h in leading}
-
-    return found
 
 
 def beside(a: Attribute, certain: str) -> Attribute:

@@ -40,7 +40,7 @@ INTERVAL = (0.025, 0.975)
 SMOOTH_SIZES = (0.35, 1.4)
 """Sizes of the smooth function that are tried, in noise floors; the one that predicts best is taken, none where none helps."""
 FIT_ROUNDS = 4
-STEPS, ABSORBED = (0.88, 0.93), (0.93, 0.95)
+STEPS, ABSORBED = (0.93, 0.98), (0.98, 1.0)
 """Shares of a whole diagnosis that are done before and after."""
 
 

@@ -1,0 +1,63 @@
+"""What states say that no fit saw: how far the gap shrinks, how leading hypotheses predict, the gap step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..inference.evidence import NONE, Hypothesis
+from ..inference.executor import Executor
+from ..inference.posterior import UNKNOWN
+from .attribute import Attribution
+from .result import Shrink, Waterfall
+from .shrink import HeldOut, HeldOutErrors, candidate_model, shrink
+from .waterfall import waterfall
+
+MM = 1e3
+PREDICTED = 4
+"""Leading hypotheses whose held-out error is computed."""
+LISTING = (0.88, 0.93)
+"""Shares of a whole diagnosis that are done before and after that."""
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Nothing where no state was held out."""
+
+    shrink: Shrink | None = None
+    errors: HeldOutErrors | None = None
+    rms_mm: Mapping[Hypothesis, float] = field(default_factory=dict)
+    """By which leading hypotheses miss them."""
+    waterfall: Waterfall | None = None
+
+
+def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
+    """All of it when it is asked for; other processes begin at once."""
+    held_out = HeldOut.of(f.prepared, executor)
+    if held_out is None:
+        return Unseen
+    shrinking, listing = shrink(f.prepared, f.calibrated, f.best, held_out), _rms(f, held_out)
+    falling = waterfall(f, held_out)
+
+    def found() -> Unseen:
+        shrunk, errors = shrinking()
+        return Unseen(shrunk, errors, listing(errors), falling(errors))
+
+    return found
+
+
+def _rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
+    """When asked for, mm rms by which the leading hypotheses miss states that they did not see, those included that `shrink` has
+    computed; other processes begin at once."""
+    leading = [h for h, _ in f.posterior.ranking[:PREDICTED] if h != UNKNOWN]
+    rest = [h for h in leading if h not in (NONE, f.best.named)]
+    errors = held_out.errors([candidate_model(f.prepared, f.posterior.candidates[h]) for h in rest], LISTING)
+
+    def found(unseen: HeldOutErrors) -> dict[Hypothesis, float]:
+        known = {NONE: unseen.before, f.best.named: unseen.after}
+        known |= {h: missed for h, (missed, _, _) in zip(rest, errors(), strict=True)}
+        return {h: float(np.sqrt(np.nanmean(known[h] ** 2))) * MM for h in leading}
+
+    return found
