@@ -85,8 +85,8 @@ def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
 
 
 def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypothesis, float]) -> Attribute:
-    """The section `attribute`: verdict and ranking; `heldout` are mm rms of hypotheses on unseen states, `significant` whether the
-    gap is above the noise floor anywhere."""
+    """The section `attribute`: verdict and ranking; `heldout` is the mm rms of hypotheses on unseen states, `significant` whether
+    the gap is above the noise floor anywhere."""
     p = f.prepared
     ranked = []
     always = [x for x in f.posterior.ranking[LISTED:] if x[0] in (NONE, UNKNOWN)]
