@@ -140,7 +140,7 @@ def main() -> int:
         third = str(case_of(tendons, BASE.repeats, here / "tendons"))
         do("lab diagnose, tendons instead of chambers", ["diagnose", third], warm)
         for folder in a.case:
-            do(f"lab diagnose {folder.name}", ["diagnose", str(folder)], warm)
+            do(f"lab diagnose {folder.name}", ["diagnose", str(folder.resolve())], warm)
         for repeats in a.repeats:
             case = case_of(alone, repeats, here / f"repeats {repeats}")
             do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm, 77 * repeats)

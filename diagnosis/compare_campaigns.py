@@ -73,7 +73,7 @@ def compare_campaigns(
     offset = len(before.problem.observed)
     where = [replace(part, rows=part.rows + offset) for part in parts(after)]
     known = by_what_is_carried(budget(search.problem, where, search.tried, CALIBRATED.temperature), whole)
-    first, answer = (search.with_all_derivatives(k.candidates[k.ranking[0][0]]) for k in (whole, known))
+    first, answer = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
     kinds = [x.labels.experiment for x in (before, after)]
     excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)

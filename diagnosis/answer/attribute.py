@@ -88,9 +88,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     whole = posterior(candidates, effects, CALIBRATED.temperature)
     carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature, *standard())
     known = by_what_is_carried(carried, whole)
-    first, answer = (k.candidates[k.ranking[0][0]] for k in (whole, known))
-    leading = search.with_all_derivatives(first)
-    best = leading if answer is first else search.with_all_derivatives(answer)
+    leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     misfit = misfit_diagnostics(
         p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter, best
     )

@@ -100,7 +100,7 @@ def misfit_diagnostics(
     significant = probability[worst] * len(numbers) < 1e-3
     kinds = np.unique(kind)
     cross_prediction = [value / n for value, n in (within.surprise(kind == k) for k in kinds)] if len(kinds) > 1 else []
-    if answer is not None:
+    if answer is not None and answer is not best:
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
         point = answer.grid_point
         named = Gaussian(of_answer, answer.prior(p), point.size, point.form_error)

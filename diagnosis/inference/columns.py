@@ -7,12 +7,11 @@ trials.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, hstack
 
 from ..data.noise import Noise
 
@@ -102,20 +101,14 @@ class Columns:
         dense, sparse = kept[self.at], kept[self.rest]
         return Columns(
             np.hstack([self.dense[:, dense], by.dense]), np.concatenate([self.at[dense], at[by.at]]),
-            _beside([self.sparse[:, np.flatnonzero(sparse)], by.sparse]), np.concatenate([self.rest[sparse], at[by.rest]]),
+            csr_array(hstack([self.sparse[:, np.flatnonzero(sparse)], by.sparse], format="csr")),
+            np.concatenate([self.rest[sparse], at[by.rest]]),
         )  # fmt: skip
 
     def whitened(self, noise: Noise, scale: Array) -> Columns:
         """The same times `scale` (c,), as they would look with independent noise of standard deviation 1."""
         dense = noise.whiten(self.dense * scale[self.at])
         return Columns(dense, self.at, _whitened(self.sparse, noise, scale[self.rest]), self.rest)
-
-
-def _beside(parts: Sequence[csr_array]) -> csr_array:
-    """Sparse matrices side by side."""
-    from scipy.sparse import hstack
-
-    return csr_array(hstack(parts, format="csr"))
 
 
 def _whitened(columns: csr_array, noise: Noise, scale: Array) -> csr_array:

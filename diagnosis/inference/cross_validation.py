@@ -71,7 +71,7 @@ class _Folds:
 
     def __init__(self, problem: Problem, fold: Ints) -> None:
         self._problem, self._fold = problem, fold
-        self._known: tuple[Model, Array, Columns] | None = None
+        self._known: tuple[Model, Array, Slope] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what was linearised here."""
@@ -84,26 +84,25 @@ class _Folds:
         missed = problem.observed - _predicted(problem, model, self._linearised(model), seen)
         return np.asarray(missed[~seen])
 
-    def _linearised(self, model: Model) -> tuple[Array, Columns]:
+    def _linearised(self, model: Model) -> tuple[Array, Slope]:
         """Prediction (n,) and derivatives (n, k) at the parameters of a model, by those that it leaves free."""
         known = self._known
         if known is None or not np.array_equal(known[0].theta, model.theta) or known[0].prior is not model.prior:
             free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
             predicted, columns = self._problem.linearise(model.theta, free.tolist())
-            every = Columns.nothing(len(predicted), len(model.theta)).replaced(free, Columns.of(columns))
-            self._known = known = (model, predicted, every)
+            self._known = known = (model, predicted, Slope(None, free, Columns.of(columns), len(model.theta)))
         return known[1:]
 
 
-def _predicted(problem: Problem, model: Model, around: tuple[Array, Columns], seen: NDArray[np.bool_]) -> Array:
+def _predicted(problem: Problem, model: Model, around: tuple[Array, Slope], seen: NDArray[np.bool_]) -> Array:
     """What a fit to the values marked `seen` predicts (n,); prediction and derivatives `around` the model's parameters."""
     rest = replace(
         problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
         discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],
     )  # fmt: skip
-    predicted, every = around[0][seen], around[1].rows(seen)
-    slope = Slope(None, np.arange(len(model.theta)), every, len(model.theta))
-    found = refit(rest, model.prior, model.size, Fit(model.theta, predicted, slope, np.nan, np.nan))
+    predicted, slope = around
+    own = replace(slope, columns=slope.columns.rows(seen))
+    found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))
     if found.predicted_decrease > FAR_FROM_DONE:
         found = fit(rest, model.prior, model.size, found.theta)
     everywhere = problem.forward.predict(found.theta)

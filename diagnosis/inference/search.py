@@ -198,6 +198,11 @@ class Search:
         whole = self._with_form_error(c.named, self._with_all_derivatives(c.fit))
         return replace(c, fit=whole, made=whole.linear(self.problem))
 
+    def leading_and_answer(self, leading: Candidate, answer: Candidate) -> tuple[Candidate, Candidate]:
+        """Both with all derivatives; once where they are one."""
+        whole = self.with_all_derivatives(leading)
+        return whole, whole if answer is leading else self.with_all_derivatives(answer)
+
     def _map(
         self, do: Callable[[Task], list[Candidate]], tasks: Sequence[Task], begin: float, end: float
     ) -> list[list[Candidate]]:

@@ -77,7 +77,7 @@ class Slope:
     def at_reference(cls, reference: Reference) -> Slope:
         """Those of a reference."""
         n, k = reference.slope.shape
-        return cls(reference, np.zeros(0, np.int64), Columns.of(np.zeros((n, 0))), k)
+        return cls(reference, np.zeros(0, np.int64), Columns.nothing(n, 0), k)
 
     @property
     def every(self) -> Columns:
