@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+import yaml
 from virtual_lab import VirtualLab
 
 from benchmarks.browser import BROWSERS, Browser, installed
@@ -350,21 +351,39 @@ def test_buttons_pause_a_run_and_a_note_is_written_down(virtual_lab: VirtualLab,
 
 
 def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_for_that(
-    virtual_lab: VirtualLab, tmp_path: Path, page: Browser
+    virtual_lab: VirtualLab, tmp_path: Path, page: Browser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
+    file = write_campaign(tmp_path / "night.yaml", (0.0,), 1, unload=False)
+    campaign = yaml.safe_load(file.read_text())
+    (bending,) = campaign["protocols"]
+    bending["parameters"]["settle"]["within"] = "3600 s"
+    bending["conditions"] = {"tip_mass": ["0 g", "20 g"]}  # so that each run is prepared
+    file.write_text(yaml.safe_dump(campaign))
+    fakes = virtual_lab.fakes
+    prepare = fakes.prepare
+
+    def prepare_and_hide(*setup: Any, **named: Any) -> None:
+        """No state of the second run can be read, however long a browser takes."""
+        prepare(*setup, **named)
+        if list(tmp_path.glob("night/0001-bending/*.mcap")):
+            fakes.door.answer(b'{"tip_visible": false}')
+
+    monkeypatch.setattr(fakes, "prepare", prepare_and_hide)
     program = command("campaign", file, "--rig", virtual_lab.rig, "--out", tmp_path / "night", "--watch")
     try:
         page.open(address(program))
         page.until("document.getElementById('part').textContent.includes('Run 2 of 2')", 240)
-        page.until("live.state && !document.getElementById('steer').hidden", 120)
+        page.until("document.getElementById('lead').textContent.includes('hidden')", 120)
+        page.until("!document.getElementById('steer').hidden")
         page.value("document.getElementById('note').value = 'of the second'")
         page.value("document.getElementById('note-form').requestSubmit()")
         page.until("document.getElementById('log').textContent.includes('note: of the second (page)')", 120)
+        fakes.door.answer(b'{"tip_visible": true}')
         page.until("live.more === false", 240)
         page.until("document.getElementById('lead').textContent === 'Completed'")
         out, _ = program.communicate(timeout=120)
     finally:
+        fakes.door.answer(b'{"tip_visible": true}')
         program.kill()
     assert program.returncode in (0, 3), out
     (recording,) = (tmp_path / "night" / "0002-bending").glob("*.mcap")
