@@ -626,8 +626,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(wrong)
         return USAGE
     a = parser().parse_args(arguments)
-    from .failures import explained
-
     plain_failures()
     try:
         handler: Handler = a.handler
@@ -636,6 +634,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain("stopped")
         return FAILED
     except Exception as e:
+        from .failures import explained  # knows the errors of every room, of which most verbs need few
+
         known = explained(e)
         if known is None:
             raise

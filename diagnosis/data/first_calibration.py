@@ -45,6 +45,8 @@ SCALE = 0.01
 LOWERED = 0.3
 """Of the robust rms, below which numbers are taken over: what laws of another form do may look like a modulus or an origin, but
 is not taken away by one."""
+ORIGIN, STEP = 5, 1.5e-8
+"""The first parameter of the origin, which moves every tip alike, and the step of differences by the others, relative."""
 MOST_STATES = 60
 """That the fit looks at; the others lie between them."""
 SIMPLER = 0.5
@@ -165,7 +167,7 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
         beyond[2], senses = False, (senses[0], 1.0)
     # what the diagnosis can describe itself stays for it, but the area factor goes with the others
     theta = np.where(beyond | (np.array(NAMES) == "area_factor"), far, 0.0)
-    shift = theta[5:] * robot.length
+    shift = theta[ORIGIN:] * robot.length
     made = _with(_sensed(told, *senses), theta)
     adjusted = _told(told, made, theta, shift, beyond, senses)
     moved = _shifted(states, shift) if shift.any() else states
@@ -199,9 +201,10 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
 def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None:
     """(8,) the best parameters within bounds, from an azimuth; None where no rod stands."""
     begin = _begin(float(np.clip(turn, -0.99 * most[2], 0.99 * most[2])))
+    misfit = _Misfit(robot, own)
     try:
         found = least_squares(
-            _residual, begin, args=(robot, own), bounds=(-most, most), x_scale=np.minimum(WIDTH, 0.3), loss="soft_l1",
+            misfit.residual, begin, misfit.slope, bounds=(-most, most), x_scale=np.minimum(WIDTH, 0.3), loss="soft_l1",
             max_nfev=25, ftol=1e-4, xtol=1e-4,
         )  # fmt: skip
     except (ModelError, ValueError):
@@ -209,15 +212,46 @@ def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None
     return np.asarray(found.x)
 
 
-def _residual(theta: Array, robot: Robot, own: States) -> Array:
-    missed = _missed(robot, own, theta) / (SCALE * robot.length)
-    return np.concatenate([missed.ravel(), theta[1:] / WIDTH[1:]])
+class _Misfit:
+    """What is left by a robot with these numbers, and its derivatives by forward differences of those that move the rod."""
+
+    def __init__(self, robot: Robot, own: States) -> None:
+        self._robot, self._own = robot, own
+        self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
+
+    def residual(self, theta: Array) -> Array:
+        """(3 n + 7,) distances in units of `SCALE`, and parameters in their prior's."""
+        return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / WIDTH[1:]])
+
+    def slope(self, theta: Array) -> Array:
+        """(3 n + 7, 8) its derivatives."""
+        missed = self._missed(theta)
+        out = np.zeros((missed.size + len(theta) - 1, len(theta)))
+        tip = out[: missed.size].reshape(-1, 3, len(theta))
+        for k in range(ORIGIN):
+            moved = theta.copy()
+            moved[k] += np.copysign(STEP * max(1.0, abs(theta[k])), theta[k])
+            tip[..., k] = (_missed(self._robot, self._own, moved) - missed) / (moved[k] - theta[k])
+        stands = (missed != self._robot.length).any(axis=1)
+        tip[..., ORIGIN:] = self._robot.length * stands[:, None, None] * np.eye(3)
+        tip /= self._unit
+        out[missed.size :, 1:] = np.diag(1 / WIDTH[1:])
+        return out
+
+    @property
+    def _unit(self) -> float:
+        return SCALE * self._robot.length
+
+    def _missed(self, theta: Array) -> Array:
+        if not np.array_equal(theta, self._last[0]):
+            self._last = theta.copy(), _missed(self._robot, self._own, theta)
+        return self._last[1]
 
 
 def _missed(robot: Robot, own: States, theta: Array) -> Array:
     """(n, 3) m; a robot length where the rod has no equilibrium."""
     found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), FINE)
-    tip = own.tip - theta[5:] * robot.length
+    tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 
 
@@ -262,7 +296,7 @@ def _told(
         tilt = float(np.degrees(np.linalg.norm(theta[3:5])))
         out.append(Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any())))
     for k, axis in enumerate("xyz"):
-        if beyond[5 + k]:
+        if beyond[ORIGIN + k]:
             out.append(Adjusted(f"origin of the tip's {axis}", 0.0, float(shift[k]) * 1e3, "mm", bool(at_bound[5 + k])))
     return tuple(out)
 

@@ -1,48 +1,35 @@
 """Noise components estimated by maximum a posteriori, with log-normal priors at the instruments' defaults.
 
-The contrasts v are normal with covariance C = B + U U^T: B of the readings, block by block of conditions that share trials, U the
-columns of what a trial has of its own and of drift. With a = C^-1 v the loss has the gradient
-
-    d(log det C / 2 + v^T C^-1 v / 2) = tr((C^-1 - a a^T) dC) / 2.
-
-Channels j share nothing but the error of the pressures: with M the covariance (k, k) of contrasts of a regulator's reading, R_j
-the response (k, k r) of channel j to r regulators, diagonal for each, and D_j the covariance (k, k) of what it has of its own,
-
-    B_ij = D_j [i = j] + R_i (1 x M) R_j^T,     B^-1 = D^-1 - D^-1 R K R^T D^-1,
-    K = ((1 x M)^-1 + T)^-1 = L (1 + L^T T L)^-1 L^T,     T = R^T D^-1 R,     L L^T = 1 x M,
-
-so no matrix is larger than k or k r, and none of all channels is ever made.
+By Newton's method within bounds. Second derivatives are the average information and, close to the end, what gradients met on
+the way differ by from it, learnt by symmetric updates of rank one (as Dennis, Gay and Welsch 1981 do for least squares). A step
+that does not bring what it promised is damped and taken anew.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.lapack import dpotrf, dpotri
-from scipy.optimize import minimize
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.linalg import eigh
 
-from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts
+from model.prediction.box_minima import box_minima
+
+from .noise_components import NoiseComponents, Repeated, contrasts
+from .noise_likelihood import Loss, Point
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
-LOG_PRIOR_SD = 0.7
-"""Prior standard deviation of the logarithm of each component, a factor of two either way."""
-WIDE = 1.0
-"""Standard deviation of what drifts, relative: far more than it ever does."""
-LEAST_SHARE = 0.05
-"""Least value of a component, as a share of its default."""
-USUAL_LASTING, LOGIT_SD = 0.3, 1.5
-"""Share of a variance that lasts, and prior standard deviation of its logit."""
-LOG_MEMORY_SD, LONGEST_MEMORY = 1.0, 600.0
-"""Prior standard deviation of the logarithm of the memory, and the longest, s: more is drift."""
-MOST_CONTRASTS = 150
-"""Contrasts whose errors are taken to go together at most."""
+STEPS, ENOUGH = 100, 1e-9
+"""Points looked at at most, and the decrease foreseen below which none is looked for."""
+FARTHEST = 1.0
+"""Of a step, in each logarithm or logit."""
+CLOSE = 1.0
+"""Decrease foreseen from which on the rest of the curvature is learnt."""
+LEAST, HELD = 0.1, 0.1
+"""Least curvature along any way, and first damping, relative to the average information."""
+WORTH = 0.1
+"""Share of the decrease foreseen that a step must bring."""
 
 
 def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
@@ -52,250 +39,47 @@ def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
         return default
     loss = Loss(data, contrast, default)
     # Components that no contrast depends on stay at their defaults.
-    found = minimize(loss, np.zeros(len(loss.centre)), jac=True, method="L-BFGS-B", bounds=loss.bounds)
-    sds = found.x[: loss.sds]
+    x = lowest(loss)
+    sds = x[: loss.sds]
     return replace(
-        loss.components(found.x),
+        loss.components(x),
         contrasts=len(contrast),
         excess_scatter=float(np.exp(max(sds[len(default.channel)], *sds[len(default.channel) + 2 :], -np.inf))),
     )
 
 
-class Loss:
-    """Minus the log posterior of the components, with its gradient: logarithms of standard deviations (of each kind of channel,
-    the pressure, rest, each component of the trials), logits of what lasts (of each kind and the pressure), logarithm of the
-    memory; each relative to the centre of its prior."""
-
-    def __init__(self, data: Repeated, contrast: Array, default: NoiseComponents) -> None:
-        self._kinds, self._names = list(default.channel), list(data.scatter)
-        g, count = len(self._kinds), len(self._kinds) + 2 + len(self._names)
-        self.sds = count
-        trial = [default.trial[k] for k in self._names]
-        self.centre = np.concatenate(
-            [
-                np.log([*default.channel.values(), default.pressure, default.rest, *trial]),
-                np.full(g + 1, np.log(USUAL_LASTING / (1 - USUAL_LASTING))),
-                [np.log(default.memory)],
-            ]
-        )
-        self._prior_sd = np.concatenate([np.full(count, LOG_PRIOR_SD), np.full(g + 1, LOGIT_SD), [LOG_MEMORY_SD]])
-        lasts = bool((data.block >= 0).any())
-        self._lasts = float(lasts)
-        most = float(np.log(LONGEST_MEMORY / default.memory))
-        self.bounds = [
-            *[(np.log(LEAST_SHARE), 3.0)] * count, *[(-6.0, 6.0) if lasts else (0.0, 0.0)] * (g + 1),
-            (-3.0, most) if lasts else (0.0, 0.0),
-        ]  # fmt: skip
-        k, c = len(contrast), data.residual.shape[1]
-        self._member = np.array([self._kinds.index(kind) for kind in data.group])
-        order, parts = _together(contrast, data.block)
-        contrast = contrast[order]
-        drift = WIDE * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
-        trials = [_parted(contrast, data.scatter[name]) for name in self._names]
-        columns, self._of = _side_by_side([*trials, drift])
-        self._parts = [_Part(data, contrast[own], columns[own.start * c : own.stop * c]) for own in parts]
-
-    def components(self, x: Array) -> NoiseComponents:
-        """What a point stands for."""
-        g, at = len(self._kinds), self.centre + x
-        sd, share = np.exp(at[: self.sds]), self._lasts / (1 + np.exp(-at[self.sds : -1]))
-        return NoiseComponents(
-            channel=dict(zip(self._kinds, sd[:g].tolist(), strict=True)),
-            pressure=float(sd[g]),
-            trial=dict(zip(self._names, sd[g + 2 :].tolist(), strict=True)),
-            rest=float(sd[g + 1]),
-            contrasts=0,
-            lasting=dict(zip([*self._kinds, PRESSURE], share.tolist(), strict=True)) if self._lasts else {},
-            memory=float(np.exp(at[-1])),
-        )
-
-    def __call__(self, x: Array) -> tuple[float, Array]:
-        found, g = self.components(x), len(self._kinds)
-        kinds = [_Kind(found.channel[k], found.lasting.get(k, 0.0)) for k in self._kinds]
-        channels = [kinds[m] for m in self._member]
-        scale = np.array([*found.trial.values(), 1.0])[self._of]
-        columns = [p.columns * scale[p.at] for p in self._parts]
-        solved = [p.solved(channels, found, u) for p, u in zip(self._parts, columns, strict=True)]
-        inner, pulled = np.eye(len(scale)), np.zeros(len(scale))
-        for p, u, s in zip(self._parts, columns, solved, strict=True):
-            inner[np.ix_(p.at, p.at)] += u.T @ s.columns
-            pulled[p.at] += s.columns.T @ p.value
-        factor = cho_factor(inner, lower=True)
-        total = sum(s.log_det for s in solved) + float(np.log(np.diag(factor[0])).sum())
-        weight = cho_solve(factor, pulled)
-        total += 0.5 * (
-            sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight)
-        )
-        inverse = cho_solve(factor, np.eye(len(scale)))
-        by = np.zeros(len(x))
-        along, spread = np.zeros(len(scale)), np.zeros(len(scale))
-        for p, u, s in zip(self._parts, columns, solved, strict=True):
-            a, w = s.value - s.columns @ weight[p.at], s.columns @ inverse[np.ix_(p.at, p.at)]
-            # C^-1 of the part is its B^-1 less these columns times those.
-            gradient = p.gradient(s, np.column_stack([w, a]), np.column_stack([s.columns, a]), channels, found)
-            np.add.at(by, self._member, gradient.sd)
-            np.add.at(by, self.sds + self._member, gradient.share)
-            by[[g, g + 1, self.sds + g, -1]] += gradient.others
-            along[p.at] += u.T @ a
-            spread[p.at] += np.einsum("nu,nu->u", u, w)
-        for j in range(len(self._names)):
-            own = self._of == j
-            by[g + 2 + j] = spread[own].sum() - (along[own] ** 2).sum()
-        prior = x / self._prior_sd
-        return total + 0.5 * float(prior @ prior), by + prior / self._prior_sd
+def lowest(loss: Loss) -> Array:
+    """Where the loss is least within its bounds, from the centre of the priors on."""
+    x = np.zeros(len(loss.centre))
+    here, rest, damping = loss(x), np.zeros((len(x), len(x))), 0.0
+    for _ in range(STEPS):
+        step, foreseen = _step(here, here.curve + rest, damping, loss.low - x, loss.high - x)
+        if foreseen < ENOUGH:
+            break
+        there = loss(x + step)
+        if foreseen < CLOSE:
+            rest = _learnt(rest, there.slope - here.slope - there.curve @ step, step)
+        if here.value - there.value > WORTH * foreseen:
+            x, here, damping = x + step, there, damping / 4 if damping > HELD else 0.0
+        else:
+            damping = max(4 * damping, HELD)
+    return x
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """Standard deviation of a kind of channel, and the share of its variance that lasts."""
-
-    sd: float
-    lasting: float
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """B^-1 of one part, applied to the contrasts and to the columns U, and half its log determinant."""
-
-    own: Array
-    """(c, k, k) its blocks of single channels."""
-    shared: Array
-    """(k, k) R^T B^-1 R, summed over regulators."""
-    value: Array
-    columns: Array
-    log_det: float
+def _learnt(rest: Array, change: Array, step: Array) -> Array:
+    """The symmetric matrix of rank one more that turns the step into the change of slope that average information leaves."""
+    missed = change - rest @ step
+    along = float(missed @ step)
+    if abs(along) <= 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)):
+        return rest
+    return rest + np.outer(missed, missed) / along
 
 
-@dataclass(frozen=True)
-class _Gradient:
-    """By the logarithm of the sd and the logit of what lasts, of each channel (c,); of the pressure's sd, rest, the pressure's
-    share and the memory (4,)."""
-
-    sd: Array
-    share: Array
-    others: Array
-
-
-class _Part:
-    """k contrasts (k, n) whose errors go together, in c channels, and which of the columns (k c, u) are theirs."""
-
-    def __init__(self, data: Repeated, contrast: Array, columns: Array) -> None:
-        self.at = np.flatnonzero(columns.any(axis=0))
-        self.columns = columns[:, self.at]
-        used = np.flatnonzero(np.abs(contrast).max(axis=0) > 0)
-        self._contrast = contrast[:, used]
-        self.value = (contrast @ data.residual).ravel()
-        block, time = data.block[used], data.time[used]
-        apart = np.abs(time[:, None] - time[None, :])
-        self._apart = np.where((block[:, None] == block[None, :]) & (block[:, None] >= 0), apart, np.inf)
-        np.fill_diagonal(self._apart, 0.0)
-        # A contrast's weights squared sum to one: the response of its states, averaged.
-        weight = contrast**2
-        self._resting = weight @ data.resting
-        self._response = np.einsum("kn,ncr->ckr", weight, data.pressure_response)
-        self._kept = (np.nan, np.zeros(0), np.zeros(0))
-
-    def _lasting(self, memory: float) -> tuple[Array, Array]:
-        """(k, k) covariance of contrasts of what lasts, of variance one, and its derivative by the logarithm of the memory."""
-        if self._kept[0] != memory:
-            ratio = self._apart / memory
-            kept = np.exp(-ratio)
-            grown = np.where(np.isfinite(ratio), ratio, 0.0) * kept
-            a = self._contrast
-            self._kept = (memory, a @ kept @ a.T, a @ grown @ a.T)
-        return self._kept[1], self._kept[2]
-
-    def solved(self, channels: list[_Kind], found: NoiseComponents, columns: Array) -> _Solved:
-        """The covariance B solved."""
-        lasting, _ = self._lasting(found.memory)
-        (c, k, r), q, quiet = self._response.shape, found.lasting.get(PRESSURE, 0.0), self._quiet(found)
-        by_kind = {
-            kind: _inverse(kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet)))
-            for kind in set(channels)
-        }
-        apart = np.array([by_kind[kind][0] for kind in channels])
-        # Two axes for R: k and r are put side by side as k r.
-        spread = (apart[..., None] * self._response[:, None]).reshape(c, k, k * r)
-        factor = np.kron(np.linalg.cholesky(found.pressure**2 * ((1 - q) * np.eye(k) + q * lasting)), np.eye(r))
-        together = self._gathered(spread)
-        inner, log_det = _inverse(np.eye(k * r) + factor.T @ together @ factor)
-        kept = factor @ inner @ factor.T
-        every = np.column_stack([self.value, columns]).reshape(k, c, -1).swapaxes(0, 1)
-        solved = apart @ every
-        solved -= spread @ (kept @ self._gathered(solved))
-        solved = solved.swapaxes(0, 1).reshape(k * c, -1)
-        shared = (together - together @ kept @ together).reshape(k, r, k, r)
-        return _Solved(
-            apart - (spread @ kept) @ spread.swapaxes(1, 2), np.einsum("krlr->kl", shared), solved[:, 0], solved[:, 1:],
-            sum(by_kind[kind][1] for kind in channels) + log_det,
-        )  # fmt: skip
-
-    def _gathered(self, values: Array) -> Array:
-        """(k r, u) R^T of values (c, k, u)."""
-        return np.asarray(np.einsum("ckr,cku->kru", self._response, values).reshape(-1, values.shape[2]))
-
-    def _quiet(self, found: NoiseComponents) -> Array:
-        """(k,) white variance, as a factor on that of states read while ramping."""
-        return np.asarray(1 + (found.rest**2 - 1) * self._resting)
-
-    def gradient(
-        self, solved: _Solved, left: Array, right: Array, channels: list[_Kind], found: NoiseComponents
-    ) -> _Gradient:
-        """sum(half * dB) with half = (B^-1 - left right^T) / 2, of columns (k c, u)."""
-        lasting, grown = self._lasting(found.memory)
-        (c, k, r), quiet = self._response.shape, self._quiet(found)
-        left, right = (x.reshape(k, c, -1).swapaxes(0, 1) for x in (left, right))
-        own = 0.5 * (solved.own - left @ right.swapaxes(1, 2))
-        slow, longer = (own * lasting).sum(axis=(1, 2)), (own * grown).sum(axis=(1, 2))
-        diagonal = np.einsum("ckk->ck", own)
-        white = diagonal @ quiet
-        var, share = np.array([(kind.sd**2, kind.lasting) for kind in channels]).T
-        by_rest = 2 * found.rest**2 * float((var * (1 - share) * (diagonal @ self._resting)).sum())
-        by_left, by_right = (self._gathered(x).reshape(k, r, -1) for x in (left, right))
-        shared = 0.5 * found.pressure**2 * (solved.shared - np.einsum("kru,lru->kl", by_left, by_right, optimize=True))
-        q = found.lasting.get(PRESSURE, 0.0)
-        at_once, kept = float(np.trace(shared)), float((shared * lasting).sum())
-        by_memory = float((var * share * longer).sum() + q * (shared * grown).sum())
-        others = np.array([2 * ((1 - q) * at_once + q * kept), by_rest, q * (1 - q) * (kept - at_once), by_memory])
-        return _Gradient(
-            2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), others
-        )
-
-
-def _inverse(matrix: Array) -> tuple[Array, float]:
-    """Inverse of a positive definite matrix, which is overwritten, and half its log determinant."""
-    factor, failed = dpotrf(matrix.T, lower=1, overwrite_a=1)
-    if failed:
-        raise np.linalg.LinAlgError("the covariance of the contrasts is not positive definite")
-    log_det = float(np.log(np.diag(factor)).sum())
-    lower = np.tril(dpotri(factor, lower=1, overwrite_c=1)[0])
-    return lower + np.tril(lower, -1).T, log_det
-
-
-def _parted(contrast: Array, scatter: Scatter) -> Array:
-    """(contrasts, columns) of a component: one column for each parameter of each trial or repeat."""
-    own = (scatter.part[:, None] == np.unique(scatter.part)[None, :]).astype(float)
-    made = np.einsum("kn,nca,nt->kcta", contrast, scatter.response, own, optimize=True)
-    return np.asarray(made.reshape(made.shape[0] * made.shape[1], -1))
-
-
-def _side_by_side(several: list[Array]) -> tuple[Array, Ints]:
-    """Columns of all, and of which each is."""
-    return np.hstack(several), np.repeat(np.arange(len(several)), [x.shape[1] for x in several])
-
-
-def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:
-    """An order of the contrasts (k, n), and slices of it whose errors go together as their states are of the same blocks."""
-    k = len(contrast)
-    used = (contrast != 0) & (block >= 0)
-    links = csr_array(used @ (block[:, None] == np.unique(block)[None, :]).astype(float))
-    _, part = connected_components(links @ links.T, directed=False)
-    order = np.argsort(part, kind="stable")
-    cuts = {0, k, *(np.flatnonzero(np.diff(part[order])) + 1).tolist()}
-    ends = sorted(cuts)
-    each = [
-        slice(a, min(a + MOST_CONTRASTS, e))
-        for b, e in zip(ends, ends[1:], strict=False)
-        for a in range(b, e, MOST_CONTRASTS)
-    ]
-    return order, each
+def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) -> tuple[Array, float]:
+    """The step within bounds, and how much lower the quadratic is there."""
+    size, way = eigh(curve, here.curve)
+    way = here.curve @ way
+    curve = (way * (np.maximum(size, LEAST) + damping)) @ way.T
+    low, high = np.maximum(low, -FARTHEST), np.minimum(high, FARTHEST)
+    (step,) = box_minima(curve[None], here.slope[None], low[None], high[None])
+    return step, -float(here.slope @ step + 0.5 * step @ curve @ step)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.data.first_calibration import calibrate_first
+from diagnosis.data.first_calibration import _Misfit, calibrate_first
 from diagnosis.diagnose import diagnose
 from diagnosis.fit_effects import fit_effects
 from model.condition import conditions
@@ -66,6 +66,15 @@ def test_what_is_far_off_is_found_and_told(case: Measured, told: Robot, name: st
     assert [a.name for a in first.adjusted] == [name] and not first.adjusted[0].at_bound
     assert first.adjusted[0].found == pytest.approx(found, rel=0.1, abs=6)
     assert first.after < 0.3 * first.before and name in first.concern
+
+
+def test_the_slope_of_what_is_left_is_its_slope(case: Measured) -> None:
+    own, _ = states(case)
+    misfit = _Misfit(ROBOT, own)
+    theta = np.array([0.1, -0.2, 0.3, 0.05, -0.04, 0.02, -0.01, 0.03])
+    steps = 1e-6 * np.eye(8)
+    said = np.column_stack([(misfit.residual(theta + h) - misfit.residual(theta - h)) / 2e-6 for h in steps])
+    assert misfit.slope(theta) == pytest.approx(said, rel=1e-4, abs=1e-4)
 
 
 def by_groups(case: Measured, told: Robot) -> Measured:

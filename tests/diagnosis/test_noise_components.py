@@ -7,14 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from diagnosis.data.case import states
 from diagnosis.data.noise import blocks
-from diagnosis.data.noise_components import NoiseComponents, Repeated, Scatter, contrasts, reading_rms
-from diagnosis.data.noise_estimate import Loss, estimate_noise
+from diagnosis.data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts, reading_rms
+from diagnosis.data.noise_estimate import estimate_noise, lowest
+from diagnosis.data.noise_likelihood import LOG_MEMORY_SD, LOG_PRIOR_SD, LOGIT_SD, WIDE, Loss
 from diagnosis.inference.prepare import prepare
 from tests.diagnosis.small_campaigns import FEW, measured
 from tests.diagnosis.test_case import case
+
+Array = NDArray[np.float64]
 
 DEFAULT_NOISE = NoiseComponents({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 
@@ -136,16 +140,69 @@ def test_without_times_nothing_lasts() -> None:
     assert estimate_noise(replace(data, block=np.full(len(data.time), -1)), BARE).lasting == {}
 
 
-def test_the_gradient_of_the_loss_is_its_gradient() -> None:
+def lasting_and_drifting() -> Repeated:
+    """All that contrasts can differ by."""
     data = repeated(1, 0.2e-3, 800.0, 2e-3)
     data = replace(data, block=data.scatter["spine_length"].part, time=10.0 * np.arange(len(data.condition)))
-    data = replace(
-        data, resting=data.condition % 3 == 0, drift=np.ones((len(data.condition), 3, 1)) * data.time[:, None, None]
-    )
+    drift = 1e-6 * np.ones((len(data.condition), 3, 1)) * data.time[:, None, None]
+    return replace(data, resting=data.condition % 3 == 0, drift=drift)
+
+
+def covariance(data: Repeated, found: NoiseComponents) -> Array:
+    """(k c, k c) of all contrasts, written down as a person would."""
+    contrast, c = contrasts(data.condition), data.residual.shape[1]
+    together = (data.block[:, None] == data.block[None, :]) & (data.block[:, None] >= 0)
+    lasts = np.where(together, np.exp(-np.abs(data.time[:, None] - data.time[None, :]) / found.memory), 0.0)
+    np.fill_diagonal(lasts, 1.0)
+    quiet = np.diag((contrast**2) @ np.where(data.resting, found.rest**2, 1.0))
+    lasts = contrast @ lasts @ contrast.T
+    response = np.einsum("kn,ncr->ckr", contrast**2, data.pressure_response)
+    k, share = len(contrast), found.lasting[PRESSURE]
+    of_pressure = found.pressure**2 * ((1 - share) * np.eye(k) + share * lasts)
+    out = np.einsum("ikr,kl,jlr->kilj", response, of_pressure, response)
+    for i, kind in enumerate(data.group):
+        own = found.lasting[kind]
+        out[:, i, :, i] += found.channel[kind] ** 2 * (own * lasts + (1 - own) * quiet)
+    wide = [WIDE * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)]
+    for name, scatter in data.scatter.items():
+        own = (scatter.part[:, None] == np.unique(scatter.part)).astype(float)
+        wide.append(
+            found.trial[name] * np.einsum("kn,nca,nt->kcta", contrast, scatter.response, own).reshape(k * c, -1)
+        )
+    columns = np.hstack(wide)
+    return np.asarray(out.reshape(k * c, k * c) + columns @ columns.T)
+
+
+def test_the_loss_is_that_of_the_covariance_of_all_contrasts() -> None:
+    data = lasting_and_drifting()
     loss = Loss(data, contrasts(data.condition), DEFAULT_NOISE)
+    value = (contrasts(data.condition) @ data.residual).ravel()
     x = 0.1 * np.array([1.0, -2, 3, 1, -1, 2, 1])
+    here, dense = loss(x), covariance(data, loss.components(x))
+    prior = np.array([*[LOG_PRIOR_SD] * 4, *[LOGIT_SD] * 2, LOG_MEMORY_SD])
+    solved = np.linalg.solve(dense, value)
+    said = 0.5 * float(np.linalg.slogdet(dense)[1] + value @ solved + (x / prior) @ (x / prior))
+    assert here.value == pytest.approx(said, abs=1e-8 * abs(said))
     steps = 1e-5 * np.eye(len(x))
-    assert loss(x)[1] == pytest.approx([(loss(x + h)[0] - loss(x - h)[0]) / 2e-5 for h in steps], rel=1e-4, abs=1e-3)
+    by = [(covariance(data, loss.components(x + h)) - covariance(data, loss.components(x - h))) / 2e-5 for h in steps]
+    slope = [0.5 * float(np.trace(np.linalg.solve(dense, d)) - solved @ d @ solved) for d in by] + x / prior**2
+    assert here.slope == pytest.approx(slope, rel=1e-5, abs=1e-4)
+    moved = np.column_stack([d @ solved for d in by])
+    information = 0.5 * moved.T @ np.linalg.solve(dense, moved) + np.diag(prior**-2.0)
+    assert here.curve == pytest.approx(information, rel=1e-4, abs=1e-4)
+
+
+def test_the_estimate_is_where_no_step_leads_down() -> None:
+    data = lasting_and_drifting()
+    loss = Loss(data, contrasts(data.condition), DEFAULT_NOISE)
+    x = lowest(loss)
+    here, held = loss(x), np.isclose(x, loss.low) | np.isclose(x, loss.high)
+    assert (loss.low <= x).all() and (x <= loss.high).all()
+    assert np.abs(here.slope[~held]).max() < 1e-3
+    assert (here.slope[np.isclose(x, loss.low)] >= 0).all() and (here.slope[np.isclose(x, loss.high)] <= 0).all()
+    rng = np.random.default_rng(0)
+    around = np.clip(x + 0.1 * rng.normal(size=(20, len(x))), loss.low, loss.high)
+    assert min(loss(other).value for other in around) > here.value
 
 
 def test_a_long_trial_is_cut() -> None:
