@@ -27,6 +27,16 @@ def test_importing_it_costs_next_to_nothing_and_its_names_are_known() -> None:
         lab.nothing  # noqa: B018
 
 
+def test_a_recording_is_described_without_drivers_and_kernels() -> None:
+    recording = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
+    said = (
+        "import sys; from lab.cli import main; code = main(['info', sys.argv[1]]); "
+        "print(code, sorted(m for m in sys.modules if m.split('.')[0] in ('drivers', 'numba', 'scipy', 'pymodbus')))"
+    )
+    done = subprocess.run([sys.executable, "-c", said, str(recording)], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("0 []\n")
+
+
 def test_prediction_follows_the_rod() -> None:
     robot = lab.load_robot(paper_robot())
     tips = lab.predict(robot, [[0.0] * 9, [100e3, 100e3, 0, 0, 0, 0, 0, 0, 100e3]], spine_length=[0.0, 0.1])
