@@ -31,7 +31,7 @@ from ..inference.discrepancy import columns as smooth_columns
 from ..inference.evidence import SPIKES, Hypothesis
 from ..inference.posterior import UNKNOWN, Posterior
 from ..inference.prepare import Prepared
-from ..inference.reading_noise import noise_to_come
+from ..inference.reading_noise import OFFSET, noise_to_come
 from .distinguishability import Distinguishability
 
 Array = NDArray[np.float64]
@@ -138,7 +138,8 @@ class Rivals:
             total += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T
             size = max(c.grid_point.size, LEAST_SIZE)
             total += size**2 * smooth @ smooth.T
-            by_pressure = slope[:, [names["pressure_offset.offset"]]]
+            offset = names.get(OFFSET)
+            by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
             total += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance
             for effect in c.named:
                 done = mean - forward.predict(_without(theta, forward, effect))

@@ -34,6 +34,8 @@ VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 LONGEST_BLOCK = 40
 """States of a trial whose errors are taken to go together at most."""
+OFFSET = "pressure_offset.offset"
+"""The parameter by which readings change as they do with an error of the pressure."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 
@@ -159,11 +161,11 @@ def pressure_response(forward: ForwardModel, states: States, made: Parameters, s
     """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
     row, pressure = forward.observations.row, with_vented_at_zero(states)
     together = regulators(states.pressure, pressure)
-    if "pressure_offset.offset" not in made.names:
+    if OFFSET not in made.names:
         return np.zeros((len(slope), len(together)))
     inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
     alone = inflated.sum(axis=1) == 1
-    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index("pressure_offset.offset")]]
+    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index(OFFSET)]]
     several = (~alone & inflated.any(axis=1))[row]
     if several.any():
         for r, own in enumerate(together):

@@ -95,6 +95,12 @@ def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> No
     assert verdicts == [(spec.id,), ()]
 
 
+def test_experiments_are_proposed_with_a_catalogue_that_knows_no_wrong_pressures() -> None:
+    one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
+    found = diagnose(measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, catalogue=one))
+    assert found.attribute.effects == ("chamber_azimuth",) and found.next_experiment
+
+
 def test_linear_algebra_has_one_thread_while_a_diagnosis_goes_on_whatever_the_program_says() -> None:
     threads: set[int] = set()
 
