@@ -155,7 +155,7 @@ def _search(
     forward = forward.near(theta) if rounds else forward
     for _ in range(rounds):
         local = _Local(misfit, theta, predicted, slope, scale, mean)
-        if np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < tolerance:
+        if np.isfinite(cost) and np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < tolerance:
             break
         tried, reached, begun, given_up = theta, np.inf, damping, False
         while damping < len(dampings):

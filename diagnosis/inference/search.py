@@ -88,7 +88,7 @@ class Extent:
     """Leading pairs that are followed."""
     triples: int = 2
     pruned: int = 3
-    """Times the leading hypothesis is tried with one effect less."""
+    """Times that a hypothesis is tried with one effect less."""
     finish: int = 8
     """Leading hypotheses that are searched to the end."""
 
@@ -395,21 +395,27 @@ class Search:
         return list(self._weigh_around(around, children, c.with_tolerances).values())
 
     def _prune(self) -> None:
-        """The leading hypotheses of several effects with one effect less, searched from where they were found: a search for
-        fewer effects that began at none may have ended elsewhere."""
+        """The leading hypothesis with one effect less, and the best of these with one less again, searched from where they were
+        found: a search for fewer effects that began at none may have ended elsewhere."""
         tried: set[tuple[Hypothesis, bool]] = set()
+        pruned: set[tuple[Hypothesis, bool]] = set()
+        shorter: list[Candidate] = []
         steps = np.linspace(*PRUNING, self.extent.pruned + 1)
         for begin, end in itertools.pairwise(steps.tolist()):
-            c = max(self._tried.values(), key=_evidence)
-            fewer = [tuple(x for x in c.named if x != e) for e in c.named if len(c.named) > 1]
-            fresh = [Task(h, begun=c) for h in fewer if (h, c.with_tolerances) not in tried]
-            tried |= {(h, c.with_tolerances) for h in fewer}
+            leading = max(self._tried.values(), key=_evidence)
+            left = [c for c in (leading, *shorter) if len(c.named) > 1 and (c.named, c.with_tolerances) not in pruned]
+            if not left:
+                return
+            c = max(left, key=_evidence)
+            pruned.add((c.named, c.with_tolerances))
+            fewer = {(tuple(x for x in c.named if x != e), c.with_tolerances): None for e in c.named}
+            fresh = [Task(h, begun=c) for h, with_tolerances in fewer if (h, with_tolerances) not in tried]
+            tried |= set(fewer)
             for (found,) in self._map(self._searched_from, fresh, begin, end):
                 known = self._tried.get((found.named, found.with_tolerances))
                 if known is None or found.log_evidence > known.log_evidence:
                     self._keep(found)
-            if not fresh:
-                return
+            shorter = [self._tried[key] for key in fewer]
 
     def _searched_from(self, task: Task) -> list[Candidate]:
         """Some of a candidate's effects, searched from where all of them were found."""

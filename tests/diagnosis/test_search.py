@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.inference.candidate import Candidate, Task
 from diagnosis.inference.evidence import NONE, Hypothesis
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.fit import fit
@@ -58,6 +59,26 @@ def test_threads_change_nothing_and_progress_only_rises() -> None:
     alone, shared = Search(problem).run(), Search(problem, executor=Executor(3, told.append)).run()
     assert [(c.named, c.log_evidence) for c in alone] == [(c.named, c.log_evidence) for c in shared]
     assert told == sorted(told) and 0 < told[0] < told[-1] < 1
+
+
+def test_single_effects_are_searched_from_where_a_leading_triple_was_found() -> None:
+    search = Search(toy_problem(3, {"play": 0.8}))
+    search.run()
+    single, triple = ("play",), tuple(e for e in IDS if e in ("stiffer", "play", "turned"))
+    found = search.found[single].log_evidence
+
+    def worth(c: Candidate, log_evidence: float) -> Candidate:
+        return replace(c, weighed=replace(c.weighed, log_evidence=log_evidence))
+
+    known = search._tried[single, False]
+    (three,) = search._searched_from(Task(triple, begun=known))
+    search._tried = {
+        (triple, False): worth(three, found + 50.0),
+        (single, False): worth(known, found - 50.0),  # a search that ended elsewhere
+    }
+    search._prune()
+    assert search._tried[single, False].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
+    assert {len(h) for h, _ in search._tried} == {1, 2, 3}
 
 
 class _Snapping(ToyForward):
