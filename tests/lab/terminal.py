@@ -16,7 +16,7 @@ from typing import Any
 
 ACTS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 """What moves the cursor or colours text."""
-WITHIN = 90.0
+WITHIN = 300.0
 LAB = (sys.executable, "-m", "lab.cli")
 
 
