@@ -297,7 +297,9 @@ def _told(
         out.append(Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any())))
     for k, axis in enumerate("xyz"):
         if beyond[ORIGIN + k]:
-            out.append(Adjusted(f"origin of the tip's {axis}", 0.0, float(shift[k]) * 1e3, "mm", bool(at_bound[5 + k])))
+            out.append(
+                Adjusted(f"origin of the tip's {axis}", 0.0, float(shift[k]) * 1e3, "mm", bool(at_bound[ORIGIN + k]))
+            )
     return tuple(out)
 
 

@@ -151,7 +151,7 @@ class Loss:
         prior = 1 / self._prior_sd**2
         return Point(total + 0.5 * float(x**2 @ prior), by + prior * x, 0.5 * information + np.diag(prior))
 
-    def _moved(self, of: _Moved, columns: Array, along: Array) -> Array:
+    def _moved(self, of: _ByParameter, columns: Array, along: Array) -> Array:
         """(k c, x) what the covariance of a part, changed by each parameter, makes of what it was applied to; `along`
         (components, u) are the products of the columns (k c, u) with it, of each component's own."""
         g, (k, c) = len(self._kinds), of.others.shape[:2]
@@ -189,18 +189,9 @@ class _Solved:
 
 
 @dataclass(frozen=True)
-class _Gradient:
-    """By the logarithm of the sd and the logit of what lasts, of each channel (c,); of the pressure's sd, rest, the pressure's
-    share and the memory (4,)."""
-
-    sd: Array
-    share: Array
-    others: Array
-
-
-@dataclass(frozen=True)
-class _Moved:
-    """The covariance's derivatives applied to a vector, as its gradient's: (k, c), (k, c), (k, c, 4)."""
+class _ByParameter:
+    """Of each parameter: by the logarithm of the sd and the logit of what lasts, of each channel; by the pressure's sd, rest, the
+    pressure's share and the memory. A gradient (c,), (c,), (4,), or what a vector is turned into (k, c), (k, c), (k, c, 4)."""
 
     sd: Array
     share: Array
@@ -274,52 +265,59 @@ class _Part:
 
     def gradient(
         self, solved: _Solved, left: Array, right: Array, channels: list[_Kind], found: NoiseComponents
-    ) -> _Gradient:
+    ) -> _ByParameter:
         """sum(half * dB) with half = (B^-1 - left right^T) / 2, of columns (k c, u)."""
         lasting, grown = self._lasting(found.memory)
         (c, k, r), quiet = self._response.shape, self._quiet(found)
         left, right = (x.reshape(k, c, -1).swapaxes(0, 1) for x in (left, right))
         own = 0.5 * (solved.own - left @ right.swapaxes(1, 2))
-        slow, longer = (own * lasting).sum(axis=(1, 2)), (own * grown).sum(axis=(1, 2))
         diagonal = np.einsum("ckk->ck", own)
-        white = diagonal @ quiet
-        var, share = np.array([(kind.sd**2, kind.lasting) for kind in channels]).T
-        by_rest = 2 * found.rest**2 * float((var * (1 - share) * (diagonal @ self._resting)).sum())
         by_left, by_right = (self._gathered(x).reshape(k, r, -1) for x in (left, right))
-        shared = 0.5 * found.pressure**2 * (solved.shared - np.einsum("kru,lru->kl", by_left, by_right, optimize=True))
-        q = found.lasting.get(PRESSURE, 0.0)
-        at_once, kept = float(np.trace(shared)), float((shared * lasting).sum())
-        by_memory = float((var * share * longer).sum() + q * (shared * grown).sum())
-        others = np.array([2 * ((1 - q) * at_once + q * kept), by_rest, q * (1 - q) * (kept - at_once), by_memory])
-        return _Gradient(
-            2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), others
+        shared = 0.5 * (solved.shared - np.einsum("kru,lru->kl", by_left, by_right, optimize=True))
+        by_channel = (
+            (own * lasting).sum(axis=(1, 2)),
+            diagonal @ quiet,
+            (own * grown).sum(axis=(1, 2)),
+            diagonal @ self._resting,
         )
+        by_regulators = np.trace(shared), (shared * lasting).sum(), (shared * grown).sum()
+        return _by_parameter(by_channel, by_regulators, channels, found, lambda of_channels: of_channels.sum())
 
-    def moved(self, values: Array, channels: list[_Kind], found: NoiseComponents) -> _Moved:
+    def moved(self, values: Array, channels: list[_Kind], found: NoiseComponents) -> _ByParameter:
         """dB of each parameter, applied to values (k c,)."""
         lasting, grown = self._lasting(found.memory)
-        (c, k, r), quiet = self._response.shape, self._quiet(found)
+        c, k, r = self._response.shape
         own = values.reshape(k, c)
-        var, share = np.array([(kind.sd**2, kind.lasting) for kind in channels]).T
-        slow, white, longer = lasting @ own, quiet[:, None] * own, grown @ own
         at_once = self._gathered(own.T[..., None]).reshape(k, r)
-        q, of_pressure = found.lasting.get(PRESSURE, 0.0), found.pressure**2
 
         def spread(of_regulators: Array) -> Array:
             return np.asarray(np.einsum("ckr,kr->kc", self._response, of_regulators))
 
-        kept, alone = spread(lasting @ at_once), spread(at_once)
-        others = (
-            2 * of_pressure * ((1 - q) * alone + q * kept),
-            2 * found.rest**2 * var * (1 - share) * self._resting[:, None] * own,
-            of_pressure * q * (1 - q) * (kept - alone),
-            var * share * longer + of_pressure * q * spread(grown @ at_once),
-        )
-        return _Moved(
-            2 * var * (share * slow + (1 - share) * white),
-            var * share * (1 - share) * (slow - white),
-            np.stack(others, -1),
-        )
+        by_channel = lasting @ own, self._quiet(found)[:, None] * own, grown @ own, self._resting[:, None] * own
+        by_regulators = spread(at_once), spread(lasting @ at_once), spread(grown @ at_once)
+        return _by_parameter(by_channel, by_regulators, channels, found, lambda of_channels: of_channels)
+
+
+def _by_parameter(
+    by_channel: tuple[Array, Array, Array, Array], by_regulators: tuple[Array, Array, Array], channels: list[_Kind],
+    found: NoiseComponents, together: Callable[[Array], Array],
+) -> _ByParameter:  # fmt: skip
+    """The chain rule through B, from what its derivatives are made of: of each channel (.., c) by what lasts, what does not, the
+    lasting's growth with the memory and states at rest; of the regulators (..) by what does not last, what does, and its growth.
+    `together`: of all channels, for what they share."""
+    slow, white, longer, resting = by_channel
+    at_once, kept, grown = by_regulators
+    var, share = np.array([(kind.sd**2, kind.lasting) for kind in channels]).T
+    of_pressure, q = found.pressure**2, found.lasting.get(PRESSURE, 0.0)
+    others = (
+        2 * of_pressure * ((1 - q) * at_once + q * kept),
+        2 * found.rest**2 * together(var * (1 - share) * resting),
+        of_pressure * q * (1 - q) * (kept - at_once),
+        together(var * share * longer) + of_pressure * q * grown,
+    )
+    return _ByParameter(
+        2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), np.stack(others, -1)
+    )
 
 
 def _inverse(matrix: Array) -> tuple[Array, float]:

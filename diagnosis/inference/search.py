@@ -408,8 +408,8 @@ class Search:
                 return
             c = max(left, key=_evidence)
             pruned.add((c.named, c.with_tolerances))
-            fewer = {(tuple(x for x in c.named if x != e), c.with_tolerances): None for e in c.named}
-            fresh = [Task(h, begun=c) for h, with_tolerances in fewer if (h, with_tolerances) not in tried]
+            fewer = [(tuple(x for x in c.named if x != e), c.with_tolerances) for e in c.named]
+            fresh = [Task(key[0], begun=c) for key in fewer if key not in tried]
             tried |= set(fewer)
             for (found,) in self._map(self._searched_from, fresh, begin, end):
                 known = self._tried.get((found.named, found.with_tolerances))
