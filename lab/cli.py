@@ -74,9 +74,9 @@ def _watch(a: argparse.Namespace) -> int:
 
 
 def _safe(a: argparse.Namespace) -> int:
-    from .verbs.safe import safe
+    from .verbs.safe import safe, safe_all
 
-    return safe(a.rig, a.json, a.clear)
+    return safe_all(a.json) if a.all else safe(a.rig, a.json, a.clear)
 
 
 def _fakes(a: argparse.Namespace) -> int:
@@ -352,7 +352,11 @@ def parser() -> argparse.ArgumentParser:
     )
 
     p = verb("safe", _safe, "vent, stop and release the spine, confirmed by reading back", reads=True)
-    p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
+    which = p.add_mutually_exclusive_group(required=True)
+    which.add_argument("--rig", type=Path, help="rig.yaml")
+    which.add_argument(
+        "--all", action="store_true", help="every rig of this computer that is in use or was not left safe"
+    )
     p.add_argument("--clear", action="store_true", help="unlock the rig when everything is confirmed safe")
 
     p = verb("fakes", _fakes, "start the fake instruments and print the rig.yaml that reaches them")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, Union
 
@@ -33,7 +35,7 @@ from drivers.registry import ROLES
 from recordings.messages import NAME
 
 from .all_drivers import drivers, found_drivers
-from .config import ConfigError, check, read_yaml
+from .config import ConfigError, Source, check, read_yaml
 
 
 class Table(BaseModel):
@@ -266,21 +268,71 @@ def load_rig(path: Path) -> RigFile:
     return rig.model_copy(update={"robot": robot}).read_from(path.resolve())
 
 
-def load_rig_to_make_safe(path: Path) -> tuple[RigFile, dict[str, str]]:
-    """Read rig.yaml as far as a landing needs it: without its robot, and without instruments whose driver cannot be used.
+@dataclass(frozen=True)
+class Readable:
+    """What can be read of a rig.yaml, for a landing."""
 
-    Returns the rig, and for each instrument that is left out why. Raises ConfigError.
-    """
-    source = read_yaml(path)
-    beyond = _unusable(source.data)
-    data: Any = source.data
-    for key in beyond:
-        if key.startswith(SENSORS):
-            del data["instruments"]["sensors"][key.removeprefix(SENSORS)]
-        else:
-            del data["instruments"][key]
-    rig = check(source, RigFile)
-    return rig.model_copy(update={"robot": (path.parent / rig.robot).resolve()}).read_from(path.resolve()), beyond
+    rig: RigFile
+    missing: Mapping[str, str]
+    """The instruments that cannot be used, and why."""
+    notes: tuple[str, ...]
+    """What else is wrong, and what is used instead."""
+
+
+def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
+    """Read rig.yaml as far as a landing needs it: without its robot, each table by itself, and where one cannot be used,
+    as it was in the `last` rig. Raises ConfigError when there is nothing to land by."""
+    try:
+        source = read_yaml(path)
+        if not isinstance(source.data, dict) or not isinstance(source.data.get("instruments"), dict):
+            raise ConfigError(f"{path}: has no table of instruments")
+    except ConfigError as e:
+        if last is None:
+            raise
+        return Readable(last, {}, (f"{e}\nmaking the rig safe by the rig.yaml that it was last used with",))
+    kept, notes = _sound_tables(source, last)
+    missing = _unusable(source.data)
+    tables: dict[str, Any] = {}
+    for key, table in source.data["instruments"].items():
+        try:
+            if key in ROLES and key != SENSOR and key not in missing and table is not None:
+                tables[key] = getattr(_with(source, {key: table}).instruments, key)
+        except ConfigError as e:
+            if (known := getattr(last.instruments, key, None) if last is not None else None) is not None:
+                tables[key] = known
+                notes.append(f"{e}\nusing instruments.{key} as the rig was last used with it")
+            else:
+                missing[key] = str(e)
+    for key in set(ROLES) - {SENSOR} - set(source.data["instruments"]):
+        if last is not None and (known := getattr(last.instruments, key)) is not None:
+            tables[key] = known
+            notes.append(f"{path}: has no instruments.{key} any more; using it as the rig was last used with it")
+    robot = (path.parent / "robot.yaml").resolve()
+    rig = kept.model_copy(update={"instruments": Instruments(**tables), "robot": robot})
+    return Readable(rig.read_from(path.resolve()), missing, tuple(notes))
+
+
+def _with(source: Source, instruments: dict[str, Any], **tables: Any) -> RigFile:
+    """The rig that has these tables alone; raises ConfigError."""
+    return check(Source(source.name, {"name": "rig", "robot": "robot.yaml", "instruments": instruments, **tables},
+                        source.lines), RigFile)  # fmt: skip
+
+
+def _sound_tables(source: Source, last: RigFile | None) -> tuple[RigFile, list[str]]:
+    """The rig without instruments, with those of its other tables that are sound."""
+    rig, notes = _with(source, {}), []
+    assert isinstance(source.data, dict)
+    for key in ("clock", "safe", "limits"):
+        if key in source.data:
+            try:
+                found = getattr(_with(source, {}, **{key: source.data[key]}), key)
+            except ConfigError as e:
+                found = getattr(last or rig, key)
+                notes.append(
+                    f"{e}\nusing {key} {'as the rig was last used with it' if last else 'as it is by default'}"
+                )
+            rig = rig.model_copy(update={key: found})
+    return rig, notes
 
 
 def _unusable(data: Any) -> dict[str, str]:

@@ -4,6 +4,7 @@ that something has failed.
 After a landing of its own it takes no command until a person has confirmed. The latch is on disk from the first command that
 energises anything until the safe state is read back. In a run the guard is a process of its own (`process.py`); a
 program that lands a rig whose guard was lost, and `lab safe`, are the guard themselves, since there is no time to start one.
+Whoever wants the rig safe asks at the guard's door (`door.py`).
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from drivers.errors import InstrumentError
@@ -21,18 +23,23 @@ from drivers.interfaces import Identity
 
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
+from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
-from .instruments import COMMANDS, ENERGISING, POLLED
-from .landing import Instruments, Landing, SafeReport
-from .latch import Latch
+from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, owned_names
+from .landing import Instruments, Landing
+from .last_used import forget, remember
+from .latch import Latch, RigLocked
 from .limit_monitor import LimitMonitor
 from .messages import Event, RigLanded
+from .report import SafeReport
 from .under_force import UnderForce
 
 CLIPPED = 1e3
 """Pa by which a set-point must be clipped to be worth a line in the log."""
 JUST_TRIED = 5.0
 """Host seconds in which a landing that was not confirmed is not repeated; the drivers stop once more as they close."""
+REACH_WITHIN = 8.0
+"""Host seconds in which an actuator must let itself be opened; an earlier connection to the arm takes some to end."""
 LOG_EVERY = 1.0
 """Host seconds between two such lines."""
 
@@ -59,10 +66,14 @@ class Owned:
 class Guard:
     """One rig's guard."""
 
-    def __init__(self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody) -> None:
-        """`despite_latch`: also a locked rig may be commanded, by a person who sees to it."""
+    def __init__(
+        self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody, about: str = ""
+    ) -> None:
+        """`despite_latch`: also a locked rig may be commanded, by a person who sees to it. `about`: the command served."""
         self.rig, self.clock, self.tell = rig, clock, tell
         self.latch = Latch(rig.path) if rig.path is not None else None
+        self._about = about
+        self._door = Door(owned_names(rig), self, str(rig.path or ""), about)
         self.despite_latch = despite_latch
         self.monitor = LimitMonitor(self.rig)
         self.own = Owned()
@@ -84,6 +95,8 @@ class Guard:
         """Why the guard landed the rig by itself; empty while it takes commands."""
         self.handed_over = ""
         """Who has the rig now; empty while it is this guard's."""
+        self.ending = False
+        """Its program has ended: it lands the rig and gives it back."""
         self._cause: InstrumentError | None = None
         self._landing_lock = threading.RLock()
         self._deciding = threading.Lock()
@@ -97,12 +110,18 @@ class Guard:
             config = config.model_copy(update={"on_close": "keep"})
         return under_guard(name, config, self.clock)
 
-    def take_over(self) -> None:
-        """Own the rig; raises RigLocked."""
-        if self.latch is not None:
-            self.latch.own()
-            if not self.despite_latch:
+    def take_over(self, within: float = TAKE_WITHIN) -> None:
+        """Own the rig; raises RigLocked at once when it is in use, and after `within` host seconds when it is being landed."""
+        self._door.open(within)
+        if self.latch is not None and not self.despite_latch:
+            try:
                 self.latch.demand_free()
+                with _on_disk(self.latch.journal):
+                    self.latch.begin(f"owns the rig for {self._about or 'a program'}")
+            except RigLocked:
+                self._door.close()
+                raise
+            remember(self.rig)
 
     def start(self) -> None:
         """Poll the instruments, from now on and as soon as they are open."""
@@ -165,7 +184,8 @@ class Guard:
             raise self._refusal()
         if not self.energised:
             if self.latch is not None and not self.despite_latch:
-                self.latch.write("a run was interrupted before its safe state was confirmed")
+                with _on_disk(self.latch.path):
+                    self.latch.write("a run was interrupted before its safe state was confirmed")
             self.energised = True
 
     def _refusal(self) -> Exception:
@@ -211,7 +231,8 @@ class Guard:
                     with contextlib.suppress(OSError):
                         self.latch.write(f"safe state not confirmed after: {why}. {report}")
                 elif self.energised and not self.despite_latch:
-                    self.latch.clear()
+                    with contextlib.suppress(OSError):  # what stays behind locks the rig, and says so itself
+                        self.latch.clear()
             self.energised = self.energised and not report.confirmed
             return report
 
@@ -229,12 +250,14 @@ class Guard:
             threading.Thread(target=go, name="land", daemon=True).start()
 
     def hand_over(self, by: str) -> SafeReport:
-        """Land for somebody else, and for good: no command is taken any more, whatever a person confirms."""
+        """Land for somebody else, and for good: no command is taken any more, whatever a person confirms. While nothing is
+        open yet, everything is opened for it."""
         why = f"requested by {by}"
         with self._deciding:
             self.handed_over = by
             self.landed = self.landed or why
-        report = self.make_safe(why, self.rig.safe.keep_vacuum)
+        names = None if self.own.opened else [n for n in ACTUATORS if n in self.own.drivers]
+        report = self.make_safe(why, self.rig.safe.keep_vacuum, names, REACH_WITHIN)
         self.tell(Event("landed", why, None, report))
         return report
 
@@ -256,9 +279,10 @@ class Guard:
         self.landed = ""
 
     def unlock(self) -> None:
-        """A person has seen to the rig: the latch goes."""
+        """A person has seen to the rig: the latch goes. Raises RigLocked where its folder cannot be written."""
         if self.latch is not None:
-            self.latch.clear()
+            with _on_disk(self.latch.path):
+                self.latch.clear()
             self.latch.note("unlocked by a person")
 
     # -- threads
@@ -307,6 +331,7 @@ class Guard:
     # -- the end
     def close(self) -> None:
         """Land what may still be energised, disconnect everything, let another guard have the rig."""
+        self.ending = True
         self.landed = self.landed or "the guard is ending"
         with self._landing_lock:
             if self.energised and time.monotonic() - self._landed_at > JUST_TRIED:
@@ -323,9 +348,22 @@ class Guard:
             thread.join(8.0)
         if self.under_force is not None:
             self.under_force.finish()
-        if self.latch is not None:
-            self.latch.disown()
+        if self._last.confirmed and not self.energised and (self.latch is None or self.latch.read() is None):
+            forget(self.rig)
+        self._door.close()
 
     def _close(self, name: str) -> None:
         with contextlib.suppress(Exception):
             self.own.drivers[name].close()
+
+
+@contextlib.contextmanager
+def _on_disk(path: Path) -> Iterator[None]:
+    """What must be on disk before anything is energised; raises RigLocked when it cannot be written."""
+    try:
+        yield
+    except OSError as e:
+        raise RigLocked(
+            f"{path} cannot be written ({e.strerror or e}), and a rig whose lock cannot be kept is not used: free space on "
+            "its disk, or make its folder writable"
+        ) from e

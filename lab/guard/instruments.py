@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
+from drivers.configs import HOSTS, PORTS
 from drivers.interfaces import Clock
 
 from ..files.all_drivers import drivers
+from ..files.rig_file import RigFile, present, table_of
+from .door import names_of_path
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     "pressure": ("set", "read", "vent"),
@@ -26,3 +30,28 @@ ACTUATORS = ("arm", "pressure", "spine", "valve")
 def make(name: str, driver: str, config: Any, clock: Clock) -> Any:
     """The driver of one instrument, not yet opened."""
     return drivers()[driver].make(name, config, clock)
+
+
+def exclusive(rig: RigFile) -> dict[str, frozenset[str]]:
+    """What only one program may use, by instrument: serial lines, as written and with links followed, and the computers of
+    actuators. Cameras and the lab's own sensors on a network may be shared."""
+    found = {}
+    for name in present(rig.instruments):
+        config = table_of(rig.instruments, name)
+        lines = [v for key in PORTS for v in _texts(getattr(config, key, None))]
+        paths = {p for line in lines for p in (os.path.abspath(line), os.path.realpath(line))}
+        hosts = [v for key in HOSTS for v in _texts(getattr(config, key, None))] if name in ACTUATORS else []
+        found[name] = frozenset({f"line:{p}" for p in paths} | {f"host:{h}" for h in hosts})
+    return found
+
+
+def owned_names(rig: RigFile) -> frozenset[str]:
+    """All names of a rig's guard, see `door`."""
+    path = names_of_path(rig.path) if rig.path is not None else frozenset()
+    return path.union(*exclusive(rig).values())
+
+
+def _texts(value: object) -> tuple[str, ...]:
+    """TMCL has a `host` that is a number on its bus: no address."""
+    values = value if isinstance(value, tuple) else (value,)
+    return tuple(v for v in values if isinstance(v, str) and v)

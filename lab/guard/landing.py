@@ -11,12 +11,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import InstrumentError, NotReady
 
 from ..files.rig_file import Safe
+from .report import SafeReport, SafeStep
 
 HEAD_START = 0.005
 """Host seconds after which the next stop is sent, whatever became of the one before: too little to delay anything."""
@@ -28,32 +29,6 @@ RETRY = 0.02
 RELEASED_ABOVE = 80e3
 """Pa absolute; a spine above this is no longer evacuated."""
 GAUGE = "gauge"
-
-
-@dataclass(frozen=True)
-class SafeStep:
-    """One instrument brought into the safe state: confirmed by reading back, or what went wrong."""
-
-    instrument: str
-    confirmed: bool
-    text: str
-
-
-@dataclass(frozen=True)
-class SafeReport:
-    """What was reached; `confirmed` only when every instrument was read back safe."""
-
-    steps: tuple[SafeStep, ...] = field(default_factory=tuple)
-
-    @property
-    def confirmed(self) -> bool:
-        """True when every instrument is confirmed safe."""
-        return all(s.confirmed for s in self.steps)
-
-    def __str__(self) -> str:
-        return "; ".join(
-            f"{s.instrument} {'safe' if s.confirmed else 'NOT CONFIRMED'}: {s.text}" for s in self.steps
-        ) or ("nothing was open")
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,12 @@
 
 It is written before anything is energised and removed when the safe state was confirmed by reading back. So whatever
 ends a run, the guard's own death and the loss of the host included, an unconfirmed safe state leaves the file behind.
-The journal beside it says what the guard did and why; holding its lock means: this guard owns the rig.
+The journal beside it says what the guard did and why. Who owns the rig, `door` knows: no file decides it.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import time
@@ -21,8 +20,6 @@ from recordings.own_files import opened, replaced
 
 from ..plain import one_line
 
-TAKE_WITHIN = 8.0
-"""Host seconds to wait for an earlier guard that is still landing; it disconnects the arm, which takes 2 s."""
 LATCH_LIMIT = 100_000
 """Characters of a latch that are read."""
 JOURNAL_LIMIT = 1_000_000
@@ -48,10 +45,9 @@ class Latch:
     """Latch and journal of one rig.yaml."""
 
     def __init__(self, rig: Path) -> None:
-        self.rig = rig
+        self.rig = rig = rig.resolve()
         self.path = rig.with_suffix(".latch")
         self.journal = rig.with_suffix(".guard.log")
-        self._owned: int | None = None
 
     def read(self) -> Entry | None:
         """The entry that locks the rig; None when it is free. A file that cannot be understood locks too."""
@@ -78,54 +74,22 @@ class Latch:
             )
 
     def write(self, why: str) -> None:
-        """Lock the rig, on disk before this returns."""
+        """Lock the rig, on disk before this returns. Raises OSError."""
         text = json.dumps({"since": time.strftime("%Y-%m-%d %H:%M:%S"), "why": why, "pid": os.getpid()})
         replaced(self.path, text)
 
     def clear(self) -> None:
-        """Unlock; only after the safe state was confirmed."""
+        """Unlock; only after the safe state was confirmed. Raises OSError."""
         self.path.unlink(missing_ok=True)
 
     def note(self, text: str) -> None:
         """One line in the journal; a disk that is full must not keep the guard from landing."""
         with contextlib.suppress(OSError):
-            fresh = self.journal.exists() and self.journal.stat().st_size > JOURNAL_LIMIT
-            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | (os.O_TRUNC if fresh else 0)
-            with open(opened(self.journal, flags), "a", encoding="utf-8", errors="replace") as file:
-                file.write(f"{time.strftime('%Y-%m-%d %H:%M:%S')} [{os.getpid()}] {one_line(text)}\n")
+            self.begin(text)
 
-    def own(self, within: float = TAKE_WITHIN) -> None:
-        """Own the rig until this process ends; raises RigLocked when another guard keeps it."""
-        handle = opened(self.journal, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-        deadline = time.monotonic() + within
-        while True:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                if time.monotonic() > deadline:
-                    os.close(handle)
-                    raise RigLocked(f"{self.rig} is in use by another program; end it first") from None
-                time.sleep(0.05)
-            else:
-                self._owned = handle
-                return
-
-    def owned(self) -> bool:
-        """Whether a guard owns the rig now."""
-        try:
-            handle = opened(self.journal, os.O_RDONLY)
-        except OSError:
-            return False
-        try:
-            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except OSError:
-            return True
-        finally:
-            os.close(handle)
-        return False
-
-    def disown(self) -> None:
-        """Let another guard have the rig."""
-        handle, self._owned = self._owned, None
-        if handle is not None:
-            os.close(handle)
+    def begin(self, text: str) -> None:
+        """The same before anything is opened, where a journal that cannot be written ends it all: raises OSError."""
+        fresh = self.journal.exists() and self.journal.stat().st_size > JOURNAL_LIMIT
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | (os.O_TRUNC if fresh else 0)
+        with open(opened(self.journal, flags), "a", encoding="utf-8", errors="replace") as file:
+            file.write(f"{time.strftime('%Y-%m-%d %H:%M:%S')} [{os.getpid()}] {one_line(text)}\n")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drivers.errors import InstrumentError
 
-from .landing import SafeReport
+from .report import SafeReport
 
 
 class RigLanded(RuntimeError):
@@ -33,3 +33,5 @@ class Start:
     """rig.yaml, beside which latch and journal are kept; empty: none are kept."""
     clock_start: float
     despite_latch: bool
+    about: str
+    """The command that the program serves, for others who want the rig."""

@@ -2,21 +2,21 @@
 
 Used when the guard was lost, and by `lab safe`. There is no time to start a process: the drivers are here already. An arm that
 does not let itself be opened, because its own safety system holds it or it is without power, is at rest by what its controller
-shows.
+shows. Where another guard owns the rig by now, that one is asked to land it.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
-from .guard import Guard
-from .landing import SafeReport, SafeStep
+from . import door
+from .guard import REACH_WITHIN, Guard
+from .instruments import owned_names
 from .latch import RigLocked
-
-REACH_WITHIN = 8.0
-"""Host seconds in which an actuator must let itself be opened; an earlier connection to the arm takes some to end."""
+from .report import SafeReport, SafeStep
 
 
 def make_safe_with_new_guard(
@@ -24,22 +24,27 @@ def make_safe_with_new_guard(
 ) -> SafeReport:
     """Own the rig, open these actuators and make them safe; what cannot be reached is reported as not confirmed.
 
-    `unlock` the rig when everything is confirmed. Raises RigLocked when another guard owns the rig.
+    `unlock` the rig when everything is confirmed. A rig that somebody keeps who does not land it is landed all the same.
     """
-    guard = Guard(file, clock, despite_latch=True)
-    guard.take_over()
+    guard = Guard(file, clock, despite_latch=True, about=why)
+    held = ""
+    try:
+        guard.take_over()
+    except RigLocked as e:
+        found = door.land(owned_names(file))
+        if found.names:
+            return found.report
+        held = str(e)
     try:
         report = guard.make_safe(why, file.safe.keep_vacuum, names, REACH_WITHIN)
         if unlock and report.confirmed:
-            guard.unlock()
-        return report
+            with contextlib.suppress(RigLocked):  # the latch stays, and is found by who reads it
+                guard.unlock()
     finally:
         guard.close()
+    return SafeReport((*report.steps, SafeStep("guard", False, held))) if held else report
 
 
 def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -> SafeReport:
     """Land a rig whose guard was lost; unlocks it when everything is confirmed."""
-    try:
-        return make_safe_with_new_guard(file, clock, names, "the guard was lost", unlock=True)
-    except RigLocked as e:
-        return SafeReport((SafeStep("guard", False, str(e)),))
+    return make_safe_with_new_guard(file, clock, names, "the guard was lost", unlock=True)

@@ -1,8 +1,8 @@
 """The guard as a process of its own: commands by one pipe, the program's pulse by a second, readings back by a third.
 
-It lands by itself when the program ends (its pipe breaks), freezes (no heartbeat), hangs (the experiment does not move on),
-shouts (a signal, a force beyond the limit), or when `lab safe` asks for it. Run by `python -m lab.guard.process COMMANDS PULSE
-SAMPLES` with three file descriptors.
+It lands by itself when the program ends (its pipe breaks), freezes (no heartbeat), hangs (the experiment does not move on) or
+shouts (a signal, a force beyond the limit); `lab safe` asks for it at the guard's door. Run by `python -m
+lab.guard.process COMMANDS PULSE SAMPLES` with three file descriptors.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from .latch import RigLocked
 from .messages import Event, RigLanded, Start
 from .priority import come_first
 from .pulse import BEAT, FRESH, SIGNAL, Listener
-from .takeover import Request, Requests
 
 LOOK = 0.05
 """Longest host seconds between two looks at the pulse."""
@@ -60,13 +59,12 @@ class Reports:
 
 
 class ProgramWatch(threading.Thread):
-    """Listens to the program's pulse; lands when it ends, falls silent, hangs or shouts, and when somebody asks for it."""
+    """Listens to the program's pulse; lands when it ends, falls silent, hangs or shouts."""
 
     def __init__(self, guard: Guard, pulse: Listener) -> None:
         super().__init__(name="watch", daemon=True)
         self._guard, self._pulse = guard, pulse
         self._awake = Awake()
-        self._requests = Requests(guard.rig.path) if guard.rig.path is not None else None
 
     def run(self) -> None:
         """Until the program or the guard ends."""
@@ -80,12 +78,11 @@ class ProgramWatch(threading.Thread):
             for kind, value in records:
                 self._heard(kind, value)
             if self._pulse.gone:
+                guard.ending = True
                 guard.land("the program ended")
                 return
             if guard.energised and now - heard > guard.rig.safe.heartbeat:
                 guard.land(f"no heartbeat from the program for {now - heard:.1f} s")
-            if self._requests is not None and (request := self._requests.take()) is not None:
-                threading.Thread(target=self._give_up, args=(request,), name="takeover", daemon=True).start()
             if now > beat_back:
                 beat_back = now + BEAT_BACK
                 guard.tell(Event("beat"))
@@ -105,12 +102,6 @@ class ProgramWatch(threading.Thread):
     def _overloaded(self, text: str) -> None:
         if self._guard.energised:
             self._guard.land(f"force: {text}", DeviceFault("force", f"{text}; the arm was stopped: free it by hand"))
-
-    def _give_up(self, request: Request) -> None:
-        """Somebody wants the rig safe now: land it for good and answer with what was reached."""
-        report = self._guard.hand_over(request.by)
-        if self._requests is not None:
-            self._requests.answer(request, report)
 
 
 def _serve(guard: Guard, commands: Connection) -> None:
@@ -137,12 +128,12 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     """Run one guard."""
     start: Start = commands.recv()
     rig = RigFile.model_validate_json(start.rig).read_from(Path(start.path) if start.path else None)
-    guard = Guard(rig, RigClock(rig.clock.speed, start.clock_start), start.despite_latch, Reports(reports))
+    clock = RigClock(rig.clock.speed, start.clock_start)
+    guard = Guard(rig, clock, start.despite_latch, Reports(reports), start.about)
     try:
         guard.take_over()
-    except (RigLocked, OSError) as e:
-        known = e if isinstance(e, RigLocked) else RigLocked(f"cannot write latch and journal: {e}")
-        commands.send((0, False, known))
+    except RigLocked as e:
+        commands.send((0, False, e))
         return 1
     commands.send((0, True, None))
     guard.start()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -24,9 +25,9 @@ from drivers.interfaces import GaugeSample, Identity, PressureSample, SpineSampl
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from ..guard.instruments import COMMANDS
-from ..guard.landing import SafeReport
 from ..guard.messages import Event, Start
 from ..guard.pulse import Pulse
+from ..guard.report import SafeReport
 
 __all__ = ["COMMANDS", "Actuators", "ActuatorsLost", "ArmMotion", "Gauge", "Pressure", "Spine", "Valve"]
 
@@ -36,6 +37,8 @@ ANSWER_WITHIN = 40.0
 """Host seconds after which a guard that lives and beats but does not answer is given up."""
 BEATS_MISSED = 2.0
 """The guard counts as frozen after so many times the rig's `safe.heartbeat` without a sign of life."""
+LONGEST_COMMAND = 200
+"""Characters of this program's command that are shown to others."""
 SLICE = 0.05
 HELD_BACK = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 """Signals that a terminal sends to everybody; the guard must not even see them while it starts."""
@@ -84,7 +87,7 @@ class Actuators:
         """Why the guard is lost; empty while it lives."""
         try:
             path = str(rig.path or "")
-            self._commands.send(Start(rig.model_dump_json(), path, clock.start, despite_latch))
+            self._commands.send(Start(rig.model_dump_json(), path, clock.start, despite_latch, _about()))
             self._answer(0, "start", START_WITHIN)
             self._heard = self.pulse.awake.now
         except BaseException:
@@ -213,6 +216,12 @@ class Actuators:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait(5.0)
+
+
+def _about() -> str:
+    """This program, for others who want the rig."""
+    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])[:LONGEST_COMMAND]
+    return f"{command} (process {os.getpid()}, since {time.strftime('%H:%M')})"
 
 
 @contextlib.contextmanager

@@ -24,11 +24,12 @@ from recordings.messages import MessageType, sensor
 from ..files.all_drivers import drivers, found_drivers
 from ..files.config import load
 from ..files.rig_file import SENSORS, RigFile, present, table_of
+from ..guard.door import demand_free
 from ..guard.force_limit import ForceLimit
-from ..guard.instruments import ACTUATORS
-from ..guard.landing import SafeReport
+from ..guard.instruments import ACTUATORS, owned_names
 from ..guard.messages import Event
 from ..guard.new_guard import make_safe_after_loss
+from ..guard.report import SafeReport
 from . import actuators as act
 from . import operator as op
 from .hosted_stream import HostedArmState
@@ -49,11 +50,12 @@ class Rig:
     """All instruments of one rig.yaml. Use as a context: leaving it lands the rig safe and disconnects."""
 
     def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
-        """Raises RigLocked when a person has to see to the rig first, unless `despite_latch`; ConfigError when its clock
-        is for fakes and an instrument is none."""
+        """Raises RigLocked when the rig is in use, or when a person has to see to it first unless `despite_latch`;
+        ConfigError when its clock is for fakes and an instrument is none."""
         robot = load(file.robot, Robot)
         self.file = file = within_robot(file, robot)
         self.clock = clock_of(file)
+        demand_free(owned_names(file))
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
         self.notices: list[str] = []

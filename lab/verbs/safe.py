@@ -1,79 +1,194 @@
 """`lab safe`: vent, stop and release whatever can be reached, confirmed by reading back; `--clear` then unlocks the rig.
 
-A run in progress is ended: its guard lands the rig at once and reports here what it read back.
+A run in progress is ended: its guard is asked first, before anything is read, lands the rig at once and reports here what it
+read back. What no guard owns is landed by this process, by what can be read of rig.yaml.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
-from dataclasses import asdict
+import os
+import signal
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..console import err, out, styled
-from ..files.clock import RigClock
-from ..files.rig_file import RigFile, load_rig_to_make_safe
-from ..guard.instruments import ACTUATORS
-from ..guard.landing import SafeReport, SafeStep
-from ..guard.latch import Entry, Latch
-from ..guard.new_guard import make_safe_with_new_guard
-from ..guard.takeover import Requests
-from ..rig.interrupts import Shielded
-from ..rig.real_time import at_real_speed
+from ..guard.door import Landed, land, names_of_path
+from ..guard.report import SafeReport, SafeStep
 
-ANSWER_WITHIN = 30.0
-"""Host seconds for a landing by the guard of a run: longer than any landing takes."""
+if TYPE_CHECKING:
+    from ..files.rig_file import RigFile
+    from ..guard.latch import Latch
+
+BY_HAND = "make it safe by hand"
+
+
+@dataclass
+class Result:
+    """What was reached at one rig."""
+
+    steps: list[SafeStep] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    names: frozenset[str] = frozenset()
+    """What the guards own that have answered."""
+    locked: str = ""
+    """Why the rig stays locked."""
+
+    def ask(self, names: Iterable[str]) -> None:
+        """Have the guards that own these names land their rigs; one that stands still is ended, if that is allowed."""
+        found = land(names)
+        self.steps += found.report.steps
+        self.names |= found.names
+        self.notes += _ended(found)
+
+    @property
+    def report(self) -> SafeReport:
+        """All steps."""
+        return SafeReport(tuple(self.steps))
+
+    @property
+    def code(self) -> int:
+        """The exit code."""
+        return 0 if self.report.confirmed and not self.locked else 1
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """As JSON has it."""
+        steps = [asdict(s) for s in self.steps]
+        return {"confirmed": self.report.confirmed, "locked": self.locked, "steps": steps}
 
 
 def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
-    rig, missing = load_rig_to_make_safe(rig_path)
-    file, told = at_real_speed(rig)
-    if told:
-        err.print(told)
-    latch = Latch(rig_path)
-    beyond = tuple(
-        SafeStep(name, False, f"{why}; make it safe by hand") for name, why in missing.items() if name in ACTUATORS
-    )
-    with Shielded():
-        report = _make_safe(file, latch, clear and not beyond)
-    if beyond:
-        report = SafeReport((*report.steps, *beyond))
-        latch.write(f"safe state not confirmed after: lab safe. {report}")
-    locked = latch.read()
+    result = _landed(rig_path, clear)
     if as_json:
-        steps = [asdict(s) for s in report.steps]
-        print(
-            json.dumps(
-                {"confirmed": report.confirmed, "locked": str(locked) if locked else "", "steps": steps}, indent=1
-            )
-        )
+        _warn(result.notes)
+        print(json.dumps(result.told, indent=1))
     else:
-        for step in report.steps:
-            found = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
-            out.print(f"  {step.instrument}:", found, f"({step.text})")
-        said, style = _verdict(report.confirmed, locked, rig_path)
-        out.print(said, style=style)
-    return 0 if report.confirmed and locked is None else 1
+        _show(rig_path, result)
+    return result.code
 
 
-def _make_safe(file: RigFile, latch: Latch, clear: bool) -> SafeReport:
-    """By the guard of the run that is going; by this process where there is none, or where it does not answer."""
+def safe_all(as_json: bool) -> int:
+    """Land every rig of this computer that a guard owns or that was not left safe; 0 only when all are confirmed."""
+    live = land()
+    told = {owner.rig: Result(list(report.steps)) for owner, report in live.reports.items() if report is not None}
+    notes = _ended(live)
+    from ..console import out
+    from ..guard.last_used import remembered
+
+    for rig in remembered():
+        if rig.path is not None and not names_of_path(rig.path) & live.names:
+            told[str(rig.path)] = _landed(rig.path, clear=False)
+    _warn(notes)
+    if as_json:
+        print(json.dumps({"rigs": {path: result.told for path, result in told.items()}}, indent=1))
+    else:
+        for path, result in told.items():
+            out.print(f"{path}:")
+            _show(Path(path), result)
+        if not told:
+            out.print("No rig of this computer is in use or was left unsafe.")
+    return max([1 if notes else 0, *(result.code for result in told.values())])
+
+
+def _landed(rig_path: Path, clear: bool) -> Result:
+    """Land one rig. Raises ConfigError when no guard owns it and nothing can be read of it."""
+    result = Result()
+    result.ask(names_of_path(rig_path))
+    # the rest is imported after the asking, which needs none of it
+    from ..files.config import ConfigError
+    from ..guard.latch import Latch
+    from ..rig.interrupts import Shielded
+
+    latch = Latch(rig_path)
+    with Shielded():
+        try:
+            _land_rest(rig_path, latch, result, clear)
+        except ConfigError as e:
+            if not result.names:
+                raise
+            result.notes.append(str(e))
+    locked = latch.read()
+    result.locked = str(locked) if locked else ""
+    return result
+
+
+def _warn(notes: Iterable[str]) -> None:
+    from ..console import err
+
+    for note in notes:
+        err.print(f"warning: {note}")
+
+
+def _show(rig_path: Path, result: Result) -> None:
+    from ..console import out, styled
+
+    _warn(result.notes)
+    for step in result.steps:
+        found = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
+        out.print(f"  {step.instrument}:", found, f"({step.text})")
+    if not result.report.confirmed:
+        out.print("Not confirmed safe: use the vent valve and the emergency stop.", style="red")
+    elif not result.locked:
+        out.print("Safe.")
+    else:
+        out.print(
+            f"Safe now. The rig stays locked: {result.locked}. Once you have inspected it and nobody is within reach: "
+            f"lab safe --clear --rig {rig_path}"
+        )
+
+
+def _ended(found: Landed) -> list[str]:
+    """What is to be said of the guards that were asked; one that stands still is ended, if that is allowed."""
+    said = []
+    for owner in found.silent:
+        with contextlib.suppress(ProcessLookupError):
+            try:
+                os.kill(owner.pid, signal.SIGKILL)
+                said.append(f"process {owner.pid} of user {owner.user} owned the rig and did not answer: it was ended")
+            except PermissionError:
+                said.append(
+                    f"process {owner.pid} owns the rig, does not answer, and only user {owner.user} may end it: end it, then "
+                    "say `lab safe` again"
+                )
+    return said
+
+
+def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> None:
+    """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read."""
+    from ..files.clock import RigClock
+    from ..files.rig_file import rig_to_make_safe
+    from ..guard.instruments import ACTUATORS, owned_names
+    from ..guard.last_used import recall
+    from ..guard.new_guard import make_safe_with_new_guard
+    from ..rig.real_time import at_real_speed
+
+    found = rig_to_make_safe(rig_path, recall(rig_path))
+    result.notes += found.notes
+    result.ask(owned_names(found.rig) - result.names - names_of_path(rig_path))
+    file, told = at_real_speed(_without(found.rig, result.names))
+    result.notes += [told] if told else []
     names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
-    if latch.owned() and file.path is not None:
-        report = Requests(file.path).ask(ANSWER_WITHIN)
-        if report is not None:
-            return report
-    return make_safe_with_new_guard(file, RigClock(file.clock.speed), names, "lab safe", unlock=clear)
+    beyond = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in found.missing.items() if n in ACTUATORS]
+    if names or not result.names:
+        unlock = clear and not beyond
+        report = make_safe_with_new_guard(file, RigClock(file.clock.speed), names, "lab safe", unlock)
+        result.steps += report.steps
+    if beyond and not result.names:
+        result.steps += beyond
+        with contextlib.suppress(OSError):
+            latch.write(f"safe state not confirmed after: lab safe. {SafeReport(tuple(result.steps))}")
 
 
-def _verdict(confirmed: bool, locked: Entry | None, rig_path: Path) -> tuple[str, str]:
-    """What to say in the end, and in which style."""
-    if not confirmed:
-        return "Not confirmed safe: use the vent valve and the emergency stop.", "red"
-    if locked is None:
-        return "Safe.", ""
-    return (
-        f"Safe now. The rig stays locked: {locked}. Once you have inspected it and nobody is within reach: lab safe "
-        f"--clear --rig {rig_path}",
-        "",
-    )
+def _without(rig: RigFile, names: frozenset[str]) -> RigFile:
+    """The rig without the instruments that guards have landed which own its lines; by its own path only when that is free."""
+    from ..guard.instruments import exclusive
+
+    if not names:
+        return rig
+    landed = {name: None for name, lines in exclusive(rig).items() if lines & names and "." not in name}
+    left = rig.model_copy(update={"instruments": rig.instruments.model_copy(update=landed)})
+    return left.read_from(None) if rig.path is not None and names_of_path(rig.path) & names else left

@@ -1,9 +1,15 @@
-"""`lab safe` while a run is going: the run lands at once and for good, and says who asked."""
+"""`lab safe` while a run is going: its guard lands the rig at once and for good, whatever became of the rig's files."""
 
 from __future__ import annotations
 
 import json
-import threading
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -11,39 +17,103 @@ from house import House, until
 
 from lab.cli import main
 from lab.files.rig_file import load_rig
-from lab.guard.landing import SafeReport, SafeStep
+from lab.guard import door
+from lab.guard.door import Door, Owner, demand_free, land, names_of_path, owners
+from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded
-from lab.guard.takeover import Requests
+from lab.guard.report import SafeReport, SafeStep
 from lab.rig.assembly import Rig
 
 REPORT = SafeReport((SafeStep("pressure", True, "highest pressure 0.1 kPa"), SafeStep("arm", False, "moving")))
 
 
-def test_a_question_is_taken_once_and_answered(tmp_path: Path) -> None:
-    requests, answers = Requests(tmp_path / "rig.yaml"), []
-    asking = threading.Thread(target=lambda: answers.append(requests.ask(60.0)), daemon=True)
-    asking.start()
-    taken = []
-    assert until(lambda: bool(taken.append(requests.take()) or taken[-1]), 30.0)
-    assert "lab safe, by" in taken[-1].by and requests.take() is None
-    requests.answer(taken[-1], REPORT)
-    asking.join(60.0)
-    assert answers == [REPORT]
-    assert not list(tmp_path.iterdir())
+class Lander:
+    """A guard as its door sees it."""
+
+    def __init__(self) -> None:
+        self.ending = False
+        self.asked: list[str] = []
+
+    def hand_over(self, by: str) -> SafeReport:
+        self.asked.append(by)
+        return REPORT
 
 
-def test_a_question_that_nobody_takes_up_is_withdrawn(tmp_path: Path) -> None:
-    assert Requests(tmp_path / "rig.yaml").ask(60.0) is None
-    assert not list(tmp_path.iterdir())
+@pytest.fixture(autouse=True)
+def own_prefix(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Tests of the door alone see no guards of other tests."""
+    if "house" not in request.fixturenames:
+        monkeypatch.setattr(door, "PREFIX", f"softlab-test/{os.getpid()}/")
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{", "[" * 100_000])
-def test_a_damaged_question_is_none(tmp_path: Path, content: str) -> None:
-    (tmp_path / "rig.landing").write_text(content)
-    assert Requests(tmp_path / "rig.yaml").take() is None
+# ------------------------------------------------------------------ the door
+def test_an_owner_says_who_it_is_and_lands_when_asked() -> None:
+    lander = Lander()
+    opened = Door(["a", "b"], lander, "/lab/rig.yaml", "lab run bending")
+    opened.open()
+    (owner,) = owners(["b", "c"])
+    assert (owner.rig, owner.about, owner.pid) == ("/lab/rig.yaml", "lab run bending", os.getpid())
+    assert owner.names == {"a", "b"} and owners() == [owner]
+    assert land(["a"]).reports == {owner: REPORT}
+    assert len(lander.asked) == 1 and f"process {os.getpid()}" in lander.asked[0]
+    opened.close()
+    assert owners(["a", "b"]) == [] and owners() == []
 
 
-def test_a_run_that_is_going_is_landed_at_once_and_for_good(house: House, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_name_has_one_owner_and_who_comes_second_is_refused_at_once_by_name() -> None:
+    first, second = Door(["a", "b"], Lander(), about="lab run bending"), Door(["b", "c"], Lander())
+    first.open()
+    with pytest.raises(RigLocked, match="in use: lab run bending"):
+        second.open(within=3600)
+    with pytest.raises(RigLocked, match="in use: lab run bending"):
+        demand_free(["b"])
+    first.close()
+    second.open()
+    second.close()
+
+
+def test_who_comes_while_the_owner_is_ending_waits_for_its_end() -> None:
+    lander = Lander()
+    first, second = Door(["a"], lander), Door(["a"], Lander())
+    first.open()
+    lander.ending = True
+    demand_free(["a"])
+    with pytest.raises(RigLocked, match="still landing"):
+        second.open(within=0.1)
+    first.close()
+    second.open(within=60)
+    second.close()
+
+
+@pytest.mark.parametrize("question", [b"", b"{", b'["land"]\n', b'{"do": "dance"}\n', b"[" * 200_000, b"\xff\x00\n"])
+def test_a_question_that_is_none_lands_nothing_and_hurts_nobody(question: bytes) -> None:
+    lander = Lander()
+    opened = Door(["a"], lander)
+    opened.open()
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.connect(door._address("a"))
+        with pytest.MonkeyPatch.context():
+            try:
+                connection.sendall(question)
+            except OSError:
+                pass  # it has stopped reading
+    assert len(owners(["a"])) == 1 and lander.asked == []
+    opened.close()
+
+
+def test_one_that_owns_a_name_and_stands_still_is_known_as_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(door, "WHO_WITHIN", 0.1)
+    frozen = door._bound("a")
+    assert frozen is not None
+    with frozen:
+        (owner,) = land(["a"]).silent
+        assert owner == Owner("", os.getpid(), owner.user)
+        with pytest.raises(RigLocked, match="does not answer"):
+            demand_free(["a"])
+
+
+# ------------------------------------------------------------------ a run that is going
+def test_a_rig_that_is_used_lands_at_once_and_for_good(house: House, capsys: pytest.CaptureFixture[str]) -> None:
     house.change(without=("arm", "force", "mocap"))
     with Rig(load_rig(house.rig)) as rig:
         assert rig.open_all(lambda name, outcome: None) == []
@@ -70,3 +140,147 @@ def test_the_run_ends_and_says_who_asked(house: House, tmp_path: Path) -> None:
     output, _ = program.communicate(timeout=600)
     assert program.returncode == 1 and "requested by lab safe" in " ".join(output.split())
     assert not house.latch.exists()
+
+
+def test_a_second_program_is_refused_at_once_and_told_of_the_first(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"))
+    other = tmp_path / "other.yaml"  # another file for the same instruments
+    shutil.copy(house.rig, other)
+    shutil.copy(house.rig.with_name("robot.yaml"), tmp_path)
+    with Rig(load_rig(house.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        for words in (["check", "--move", "--yes"], ["check"], ["run", "bending", "--out", str(tmp_path)]):
+            for path in (house.rig, other):
+                assert main([*words, "--rig", str(path)]) == 1
+                assert f"process {os.getpid()}" in " ".join(capsys.readouterr().err.split())
+        rig.actuators.call("pressure", "set", (0.0, 0.0, 0.0))
+
+
+# ------------------------------------------------------------------ on a bad day
+def log_deleted(rig: Path) -> Path:
+    rig.with_suffix(".guard.log").unlink(missing_ok=True)
+    return rig
+
+
+def typo(rig: Path) -> Path:
+    rig.write_text(rig.read_text().replace("instruments:", "instruments: ["))
+    return rig
+
+
+def empty(rig: Path) -> Path:
+    rig.write_text("")
+    return rig
+
+
+def not_text(rig: Path) -> Path:
+    rig.write_bytes(b"\xff\x00\xfe")
+    return rig
+
+
+def gone(rig: Path) -> Path:
+    rig.unlink()
+    return rig
+
+
+def one_table_wrong(rig: Path) -> Path:
+    rig.write_text(rig.read_text().replace("max_pressure", "max_presure").replace("heartbeat", "hartbeat"))
+    return rig
+
+
+def folder_moved(rig: Path) -> Path:
+    moved = rig.parent.with_name("moved")
+    rig.parent.rename(moved)
+    return moved / rig.name
+
+
+def by_link(rig: Path) -> Path:
+    link = rig.parent.with_name("link.yaml")
+    link.symlink_to(rig)
+    return link
+
+
+def by_linked_folder(rig: Path) -> Path:
+    link = rig.parent.with_name("linked")
+    link.symlink_to(rig.parent)
+    return link / rig.name
+
+
+def folder_read_only(rig: Path) -> Path:
+    """For root, too: where a folder should be stands a file, so that nothing can be created."""
+    for name in ("rig.latch", "rig.guard.log"):
+        rig.with_name(name).unlink(missing_ok=True)
+        rig.with_name(name).mkdir()
+    return rig
+
+
+BAD_DAYS: tuple[Callable[[Path], Path], ...] = (
+    log_deleted,
+    typo,
+    empty,
+    not_text,
+    gone,
+    one_table_wrong,
+    folder_moved,
+    by_link,
+    by_linked_folder,
+    folder_read_only,
+)
+
+
+@pytest.fixture
+def own_folder(house: House, tmp_path: Path) -> Iterator[House]:
+    """The house with its rig.yaml in a folder of its own, whose files may be spoilt."""
+    house.change(without=("arm", "force", "mocap"))
+    folder = tmp_path / "rig"
+    folder.mkdir()
+    for name in ("rig.yaml", "robot.yaml"):
+        shutil.copy(house.rig.with_name(name), folder)
+    yield House(house.fakes, folder / "rig.yaml")
+
+
+@pytest.mark.parametrize("spoil", BAD_DAYS, ids=lambda f: f.__name__)
+def test_a_live_run_is_landed(own_folder: House, spoil: Callable[[Path], Path]) -> None:
+    with Rig(load_rig(own_folder.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        rig.actuators.call("valve", "set", True)
+        rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+        assert until(lambda: own_folder.highest() > 10e3)
+        place = spoil(own_folder.rig)
+        code = main(["safe", "--rig", str(place)])
+        assert own_folder.highest() < 5e3 and not own_folder.fakes.plant.valve_on
+        assert code == (1 if spoil is folder_read_only else 0)
+
+
+CRASHING = """
+import os, signal, sys
+from pathlib import Path
+from lab.files.rig_file import load_rig
+from lab.rig.assembly import Rig
+rig = Rig(load_rig(Path(sys.argv[1])))
+assert rig.open_all(lambda name, outcome: None) == []
+rig.actuators.call("valve", "set", True)
+rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+os.kill(rig.actuators.pid, signal.SIGKILL)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("spoil", BAD_DAYS, ids=lambda f: f.__name__)
+def test_what_a_crash_left_behind_is_landed(own_folder: House, spoil: Callable[[Path], Path]) -> None:
+    """Program and guard are killed at the same moment; then the rig's files are spoilt."""
+    done = subprocess.run([sys.executable, "-c", CRASHING, str(own_folder.rig)], check=False)
+    assert done.returncode == -signal.SIGKILL and until(lambda: own_folder.highest() > 10e3)
+    place = spoil(own_folder.rig)
+    if spoil is folder_moved:
+        own_folder = House(own_folder.fakes, place)
+    code = main(["safe", "--clear", "--rig", str(place)])
+    assert own_folder.highest() < 5e3 and not own_folder.fakes.plant.valve_on
+    locked = spoil is folder_read_only
+    assert code == (1 if locked else 0) and (Latch(place).read() is not None) is locked
+
+
+def test_names_of_a_path_are_those_of_what_it_leads_to(tmp_path: Path) -> None:
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "rig.yaml")
+    assert names_of_path(tmp_path / "rig.yaml") < names_of_path(tmp_path / "link.yaml")

@@ -1,0 +1,84 @@
+"""The rig as its last guard used it, kept where nobody edits it: what `lab safe` goes by when rig.yaml cannot be read.
+
+A guard writes it before it opens anything, to the folder of temporary files that outlive a restart of the computer, and
+removes it when the rig was left safe. A copy counts only when it belongs to the reader, to root or to the owner of the
+folder of rig.yaml.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from recordings.json_text import read_json
+from recordings.own_files import opened, replaced
+
+from ..files.rig_file import RigFile
+
+FOLDER = Path("/var/tmp")
+PREFIX = "softlab-rig-"
+LONGEST = 1_000_000
+"""Bytes that are read."""
+
+
+def remember(rig: RigFile) -> None:
+    """Keep a rig. A disk that is full must not keep the guard from anything."""
+    if rig.path is not None:
+        with contextlib.suppress(OSError):
+            replaced(_place(rig.path), json.dumps({"path": str(rig.path), "rig": rig.model_dump_json()}))
+
+
+def forget(rig: RigFile) -> None:
+    """A rig was left safe."""
+    if rig.path is not None:
+        with contextlib.suppress(OSError):
+            _place(rig.path).unlink()
+
+
+def recall(path: Path) -> RigFile | None:
+    """The rig as it was last used with the rig.yaml of this path; None when that is not known."""
+    for found in _all(_digest(path.resolve())):
+        if found.path == path.resolve():
+            return found
+    return None
+
+
+def remembered() -> list[RigFile]:
+    """All rigs of this computer that were not left safe, as far as this user may know."""
+    return list(_all("*"))
+
+
+def _place(path: Path) -> Path:
+    return FOLDER / f"{PREFIX}{os.getuid()}-{_digest(path)}.json"
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(os.fsencode(path)).hexdigest()[:24]
+
+
+def _all(digest: str) -> Iterator[RigFile]:
+    """Newest first; a file that is damaged, or of somebody else, is none."""
+    places = [(p.lstat().st_mtime, p) for p in FOLDER.glob(f"{PREFIX}*-{digest}.json")]
+    for _, place in sorted(places, reverse=True):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, ValidationError):
+            with open(opened(place, os.O_RDONLY), "rb") as file:
+                about, text = os.fstat(file.fileno()), file.read(LONGEST)
+            data = read_json(text)
+            path = Path(data["path"])
+            if stat.S_IMODE(about.st_mode) & 0o022 or about.st_uid not in _trusted(path):
+                continue
+            yield RigFile.model_validate_json(data["rig"]).read_from(path)
+
+
+def _trusted(path: Path) -> set[int]:
+    users = {0, os.getuid()}
+    with contextlib.suppress(OSError):
+        users.add(path.parent.stat().st_uid)
+    return users

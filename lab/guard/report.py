@@ -1,0 +1,43 @@
+"""What a landing reached, instrument by instrument. Imports nothing, so that `lab safe` can ask for it at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class SafeStep:
+    """One instrument brought into the safe state: confirmed by reading back, or what went wrong."""
+
+    instrument: str
+    confirmed: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class SafeReport:
+    """What was reached; `confirmed` only when every instrument was read back safe."""
+
+    steps: tuple[SafeStep, ...] = field(default_factory=tuple)
+
+    @property
+    def confirmed(self) -> bool:
+        """True when every instrument is confirmed safe."""
+        return all(s.confirmed for s in self.steps)
+
+    def __str__(self) -> str:
+        return "; ".join(
+            f"{s.instrument} {'safe' if s.confirmed else 'NOT CONFIRMED'}: {s.text}" for s in self.steps
+        ) or ("nothing was open")
+
+    @classmethod
+    def parsed(cls, steps: Any) -> SafeReport:
+        """A report from the JSON of its steps; raises ValueError when it is none."""
+        if not isinstance(steps, list) or not all(isinstance(s, Mapping) for s in steps):
+            raise ValueError("no list of steps")
+        try:
+            return cls(tuple(SafeStep(str(s["instrument"]), s["confirmed"] is True, str(s["text"])) for s in steps))
+        except KeyError as e:
+            raise ValueError(f"a step without {e}") from e
