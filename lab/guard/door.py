@@ -76,6 +76,9 @@ class Guarding(Protocol):
     def hand_over(self, by: str) -> SafeReport:
         """Land for good."""
 
+    def locked(self) -> str:
+        """Why the rig is locked; empty when it is free."""
+
 
 def names_of_path(rig: Path) -> frozenset[str]:
     """The names that stand for a rig.yaml, whether or not it exists: its path as written and with links followed."""
@@ -143,7 +146,7 @@ class Door:
                 elif what == "land":
                     pid, user = _peer(connection)
                     report = self._guard.hand_over(f"lab safe, by {user}, process {pid}")
-                    answer = {"steps": [asdict(step) for step in report.steps]}
+                    answer = {"steps": [asdict(step) for step in report.steps], "locked": self._guard.locked()}
                 else:
                     answer = {"error": "ask who or land"}
                 connection.sendall(json.dumps(answer).encode() + b"\n")
@@ -174,27 +177,39 @@ def demand_free(names: Iterable[str], ending_too: bool = False) -> None:
 
 
 @dataclass(frozen=True)
-class Landed:
-    """What the guards that were asked have read back after landing; None from one that stands still."""
+class Answer:
+    """What a guard has read back after landing its rig."""
 
-    reports: dict[Owner, SafeReport | None]
+    report: SafeReport
+    locked: str
+    """Why the rig is locked all the same; empty when it is free."""
+
+
+@dataclass(frozen=True)
+class Landed:
+    """The answers of the guards that were asked; None from one that stands still."""
+
+    answers: dict[Owner, Answer | None]
+
+    @property
+    def answered(self) -> list[tuple[Owner, Answer]]:
+        """Those that did."""
+        return [(owner, answer) for owner, answer in self.answers.items() if answer is not None]
+
+    @property
+    def silent(self) -> list[Owner]:
+        """Those that did not."""
+        return [owner for owner, answer in self.answers.items() if answer is None]
 
     @property
     def report(self) -> SafeReport:
         """All steps."""
-        return SafeReport(
-            tuple(step for report in self.reports.values() if report is not None for step in report.steps)
-        )
-
-    @property
-    def silent(self) -> list[Owner]:
-        """Those that did not answer."""
-        return [owner for owner, report in self.reports.items() if report is None]
+        return SafeReport(tuple(step for _, answer in self.answered for step in answer.report.steps))
 
     @property
     def names(self) -> frozenset[str]:
         """All that those own who answered."""
-        return frozenset().union(*(o.names for o, report in self.reports.items() if report is not None))
+        return frozenset().union(*(owner.names for owner, _ in self.answered))
 
 
 def land(names: Iterable[str] | None = None) -> Landed:
@@ -206,13 +221,12 @@ def land(names: Iterable[str] | None = None) -> Landed:
         return Landed(dict(zip(found, pool.map(_landed, found), strict=True)))
 
 
-def _landed(owner: Owner) -> SafeReport | None:
-    """What the owner of a rig has read back after landing; None when it does not answer."""
+def _landed(owner: Owner) -> Answer | None:
     for name in sorted(owner.names):
-        answer = _ask(_address(name), {"do": "land"}, LAND_WITHIN)
-        if answer is not None:
+        found = _ask(_address(name), {"do": "land"}, LAND_WITHIN)
+        if found is not None:
             with contextlib.suppress(ValueError):
-                return SafeReport.parsed(answer[0].get("steps"))
+                return Answer(SafeReport.parsed(found[0].get("steps")), str(found[0].get("locked", ""))[:1000])
     return None
 
 

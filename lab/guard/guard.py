@@ -261,6 +261,11 @@ class Guard:
         self.tell(Event("landed", why, None, report))
         return report
 
+    def locked(self) -> str:
+        """Why the rig is locked; empty when it is free."""
+        entry = self.latch.read() if self.latch is not None else None
+        return str(entry or "")
+
     def resume(self) -> None:
         """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
 

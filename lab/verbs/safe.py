@@ -41,6 +41,7 @@ class Result:
         found = land(names)
         self.steps += found.report.steps
         self.names |= found.names
+        self.locked = self.locked or "; ".join(answer.locked for _, answer in found.answered if answer.locked)
         self.notes += _ended(found)
 
     @property
@@ -74,7 +75,7 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
 def safe_all(as_json: bool) -> int:
     """Land every rig of this computer that a guard owns or that was not left safe; 0 only when all are confirmed."""
     live = land()
-    told = {owner.rig: Result(list(report.steps)) for owner, report in live.reports.items() if report is not None}
+    told = {owner.rig: Result(list(answer.report.steps), locked=answer.locked) for owner, answer in live.answered}
     notes = _ended(live)
     from ..console import out
     from ..guard.last_used import remembered
@@ -111,8 +112,8 @@ def _landed(rig_path: Path, clear: bool) -> Result:
             if not result.names:
                 raise
             result.notes.append(str(e))
-    locked = latch.read()
-    result.locked = str(locked) if locked else ""
+    if not result.names or os.access(latch.path.parent, os.R_OK | os.X_OK):
+        result.locked = str(latch.read() or "")
     return result
 
 

@@ -1,4 +1,4 @@
-"""The latch keeps a rig locked until a person clears it, and one program at a time owns a rig."""
+"""The latch keeps a rig locked until a person clears it."""
 
 from __future__ import annotations
 
@@ -38,16 +38,6 @@ def test_a_damaged_latch_locks(tmp_path: Path, content: bytes) -> None:
         Latch(tmp_path / "rig.yaml").demand_free()
 
 
-def test_a_rig_has_one_owner_at_a_time(tmp_path: Path) -> None:
-    first, second = Latch(tmp_path / "rig.yaml"), Latch(tmp_path / "rig.yaml")
-    first.own()
-    with pytest.raises(RigLocked, match="in use"):
-        second.own(within=0.1)
-    first.disown()
-    second.own(within=0.1)
-    second.disown()
-
-
 def test_the_journal_keeps_what_was_noted_and_does_not_grow_for_ever(tmp_path: Path) -> None:
     latch = Latch(tmp_path / "rig.yaml")
     latch.note("first")
@@ -75,7 +65,7 @@ def test_a_link_in_the_place_of_the_guards_log_is_refused_and_does_not_keep_the_
     latch = Latch(tmp_path / "rig.yaml")
     latch.journal.symlink_to(tmp_path / "precious")
     with pytest.raises(OSError, match="symbolic link"):
-        latch.own(within=0.1)
+        latch.begin("owns the rig")
     latch.note("landed")
     assert (tmp_path / "precious").read_text() == "as it was"
 
