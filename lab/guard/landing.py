@@ -60,6 +60,7 @@ class Landing:
 
         Those that are not open are opened, trying for `reach` host seconds.
         """
+        began = time.monotonic()
         order = [n for n in self._policy.order if n in names and not (n == "valve" and keep_vacuum)]
         if "valve" in order:
             self._open_gauge()
@@ -77,7 +78,8 @@ class Landing:
         for thread in threads:
             thread.join(max(0.0, give_up - time.monotonic()))
         hung = "its driver does not respond; stop it by hand"
-        return SafeReport(tuple(results.get(name, SafeStep(name, False, hung)) for name in order))
+        steps = tuple(results.get(name, SafeStep(name, False, hung)) for name in order)
+        return SafeReport(steps, time.monotonic() - began)
 
     def _open_gauge(self) -> None:
         """The gauge confirms that the spine is released; one that does not open delays nobody."""

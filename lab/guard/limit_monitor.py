@@ -111,8 +111,7 @@ class LimitMonitor:
             if p > highest:
                 return _landing(
                     name,
-                    f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; vent by hand, check "
-                    "the regulator",
+                    f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; check the regulator",
                 )
         total = sum(p * n for p, n in zip(sample.measured, self._sizes, strict=True))
         most = self._limits.max_total_pressure + self._limits.pressure_error * sum(self._sizes)
@@ -155,7 +154,7 @@ class LimitMonitor:
         )
         if p < asked:
             return Finding("pause", NotHeld(name, f"{text}; check for low supply pressure, a leak or a burst chamber"))
-        return _landing(name, f"{text}; the regulator does not vent: shut off the supply and vent by hand")
+        return _landing(name, f"{text}; the regulator does not vent: shut off its supply")
 
 
 def _landing(name: str, text: str) -> Finding:

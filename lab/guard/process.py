@@ -101,7 +101,9 @@ class ProgramWatch(threading.Thread):
 
     def _overloaded(self, text: str) -> None:
         if self._guard.energised:
-            self._guard.land(f"force: {text}", DeviceFault("force", f"{text}; the arm was stopped: free it by hand"))
+            self._guard.land(
+                f"force: {text}", DeviceFault("force", f"{text}; free what the tool pushes on, then run again")
+            )
 
 
 def _serve(guard: Guard, commands: Connection) -> None:

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+SAFE_WORDS = {"pressure": "vented", "arm": "stopped", "spine": "stopped", "valve": "vacuum off"}
+"""What each actuator is in its safe state."""
+
 
 @dataclass(frozen=True)
 class SafeStep:
@@ -21,11 +24,22 @@ class SafeReport:
     """What was reached; `confirmed` only when every instrument was read back safe."""
 
     steps: tuple[SafeStep, ...] = field(default_factory=tuple)
+    seconds: float = 0.0
+    """Host time from the first stop to the last reading."""
 
     @property
     def confirmed(self) -> bool:
         """True when every instrument is confirmed safe."""
         return all(s.confirmed for s in self.steps)
+
+    @property
+    def said(self) -> str:
+        """One line for people: what was confirmed, or what has to be done by hand."""
+        if self.confirmed:
+            done = dict.fromkeys(SAFE_WORDS.get(s.instrument, "safe") for s in self.steps)
+            return f"{', '.join(done)}: confirmed {self.seconds:.1f} s later" if done else "nothing was open"
+        left = "; ".join(f"{s.instrument}: {s.text}" for s in self.steps if not s.confirmed)
+        return f"safe state NOT confirmed: {left}. Use the vent valve and the emergency stop"
 
     def __str__(self) -> str:
         return "; ".join(

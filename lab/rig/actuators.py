@@ -45,7 +45,7 @@ HELD_BACK = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
 class ActuatorsLost(RuntimeError):
-    """The guard is gone or does not answer; the rig must be made safe anew, or by hand (vent valve, emergency stop)."""
+    """The guard is gone or does not answer; this program must land the rig itself."""
 
 
 class Actuators:
@@ -177,7 +177,7 @@ class Actuators:
             self._process.kill()
 
     def _lost(self, during: str) -> ActuatorsLost:
-        return ActuatorsLost(f"the guard of the actuators was lost during {during}: {self.lost}; vent and stop by hand")
+        return ActuatorsLost(f"the guard of the actuators was lost during {during}: {self.lost}")
 
     def open(self, name: str) -> Identity:
         """Connect one instrument."""

@@ -68,6 +68,8 @@ class Rig:
         self.notices += [f"{name}: {doubts[driver]}" for name, driver in used.items() if driver in doubts]
         self.operator: Operator = op.operator(file.operator)
         """Who prepares and confirms."""
+        self._after_loss: SafeReport | None = None
+        """The landing by this program after its guard was lost."""
         self._recorder: Recorder | None = None
         self._sinks: dict[str, Callable[[Any], None]] = {}
         self._lock = threading.Lock()
@@ -171,7 +173,7 @@ class Rig:
         elif event.kind == "pause":
             self.vital.pause = event
         if event.kind in ("landed", "clipped", "waiting"):
-            _warn(self._recorder, event.text)
+            _warn(self._recorder, f"{event.text}: {event.report.said}" if event.report is not None else event.text)
 
     def _driver_notice(self, text: str) -> None:
         with self._lock:
@@ -250,7 +252,9 @@ class Rig:
         try:
             return self.actuators.make_safe()
         except act.ActuatorsLost:
-            return make_safe_after_loss(self.file, self.clock, [n for n in ACTUATORS if n in self.identities])
+            names = [n for n in ACTUATORS if n in self.identities]
+            self._after_loss = make_safe_after_loss(self.file, self.clock, names)
+            return self._after_loss
 
     def close(self) -> None:
         """Land safe and disconnect everything; never raises."""
@@ -258,6 +262,9 @@ class Rig:
         with Shielded():
             with contextlib.suppress(Exception):
                 self.actuators.close()
+            with contextlib.suppress(Exception):
+                if self.actuators.lost and self._after_loss is None:
+                    self.make_safe()
             for driver in self.streams.values():
                 with contextlib.suppress(Exception):
                     driver.close()

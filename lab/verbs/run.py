@@ -379,7 +379,7 @@ def execute(
             error, outcome = e, "failed"
         if interrupts.now:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
-        report = _make_safe(rig, screen)
+        report = _make_safe(rig, screen, outcome == "completed")
         rig.record_to(None)
         for topic, n in rig.lost().items():
             _note_lost(recorder, topic, lost_before.get(topic, 0), n)
@@ -428,13 +428,14 @@ def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[s
     return {topic: c.lost + c.dropped for topic, c in counts.items() if c.lost + c.dropped}
 
 
-def _make_safe(rig: Rig, screen: Screen) -> bool:
+def _make_safe(rig: Rig, screen: Screen, as_planned: bool) -> bool:
+    """Land the rig; says what was confirmed when something has gone wrong."""
     try:
         report = rig.make_safe()
     except Exception as e:  # noqa: BLE001
         screen.say(f"safe state: {e}")
         return False
-    for step in report.steps:
-        if not step.confirmed:
-            screen.say(f"{step.instrument}: not confirmed safe ({step.text})")
+    if not (as_planned and report.confirmed):
+        landed = rig.vital.landed.report if rig.vital.landed is not None else None  # the guard was first
+        screen.say((landed if landed is not None and report.confirmed else report).said)
     return report.confirmed
