@@ -32,7 +32,7 @@ from drivers.configs import (
 )
 from drivers.interfaces import Vector3
 from drivers.registry import ROLES
-from recordings.messages import NAME
+from drivers.spec import QUANTITY
 
 from .all_drivers import drivers, found_drivers
 from .config import ConfigError, Source, check, read_yaml
@@ -47,7 +47,7 @@ class Table(BaseModel):
 SENSOR = "sensor"
 SENSORS = "sensors."
 """A sensor's place in `instruments`, and the name of the instrument: this and its own."""
-SensorName = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
+SensorName = Annotated[str, StringConstraints(pattern=f"^{QUANTITY.pattern}$")]
 """The lab's own name for a sensor: it goes into topics and columns."""
 
 

@@ -21,6 +21,7 @@ from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.guard import door
 from lab.guard.door import Answer, Door, Owner, demand_free, land, names_of_path, owners
+from lab.guard.last_used import forget, recall
 from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded
 from lab.guard.report import SafeReport, SafeStep
@@ -240,6 +241,8 @@ def own_folder(house: House, tmp_path: Path) -> Iterator[House]:
     for name in ("rig.yaml", "robot.yaml"):
         shutil.copy(house.rig.with_name(name), folder)
     yield House(house.fakes, folder / "rig.yaml")
+    if (left := recall(folder / "rig.yaml")) is not None:
+        forget(left)
 
 
 @pytest.mark.parametrize("spoil", BAD_DAYS, ids=lambda f: f.__name__)
