@@ -18,9 +18,11 @@ import yaml
 from house import House, until
 
 from lab.cli import main
+from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
-from lab.guard import door
+from lab.guard import door, last_used
 from lab.guard.door import Answer, Door, Owner, demand_free, land, names_of_path, owners
+from lab.guard.guard import Guard
 from lab.guard.last_used import forget, recall
 from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded
@@ -284,6 +286,28 @@ def test_what_a_crash_left_behind_is_landed(own_folder: House, spoil: Callable[[
     assert own_folder.highest() < 5e3 and not own_folder.fakes.plant.valve_on
     locked = spoil is folder_read_only
     assert code == (1 if locked else 0) and (Latch(place).read() is not None) is locked
+
+
+def test_all_rigs_are_landed_that_are_in_use_or_were_left_unsafe(
+    own_folder: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A prefix and a folder of its own: the rigs of other tests are left alone."""
+    monkeypatch.setattr(door, "PREFIX", f"softlab-test-all/{os.getpid()}/")
+    monkeypatch.setattr(last_used, "FOLDER", tmp_path)
+    assert main(["safe", "--all"]) == 0 and "No rig" in capsys.readouterr().out
+    rig = load_rig(own_folder.rig)
+    guard = Guard(rig, RigClock(rig.clock.speed))
+    guard.take_over()
+    guard.open("pressure")
+    guard.do("pressure", "set", ((20e3, 20e3, 20e3),))
+    assert until(lambda: own_folder.highest() > 10e3)
+    assert main(["safe", "--all"]) == 0
+    assert own_folder.highest() < 5e3 and str(own_folder.rig) in capsys.readouterr().out.replace("\n", "")
+    guard.close()
+    last_used.remember(rig)  # as a guard leaves it that was killed
+    assert main(["safe", "--all", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["rigs"]
+    assert list(told) == [str(own_folder.rig)] and told[str(own_folder.rig)]["confirmed"]
 
 
 ANOTHER_USER = """
