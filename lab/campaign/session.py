@@ -39,6 +39,8 @@ class Ended:
     error: Exception | None = None
     asked: int = 0
     """How often a person was asked to set the rig up."""
+    displaced: bool = False
+    """A recording or its journal was deleted, renamed, replaced or truncated under the run's hands."""
 
 
 class PartOfScreen(Screen):
@@ -79,6 +81,7 @@ class Session:
         self._rig: Rig | None = None
         self._open: list[str] = []
         self._safe = True
+        self._displaced = False
         self._said = False
         """That the rig is not checked."""
         self._done_s = sum(run.job.plan.seconds for run in campaign.runs if run.number in journal.done.completed)
@@ -95,7 +98,7 @@ class Session:
             ended = Ended(False, "stopped by the operator")
         finally:
             self._close()
-        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked)
+        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked, displaced=self._displaced)
 
     def _look_back(self) -> None:
         """What earlier sessions did counts for the stop rules."""
@@ -134,8 +137,8 @@ class Session:
             if ended is None or not ended.completed:
                 return ended
         broken = self._found(run).broken
-        own = run.job.experiment.source
-        job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own)
+        own = run.job.experiment if run.job.experiment.source is not None else None
+        job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own, run.job.rig)
         return self._one(run, job, needs, self.folder / run.folder, broken)
 
     def _is_cold(self, run: Run) -> bool:
@@ -168,6 +171,7 @@ class Session:
             return self._failed(number, e, 0.0, 0)
         seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
         self._safe = result.safe
+        self._displaced = self._displaced or bool(result.displaced)
         if result.outcome != "completed":
             if isinstance(result.error, Stopped):
                 self.journal.ended(number, result.outcome, seconds, len(result.table), lost, False)
@@ -188,6 +192,8 @@ class Session:
         why = "" if all_done else self.stops.after(self.journal.done)
         if result.asked and not all_done:
             why = why or "stopped by the operator"
+        if result.displaced and not all_done:
+            why = why or "; ".join(result.displaced)
         return Ended(not why, why)
 
     def _failed(self, number: int | None, error: Exception | None, seconds: float, lost: int) -> Ended | None:

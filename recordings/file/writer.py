@@ -8,12 +8,14 @@ With each chunk the recorder checks that its file and the journal are still what
 deleted, renamed, replaced or truncated goes on in a rescue file: a recording of its own that holds all that the open file
 still has, with the journal next to it.
 
-Metadata records: `recording` (schema_version, start_wall_ns, chambers, markers), those given by the caller, and at
-the end `counts` and `clocks` (one JSON text a topic) and `outcome`; in a rescue file `rescue` (instead_of, why).
+Metadata records: `recording` (schema_version, start_wall_ns, chambers, markers), `sha256` (of each attachment), those
+given by the caller, and at the end `counts` and `clocks` (one JSON text a topic) and `outcome`; in a rescue file `rescue`
+(instead_of, why).
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -115,6 +117,9 @@ class Recorder:
         }
         self._metadata = {"recording": about, **{name: dict(texts) for name, texts in (metadata or {}).items()}}
         self._attachments = dict(attachments or {})
+        if self._attachments:
+            sums = {name: hashlib.sha256(data).hexdigest() for name, data in self._attachments.items()}
+            self._metadata["sha256"] = sums
         try:
             self._begin(self._nanoseconds("/log", start))
         except OSError as error:
