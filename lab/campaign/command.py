@@ -176,9 +176,10 @@ def _tell(c: Campaign, folder: Path, journal: Journal, ended: Ended, as_json: bo
     done = journal.done
     again = None if ended.completed else resume_command(folder, c.rig_path)
     if as_json:
-        answer(json.dumps({"folder": str(folder), "completed": ended.completed, "why": ended.why,
-                          "runs_done": len(done.completed), "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe,
-                          "hands": ended.asked, "resume": again}, indent=1))  # fmt: skip
+        told = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
+                "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
+                "resume": again}  # fmt: skip
+        answer(json.dumps(told, indent=1))
         return
     word = "completed" if ended.completed else f"ended: {ended.why}"
     out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)

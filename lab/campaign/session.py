@@ -10,6 +10,7 @@ from pathlib import Path
 
 from drivers.errors import InstrumentError
 from protocols.errors import Stopped
+from recordings.own_files import folder_in
 
 from ..console import Screen, err, out
 from ..files.resume import Broken
@@ -164,7 +165,7 @@ class Session:
             self.stops.count(job.plan)
             self.journal.began(number)
             begun = rig.clock.now()
-            folder.mkdir(exist_ok=True)
+            folder_in(folder.parent, folder.name)
             part = PartOfScreen(self.screen, self._done_s, self._total_s) if run is not None else _Silent(self.screen)
             result = execute(rig, replace(job, labels=self._labels(run)), folder, part, broken, self._page)
         except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected

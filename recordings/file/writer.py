@@ -133,7 +133,7 @@ class Recorder:
         mcap = McapFile(disk, LIBRARY)
         now = time.time_ns()
         for name, texts in metadata.items():
-            mcap.metadata(name, texts)
+            mcap.metadata(name, {key: events.writable(text) for key, text in texts.items()})
         for name, data in self._attachments.items():
             mcap.attachment(name, "application/octet-stream", data, now, now)
         return mcap
