@@ -209,7 +209,7 @@ def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
     if where is None:
         raise ConfigError("the rig was not read from a file; open it with lab.open_rig")
     given = source_of(protocol)
-    asked = job(protocol, where, [], replace(given, data={**_table(given), **parameters}))
+    asked = job(protocol, where, [], replace(given, data={**_table(given), **parameters}), rig=rig.read)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     done = execute(rig, asked, folder, Screen(asked.experiment.name, rig.clock.speed, quiet=True))

@@ -39,8 +39,16 @@ class PlainConsole(Console):
         """See Console.print; what is no text (a path, an error) is turned into it first."""
         super().print(*(o if is_renderable(o) else str(o) for o in objects), **how)
 
+    def __exit__(self, *raised: Any) -> None:
+        """See Console; all that is printed is written here."""
+        try:
+            super().__exit__(*raised)
+        except OSError:
+            self.on_broken_pipe()
+
     def on_broken_pipe(self) -> None:
-        """Nobody reads any more (`lab run | head`): go on in silence, because a run must come to its end."""
+        """Nobody reads any more (`lab run | head`, a closed terminal, a full disk): go on in silence, because a run must come
+        to its end."""
         self.quiet = True
         nowhere = os.open(os.devnull, os.O_WRONLY)
         with contextlib.suppress(OSError, ValueError):
@@ -62,9 +70,24 @@ def complain(text: str) -> None:
     err.print(text, soft_wrap=True)
 
 
+def answer(text: str) -> None:
+    """The result for a program that reads it, as it is."""
+    try:
+        print(text, flush=True)
+    except OSError:
+        out.on_broken_pipe()
+
+
 def plain_failures() -> None:
     """From now on the logs of libraries and the traceback of a mistake in this program are printed plain, too, and a
-    character that the terminal's encoding does not have is written out."""
+    character that the terminal's encoding does not have is written out. Output that was closed before goes nowhere: its
+    number must not become that of a recording."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            with contextlib.suppress(OSError):
+                os.fstat(number)
+                continue
+            setattr(sys, name, open(os.devnull, "r+" if number else "r", encoding="utf-8"))  # noqa: SIM115 - as long as the program
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -125,16 +148,14 @@ class Screen:
         self._progress.stop()
 
     def say(self, text: str) -> None:
-        """Something that has happened. What cannot be shown (a terminal that is gone) is no reason to end a run."""
+        """Something that has happened."""
         if not self.quiet:
-            with contextlib.suppress(OSError):
-                self._progress.console.print("  " + text.replace("\n", "\n    "))
+            self._progress.console.print("  " + text.replace("\n", "\n    "))
 
     def typed(self, text: str | None) -> None:
         """A line that the person is typing, so far; None: none any more."""
         self._progress.typed = text
-        with contextlib.suppress(OSError):
-            self._progress.refresh()
+        self._progress.refresh()
 
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.spec import EffectSpec
 from model.robot import Robot
+from recordings.own_files import replaced
 
 from .files.config import ConfigError
 from .files.robot_file import write_robot
@@ -60,7 +61,6 @@ def _within(mean: Array, half: Array, limits: Array, rng: np.random.Generator) -
 
 def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path) -> Iterator[Path]:
     """One robot.yaml each, and samples.csv with a line for each and a column for each parameter, in its unit."""
-    folder.mkdir(parents=True, exist_ok=True)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["file", *names])
@@ -69,4 +69,4 @@ def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], fo
         file = f"robot-{k:0{width}d}.yaml"
         writer.writerow([file, *map(repr, row)])
         yield write_robot(robot, folder / file)
-    (folder / "samples.csv").write_text(text.getvalue(), encoding="utf-8")
+    replaced(folder / "samples.csv", text.getvalue())

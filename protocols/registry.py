@@ -44,11 +44,13 @@ class Experiment:
     run: Callable[[Bench, Any, Trials], None]
     source: Path | None = None
     """The file of one's own that it comes from."""
+    code: bytes = b""
+    """That file as it was run."""
 
 
-def experiment(name: str, module: ModuleType, source: Path | None = None) -> Experiment:
+def experiment(name: str, module: ModuleType, source: Path | None = None, code: bytes = b"") -> Experiment:
     """The protocol that a module without `faults` is."""
-    return Experiment(name, module.PARAMETERS, tuple(module.NEEDS), module.plan, module.run, source)
+    return Experiment(name, module.PARAMETERS, tuple(module.NEEDS), module.plan, module.run, source, code)
 
 
 def faults(name: str, module: object) -> str:

@@ -223,9 +223,14 @@ def encode_progress(t: float, steps: int, steps_planned: int, seconds: float, se
     return bytes(message.SerializeToString())
 
 
+def writable(text: str) -> str:
+    """The text with halves of characters, which no file can hold, written out: bytes that are no UTF-8 come as such."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def bounded(text: str) -> str:
-    """The text as it is but for an end that is too long, and for halves of characters, which no file can hold."""
-    whole = text.encode("utf-8", "backslashreplace").decode()
+    """The text as it is but for an end that is too long, and for halves of characters."""
+    whole = writable(text)
     over = len(whole) - LONGEST_TEXT
     return whole if over <= 0 else f"{whole[:LONGEST_TEXT]} ... ({over} more characters)"
 

@@ -1,4 +1,5 @@
-"""Files that the software itself names: locks, journals, caches, and what replaces a file at once.
+"""Files that the software itself names: locks, journals, caches, what replaces a file at once, and all that goes into a
+folder that a person names.
 
 None of them goes through a symbolic link or into a pipe or device: whoever can write to the folder could otherwise have
 a file elsewhere overwritten. Files that a person names (`--out`, `--report`) are opened as usual.
@@ -10,6 +11,7 @@ import contextlib
 import errno
 import os
 import secrets
+import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,7 +58,23 @@ def replacing(path: Path, mode: int = 0o644) -> Iterator[tuple[BinaryIO, Path]]:
         raise
 
 
-def replaced(path: Path, text: str, mode: int = 0o644) -> None:
+def replaced(path: Path, text: str | bytes, mode: int = 0o644) -> None:
     """Replace a file by this text at once, or leave it as it was."""
     with replacing(path, mode) as (file, _):
-        file.write(text.encode("utf-8"))
+        file.write(text if isinstance(text, bytes) else text.encode("utf-8"))
+
+
+def copied(source: Path, target: Path) -> None:
+    """Copy a file to another name, unless it is there under that name already."""
+    if target.is_symlink() or not (target.exists() and target.samefile(source)):
+        with replacing(target) as (file, _), open(source, "rb") as data:
+            shutil.copyfileobj(data, file)
+
+
+def folder_in(folder: Path, name: str) -> Path:
+    """A folder within a folder, made where it is missing; raises an OSError where a symbolic link leads elsewhere."""
+    path = folder / name
+    path.mkdir(exist_ok=True)
+    if path.is_symlink():
+        raise OSError(errno.ELOOP, "is a symbolic link, which is not followed here; remove it", str(path))
+    return path

@@ -46,6 +46,7 @@ GROUPS = {
     "test_plain_text_on_a_rig.py": OWN,
     "test_processes.py": WHOLE,
     "test_proposed_experiments.py": WHOLE,
+    "test_recorded_run.py": OWN,
     "test_resume.py": OWN,
     "test_three_chambers.py": WHOLE,
     "test_watch.py": OWN,

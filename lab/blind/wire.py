@@ -13,7 +13,6 @@ from recordings.trials import Table
 from sim_fakes.rig import FakeRig
 
 from ..console import Screen
-from ..files.rig_file import load_rig
 from ..rig.assembly import Rig
 from ..verbs.fakes import PATIENT, write_rig
 from ..verbs.run import connect, execute, job
@@ -76,7 +75,7 @@ def _record(truth: Truth, sweep: Sweep, robot_yaml: str, folder: Path, speed: fl
         write_rig(fakes, folder / "rig.yaml", PATIENT)
         (folder / "robot.yaml").write_text(robot_yaml)
         asked = job(sweep.protocol, folder / "rig.yaml", sweep.settings())
-        with Rig(load_rig(folder / "rig.yaml")) as rig:
+        with Rig(asked.rig) as rig:
             connect(rig, asked.experiment.needs, quiet=True)
             outcome = execute(rig, asked, folder, Screen(sweep.name, speed, quiet=True))
     if outcome.error is not None:

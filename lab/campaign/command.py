@@ -15,7 +15,7 @@ from protocols.planned import cycles, setups
 from recordings.campaign.labels import labels
 from recordings.errors import BadMessage
 
-from ..console import Screen, clock, err, out
+from ..console import Screen, answer, clock, err, out
 from ..files.campaign_file import OWN_LABELS
 from ..files.config import ConfigError
 from .design import Campaign, campaign_of
@@ -32,7 +32,7 @@ def plan(path: Path, rig_path: Path, as_json: bool) -> int:
     c = _checked(path, rig_path, as_json)
     said = plan_dict(c)
     if as_json:
-        print(json.dumps(said, indent=1))
+        answer(json.dumps(said, indent=1))
         return 0
     sheet = Sheet()
     for column in ("run", "block", "protocol", "condition", "about", "hands"):
@@ -167,18 +167,19 @@ def _session(c: Campaign, folder: Path, journal: Journal, as_json: bool, watched
     _tell(c, folder, journal, ended, as_json)
     if ended.error is not None:
         raise ended.error
-    if not ended.completed or not ended.safe:
+    if not ended.safe or not (ended.completed or ended.displaced):
         return 1
-    return 3 if journal.done.lost else 0
+    return 3 if journal.done.lost or ended.displaced else 0
 
 
 def _tell(c: Campaign, folder: Path, journal: Journal, ended: Ended, as_json: bool) -> None:
     done = journal.done
     again = None if ended.completed else resume_command(folder, c.rig_path)
     if as_json:
-        print(json.dumps({"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
-                          "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe,
-                          "hands": ended.asked, "resume": again}, indent=1))  # fmt: skip
+        told = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
+                "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
+                "resume": again}  # fmt: skip
+        answer(json.dumps(told, indent=1))
         return
     word = "completed" if ended.completed else f"ended: {ended.why}"
     out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)

@@ -20,7 +20,8 @@ from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.campaign_file import CampaignFile, Part, load_campaign
-from ..files.config import MOST_PROBLEMS, ConfigError, Loc, Source, load
+from ..files.config import MOST_PROBLEMS, ConfigError, Loc, Source
+from ..files.rig_file import RigFile, load_rig
 from ..verbs.run import Job, job
 from .order import changes, ordered
 
@@ -130,7 +131,7 @@ class Campaign:
 
 
 def _code(experiment: Experiment) -> str:
-    return "" if experiment.source is None else hashlib.sha256(experiment.source.read_bytes()).hexdigest()
+    return "" if experiment.source is None else hashlib.sha256(experiment.code).hexdigest()
 
 
 def campaign_of(
@@ -148,8 +149,9 @@ def campaign_of(
     problems: dict[str, str] = {}
     jobs: list[list[tuple[str, Job]]] = [[] for _ in file.protocols]
     total = sum(part.cells for part in file.protocols)
+    rig = load_rig(rig_path)
     for number, part in enumerate(file.protocols):
-        for checked in _jobs(part, ("protocols", number), source, rig_path, problems):
+        for checked in _jobs(part, ("protocols", number), source, rig_path, rig, problems):
             jobs[number].append(checked)
             progress(sum(map(len, jobs)), total)
     if problems:
@@ -160,12 +162,11 @@ def campaign_of(
     assert file.seed is not None
     slots = ordered(hands, file.blocks, file.seed, file.hands == "grouped")
     runs = tuple(Run(n, block, (part, k), *jobs[part][k]) for n, (block, (part, k)) in enumerate(slots, 1))
-    robot = load(runs[0].job.rig.robot, Robot)
-    return Campaign(file, runs, _warm_up(file, runs, rig_path), rig_path, robot, seed_given)
+    return Campaign(file, runs, _warm_up(file, runs, rig_path, rig), rig_path, rig.body, seed_given)
 
 
 def _jobs(
-    part: Part, place: Loc, source: Source, rig_path: Path, problems: dict[str, str]
+    part: Part, place: Loc, source: Source, rig_path: Path, rig: RigFile, problems: dict[str, str]
 ) -> Iterator[tuple[str, Job]]:
     """Each condition of a protocol as people read it, and its job; what is wrong goes to `problems`, each text once."""
     own = Path(part.protocol) if part.protocol.endswith(".py") else None
@@ -183,7 +184,7 @@ def _jobs(
         lines = _lines(source, place, picked)
         given = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
         try:
-            yield condition, job(name, rig_path, [], given, own)
+            yield condition, job(name, rig_path, [], given, experiment if own is not None else None, rig)
         except ConfigError as e:
             for line in str(e).splitlines():
                 where = "" if line.startswith(f"{source.name}:") or not condition else f"{condition}: "
@@ -219,7 +220,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 2]}.."
 
 
-def _warm_up(file: CampaignFile, runs: tuple[Run, ...], rig_path: Path) -> Job | None:
+def _warm_up(file: CampaignFile, runs: tuple[Run, ...], rig_path: Path, rig: RigFile) -> Job | None:
     """Cycles of each group of chambers that is inflated, to the highest pressure that it gets."""
     highest: dict[tuple[int, ...], float] = {}
     rate, speed = 0.0, 0.0
@@ -237,4 +238,4 @@ def _warm_up(file: CampaignFile, runs: tuple[Run, ...], rig_path: Path) -> Job |
     }  # fmt: skip
     if speed:
         values["spine"] = {"speed": speed}
-    return job("cycles", rig_path, [], Source("warm_up", values, {}))
+    return job("cycles", rig_path, [], Source("warm_up", values, {}), rig=rig)

@@ -26,7 +26,7 @@ TORN = ".torn"
 def fill(folder: Path, campaign: Campaign) -> None:
     """Keep what the campaign goes on with."""
     replaced(folder / FILE, campaign.yaml)
-    replaced(folder / ROBOT, campaign.runs[0].job.rig.robot.read_text(encoding="utf-8"))
+    replaced(folder / ROBOT, campaign.runs[0].job.rig.texts[ROBOT].decode())
 
 
 def folder_of(place: Path) -> Path:
@@ -41,9 +41,9 @@ def demand_same(folder: Path, campaign: Campaign, design: str) -> None:
             f"{folder / FILE}: is not the campaign that was begun here: protocols, conditions, blocks, order or "
             "a protocol's file differ; only stop, warm_up and labels may be changed. Start a new campaign instead"
         )
-    robot = campaign.runs[0].job.rig.robot
-    if not same_body(robot.read_bytes(), (folder / ROBOT).read_bytes()):
-        raise ConfigError(f"{robot}: differs from {folder / ROBOT}, with which the campaign began; start a new one")
+    rig = campaign.runs[0].job.rig
+    if not same_body(rig.texts[ROBOT], (folder / ROBOT).read_bytes()):
+        raise ConfigError(f"{rig.robot}: differs from {folder / ROBOT}, with which the campaign began; start a new one")
 
 
 @dataclass(frozen=True)

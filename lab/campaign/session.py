@@ -10,6 +10,7 @@ from pathlib import Path
 
 from drivers.errors import InstrumentError
 from protocols.errors import Stopped
+from recordings.own_files import folder_in
 
 from ..console import Screen, err, out
 from ..files.resume import Broken
@@ -39,6 +40,8 @@ class Ended:
     error: Exception | None = None
     asked: int = 0
     """How often a person was asked to set the rig up."""
+    displaced: bool = False
+    """A recording or its journal was deleted, renamed, replaced or truncated under the run's hands."""
 
 
 class PartOfScreen(Screen):
@@ -79,6 +82,7 @@ class Session:
         self._rig: Rig | None = None
         self._open: list[str] = []
         self._safe = True
+        self._displaced = False
         self._said = False
         """That the rig is not checked."""
         self._done_s = sum(run.job.plan.seconds for run in campaign.runs if run.number in journal.done.completed)
@@ -95,7 +99,7 @@ class Session:
             ended = Ended(False, "stopped by the operator")
         finally:
             self._close()
-        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked)
+        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked, displaced=self._displaced)
 
     def _look_back(self) -> None:
         """What earlier sessions did counts for the stop rules."""
@@ -134,8 +138,8 @@ class Session:
             if ended is None or not ended.completed:
                 return ended
         broken = self._found(run).broken
-        own = run.job.experiment.source
-        job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own)
+        own = run.job.experiment if run.job.experiment.source is not None else None
+        job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own, run.job.rig)
         return self._one(run, job, needs, self.folder / run.folder, broken)
 
     def _is_cold(self, run: Run) -> bool:
@@ -161,13 +165,14 @@ class Session:
             self.stops.count(job.plan)
             self.journal.began(number)
             begun = rig.clock.now()
-            folder.mkdir(exist_ok=True)
+            folder_in(folder.parent, folder.name)
             part = PartOfScreen(self.screen, self._done_s, self._total_s) if run is not None else _Silent(self.screen)
             result = execute(rig, replace(job, labels=self._labels(run)), folder, part, broken, self._page)
         except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
             return self._failed(number, e, 0.0, 0)
         seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
         self._safe = result.safe
+        self._displaced = self._displaced or bool(result.displaced)
         if result.outcome != "completed":
             if isinstance(result.error, Stopped):
                 self.journal.ended(number, result.outcome, seconds, len(result.table), lost, False)
@@ -188,6 +193,8 @@ class Session:
         why = "" if all_done else self.stops.after(self.journal.done)
         if result.asked and not all_done:
             why = why or "stopped by the operator"
+        if result.displaced and not all_done:
+            why = why or "; ".join(result.displaced)
         return Ended(not why, why)
 
     def _failed(self, number: int | None, error: Exception | None, seconds: float, lost: int) -> Ended | None:

@@ -26,8 +26,8 @@ def _protocol(name: str, thing: object) -> dict[str, Experiment]:
 
 def protocol_from_file(path: Path) -> Experiment:
     """The protocol of a Python file, which has the file's name; raises ConfigError when it cannot be run or holds none."""
-    module = python_file(path)
+    module, text = python_file(path)
     if wrong := faults(path.stem, module):
         raise ConfigError(f"{path}: {wrong}")
     sys.modules[module.__name__] = module  # where annotations that its parameters resolve late are looked up
-    return experiment(path.stem, module, path)
+    return experiment(path.stem, module, path, text)

@@ -149,7 +149,7 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
 def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
     """A simulator of the robot, by the name under which a package announces it or by the Python file with its SIMULATOR."""
     if name.endswith(".py"):
-        return Path(name).stem, _made(name, getattr(python_file(Path(name)), "SIMULATOR", None), robot)
+        return Path(name).stem, _made(name, getattr(python_file(Path(name))[0], "SIMULATOR", None), robot)
     if name in OWN:
         module, thing = OWN[name]
         try:

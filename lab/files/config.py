@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import sys
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,6 +27,8 @@ from .units import UnitError, to_si
 
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]
+SMALLEST = sys.float_info.min
+"""Magnitude of a number other than zero: smaller ones lose their digits, and dividing by them overflows."""
 MOST_PROBLEMS = 50
 """Of one file that are spelled out."""
 
@@ -48,6 +51,8 @@ class Source:
     name: str
     data: object
     lines: Mapping[Loc, int]
+    text: bytes = b""
+    """What was parsed."""
 
     def at(self, loc: Loc) -> str:
         """`file:line` of the key nearest to loc."""
@@ -75,7 +80,7 @@ def parse_yaml(text: str, name: str) -> Source:
     lines: dict[Loc, int] = {}
     if node is not None:
         _collect_lines(node, (), lines)
-    return Source(name, data, lines)
+    return Source(name, data, lines, text.encode())
 
 
 def load(path: Path, model: type[M]) -> M:
@@ -214,12 +219,27 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
         return {k: _convert(v, _inner(field), (*loc, k), problems) for k, v in value.items()}
     if isinstance(value, list):
         return [_convert(v, field, (*loc, i), problems) for i, v in enumerate(value)]
-    if isinstance(value, str) and unit is not None:
+    number = _is_number(field)
+    if isinstance(value, str) and (number or unit is not None):
         try:
-            return to_si(value, unit)
+            value = to_si(value, unit or "")  # YAML takes 1e3 for a text
         except UnitError as e:
-            problems[loc] = f"{_dotted(loc)}: {e}"
+            problems[loc] = (
+                f"{_dotted(loc)}: {e}" if unit is not None else f"{_dotted(loc)} = {_short(value)}: must be a number"
+            )
+    if isinstance(value, bool) and number:
+        problems[loc] = f"{_dotted(loc)} = {str(value).lower()}: must be a number{f' in {unit}' if unit else ''}"
+    elif isinstance(value, float) and 0 < abs(value) < SMALLEST:
+        problems[loc] = (
+            f"{_dotted(loc)} = {f'{_short(value)} {unit or str()}'.strip()}: must be 0, or at least {SMALLEST:.1e}"
+        )
     return value
+
+
+def _is_number(field: FieldInfo) -> bool:
+    """Whether a field takes numbers, or lists of them, and nothing else."""
+    kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
+    return bool(kinds) and all(kind in (int, float) for kind in kinds)
 
 
 # ------------------------------------------------------------------ one problem, one sentence

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import yaml
 
 from recordings.campaign.info import Info
-from recordings.own_files import replaced
+from recordings.own_files import copied, replaced
 from recordings.trials import Table, unit_of
 
 from ..version import NAME, installed, source
@@ -50,8 +49,7 @@ def write_crate(
     graph: list[dict[str, Any]] = []
     for path in files:
         target = folder / path.name
-        if not (target.exists() and target.samefile(path)):
-            shutil.copyfile(path, target)
+        copied(path, target)
         graph.append(_file(target, recordings.get(path.name)))
     columns = [_column(column) for column in table.columns]
     own = next((f for f in graph if f["@id"] == "trials.csv"), None)

@@ -17,7 +17,7 @@ from .packages import Unusable, installed, python_file
 
 def effects_from_file(path: Path) -> tuple[EffectSpec, ...]:
     """The EFFECTS of a Python file; raises ConfigError when it cannot be run or holds none."""
-    module = python_file(path)
+    module, _ = python_file(path)
     try:
         return announced(getattr(module, "EFFECTS", None))
     except BadEffect as error:

@@ -16,9 +16,13 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Generic, TypeVar
 
+from recordings.bounded import read_bounded
+
 from .config import ConfigError
 
 T = TypeVar("T")
+LARGEST_CODE = 2_000_000
+"""Bytes of a Python file of one's own."""
 Unpack = Callable[[str, object], Mapping[str, T]]
 """What an entry point of this name gives, by name; raises `Unusable`."""
 
@@ -115,20 +119,23 @@ def _contested(name: str, entries: Collection[Entry]) -> str:
     return f"packages {packages} both register {name}, so neither is used; keep one: {each}"
 
 
-def python_file(path: Path) -> ModuleType:
-    """A Python file, run; raises ConfigError when it cannot be.
+def python_file(path: Path) -> tuple[ModuleType, bytes]:
+    """A Python file, run, and its text as it was run; raises ConfigError when it cannot be.
 
     It is no module that others can import: what is sent elsewhere from it goes as a whole (cloudpickle), not by its name.
     """
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
-    if spec is None or spec.loader is None or not path.is_file():
+    if spec is None or not path.is_file():
         raise ConfigError(f"{path}: is not a readable Python file")
+    text = read_bounded(path, LARGEST_CODE, ConfigError)
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # where the annotations of its classes are looked up
     try:
-        spec.loader.exec_module(module)
+        exec(
+            compile(text, path, "exec"), module.__dict__
+        )  # not by its loader, which would read it again, or an older one
     except (Exception, SystemExit) as error:
         raise ConfigError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
     finally:
         del sys.modules[spec.name]
-    return module
+    return module, text

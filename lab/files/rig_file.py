@@ -37,6 +37,9 @@ from drivers.spec import QUANTITY
 from .all_drivers import drivers, found_drivers
 from .config import ConfigError, Source, check, read_yaml
 
+if TYPE_CHECKING:
+    from model.robot import Robot
+
 
 class Table(BaseModel):
     """A table of a file: no unknown keys, no NaN, unchangeable."""
@@ -231,6 +234,8 @@ class RigFile(Table):
     safe: Safe = Safe()
     limits: Limits = Limits()
     _path: Path | None = PrivateAttr(default=None)
+    _texts: Mapping[str, bytes] = PrivateAttr(default={})
+    _body: Any = PrivateAttr(default=None)
 
     @field_validator("operator")
     @classmethod
@@ -247,15 +252,32 @@ class RigFile(Table):
         """The file this was read from; None when it was not read from one."""
         return self._path
 
-    def read_from(self, path: Path | None) -> RigFile:
-        """The same, known to have been read from this file."""
+    @property
+    def texts(self) -> Mapping[str, bytes]:
+        """rig.yaml and robot.yaml as they were parsed; both are read once, however often they are changed later."""
+        return self._texts
+
+    @property
+    def body(self) -> Robot:
+        """The robot of `load_rig`; ConfigError for a rig that was read without its robot."""
+        if self._body is None:
+            raise ConfigError(f"{self._path or 'rig.yaml'}: its robot {self.robot} was not read")
+        found: Robot = self._body
+        return found
+
+    def read_from(
+        self, path: Path | None, texts: Mapping[str, bytes] | None = None, body: Robot | None = None
+    ) -> RigFile:
+        """The same, known to have been read from this file, with this robot."""
         found = self.model_copy()
-        found._path = path
+        found._path, found._texts, found._body = path, texts or {}, body
         return found
 
 
 def load_rig(path: Path) -> RigFile:
-    """Read rig.yaml; raises ConfigError. The robot's path in the result is absolute."""
+    """Read rig.yaml and its robot.yaml, each once; raises ConfigError. The robot's path in the result is absolute."""
+    from model.robot import Robot  # `lab safe` reads a rig without it, and at once
+
     source = read_yaml(path)
     if beyond := _unusable(source.data):
         raise ConfigError("\n".join(f"{path}: {why}" for why in beyond.values()))
@@ -265,7 +287,9 @@ def load_rig(path: Path) -> RigFile:
         raise ConfigError(
             f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file"
         )
-    return rig.model_copy(update={"robot": robot}).read_from(path.resolve())
+    of_robot = read_yaml(robot)
+    texts = {"rig.yaml": source.text, "robot.yaml": of_robot.text}
+    return rig.model_copy(update={"robot": robot}).read_from(path.resolve(), texts, check(of_robot, Robot))
 
 
 @dataclass(frozen=True)

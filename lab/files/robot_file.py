@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from model.robot import Robot
+from recordings.own_files import replaced
 
 LATER = ("effects", "tolerances", "obstacle_azimuth_deg", "posterior", "residual")
 """Keys that are left out where there is nothing to say."""
@@ -53,7 +54,7 @@ def robot_yaml(robot: Robot) -> str:
 
 def write_robot(robot: Robot, path: Path) -> Path:
     """Write it, and return where."""
-    path.write_text(robot_yaml(robot), encoding="utf-8")
+    replaced(path, robot_yaml(robot))
     return path
 
 

@@ -16,13 +16,12 @@ from diagnosis.inference.executor import Executor
 from diagnosis.investigate import Foretold, Investigation, Limits, Round, investigate
 from drivers.errors import InstrumentError
 from model.errors import ModelError
-from model.robot import Robot
 from protocols.errors import ProtocolError, Stopped
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
-from ..console import Screen, err, out
-from ..files.config import ConfigError, load
+from ..console import Screen, answer, err, out
+from ..files.config import ConfigError
 from ..files.inputs import read_case, same_robot
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
@@ -85,7 +84,8 @@ def run(w: Wanted, as_json: bool) -> int:
     Raises ConfigError, RecordingError, InstrumentError.
     """
     case = read_case(w.inputs, w.robot)
-    if not same_robot(load(load_rig(w.rig).robot, Robot), case.robot):
+    rig = load_rig(w.rig)
+    if not same_robot(rig.body, case.robot):
         raise ConfigError(f"{w.rig}: its robot.yaml is of another body than the campaign's; give the rig of this robot")
     if (w.folder / STORY).exists():
         raise ConfigError(f"{w.folder}: holds an investigation already; give another folder with --out")
@@ -98,6 +98,7 @@ def run(w: Wanted, as_json: bool) -> int:
         w.inputs,
         w.robot,
         w.rig,
+        rig,
         w.folder,
         w.hands,
         w.without,
@@ -135,7 +136,7 @@ def run(w: Wanted, as_json: bool) -> int:
     _keep(w, found, at.inputs)
     if as_json:
         told = {**found.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in at.inputs], "lost": at.lost}
-        print(json.dumps(told, indent=1))
+        answer(json.dumps(told, indent=1))
     else:
         out.print(found.answer.statement)
         out.print(f"{found.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)

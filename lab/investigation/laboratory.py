@@ -19,6 +19,7 @@ from ..campaign.hands import Prepared
 from ..console import Screen, err
 from ..files.config import ConfigError, Source
 from ..files.inputs import Case, read_case
+from ..files.rig_file import RigFile
 from ..live.beside import Page
 from ..rig.assembly import Rig
 from ..verbs.run import Job, Outcome, connect, execute, job
@@ -36,6 +37,7 @@ class RigLaboratory:
         inputs: Sequence[Path],
         robot: Path | None,
         rig_path: Path,
+        rig: RigFile,
         folder: Path,
         hands: bool,
         without: Sequence[str],
@@ -44,7 +46,8 @@ class RigLaboratory:
         told: Callable[[Foretold], None],
         quiet: bool,
     ) -> None:
-        self._inputs, self._robot, self._rig_path, self._folder = list(inputs), robot, rig_path, folder
+        self._inputs, self._robot, self._folder = list(inputs), robot, folder
+        self._rig_path, self._rig = rig_path, rig
         self._hands, self._labels, self._told, self._quiet = hands, labels, told, quiet
         self._without, self._settings = frozenset(without), list(settings)
         self._prepared = Prepared()
@@ -76,7 +79,8 @@ class RigLaboratory:
     def _job(self, proposal: Proposal) -> Job | str:
         """What is to be run, or why it cannot be."""
         try:
-            found = job(proposal.id, self._rig_path, self._settings, Source(proposal.id, dict(proposal.protocol), {}))
+            given = Source(proposal.id, dict(proposal.protocol), {})
+            found = job(proposal.id, self._rig_path, self._settings, given, rig=self._rig)
         except (ConfigError, ProtocolError) as e:
             return str(e).splitlines()[0]
         if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):

@@ -101,7 +101,7 @@ def _planned(a: Asked) -> tuple[Robot, Columns | None]:
         raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
     if a.rig is not None:
         rig = load_rig(a.rig)
-        robot = load(a.robot or rig.robot, Robot)
+        robot = rig.body if a.robot is None else load(a.robot, Robot)
         chambers = wiring(rig, robot)
         count, channels = chambers.count, chambers.channels
     else:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 
+from recordings.own_files import replacing
+
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
@@ -37,7 +39,9 @@ def colours(n: int) -> list[tuple[float, float, float, float]]:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write and close; the same figure is the same file, on every day."""
-    figure.savefig(path, bbox_inches="tight", metadata={"Date": None} if path.suffix == ".svg" else None)
+    kind = path.suffix.lower().removeprefix(".")
+    with replacing(path) as (file, _):
+        figure.savefig(file, format=kind, bbox_inches="tight", metadata={"Date": None} if kind == "svg" else None)
     plt.close(figure)
     return path
 

@@ -8,6 +8,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from recordings.own_files import replacing
+
 from ..imports.table import Imported
 
 MM, KPA = 1e3, 1e-3
@@ -26,7 +28,8 @@ def draw(made: Imported, length: float, path: Path) -> None:
     _over_time(made, pressure, tip)
     for k, axis in enumerate((0, 1)):
         _plane(made, axis, length, figure.add_subplot(grid[k, 2]))
-    figure.savefig(path, dpi=130)
+    with replacing(path) as (file, _):
+        figure.savefig(file, format=path.suffix.removeprefix("."), dpi=130)
     plt.close(figure)
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader
 
+from recordings.own_files import replaced
+
 from ..plain import plain
 
 IMAGES = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -76,5 +78,5 @@ class Report:
         page = environment.get_template("report.html.j2").render(
             title=self.title, subtitle=self.subtitle, lead=self.lead, sections=[vars(s) for s in self.sections]
         )
-        path.write_text(page, encoding="utf-8")
+        replaced(path, page)
         return path

@@ -14,7 +14,6 @@ from typing import Any, Self
 from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
-from model.robot import Robot
 from protocols.bench import Bench, Narrator, Operator, StandFrame
 from protocols.steering import Steering
 from recordings.errors import RecordingError
@@ -22,7 +21,6 @@ from recordings.file.writer import Recorder
 from recordings.messages import MessageType, sensor
 
 from ..files.all_drivers import drivers, found_drivers
-from ..files.config import load
 from ..files.rig_file import SENSORS, RigFile, present, table_of
 from ..guard.door import demand_free
 from ..guard.force_limit import ForceLimit
@@ -52,7 +50,9 @@ class Rig:
     def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
         """Raises RigLocked when the rig is in use, or when a person has to see to it first unless `despite_latch`;
         ConfigError when its clock is for fakes and an instrument is none."""
-        robot = load(file.robot, Robot)
+        robot = file.body
+        self.read = file
+        """rig.yaml as it was read."""
         self.file = file = within_robot(file, robot)
         self.clock = clock_of(file)
         demand_free(owned_names(file))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+
+from recordings.own_files import replaced
 
 from ..files.rig_file import RigFile
 
@@ -55,9 +56,7 @@ def keep(rig_path: Path, rig: RigFile, seen: Sequence[Moved]) -> None:
         return
     when = time.strftime("%Y-%m-%d %H:%M:%S")
     text = json.dumps({"when": when, "digest": digest(rig), "seen": [asdict(m) for m in seen]}, indent=1)
-    new = path.with_suffix(".checked.new")
-    new.write_text(text + "\n", encoding="utf-8")
-    os.replace(new, path)
+    replaced(path, text + "\n")
 
 
 def last(rig_path: Path, rig: RigFile) -> Checked | str:

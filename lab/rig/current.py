@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 
 from recordings.bounded import read_bounded
@@ -21,7 +22,7 @@ def _place(rig: Path) -> Path:
 def announce(rig: Path, recording: Path) -> None:
     """From now on the rig's run writes this recording; where the line cannot be written, nothing is announced."""
     with contextlib.suppress(OSError):
-        replaced(_place(rig), f"{recording.resolve()}\n")
+        replaced(_place(rig), os.fsencode(recording.resolve()) + b"\n")
 
 
 def recording_of(rig: Path) -> Path:
@@ -31,7 +32,7 @@ def recording_of(rig: Path) -> Path:
     place = _place(rig)
     if not place.exists():
         raise ConfigError(f"{rig}: no run of it is known ({place.name} is not there); give its recording instead")
-    found = Path(read_bounded(place, LONGEST, ConfigError).decode("utf-8", "backslashreplace").strip())
+    found = Path(os.fsdecode(read_bounded(place, LONGEST, ConfigError).strip()))
     if not found.is_file():
         raise ConfigError(f"{place}: names {found}, which is not there; give the recording instead")
     return found

@@ -1,4 +1,5 @@
-"""Ctrl-C and SIGTERM: once finishes the step, twice (or SIGTERM) stops now; after that nothing interrupts the clean-up.
+"""Ctrl-C, SIGTERM and a closed terminal (SIGHUP): Ctrl-C once finishes the step; twice, or one of the others, stops now.
+After that nothing interrupts the clean-up. Where SIGHUP is ignored (nohup), a closed terminal does not end the run.
 
 "Now" is told to the guard from within the signal handler, so that the actuators stop while the experiment still unwinds.
 No exception is thrown into code that does not expect one: the experiment looks between its steps. Only a program that
@@ -14,7 +15,7 @@ from typing import Any
 
 from ..guard.pulse import SIGNAL, Pulse
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupts:
@@ -28,7 +29,8 @@ class Interrupts:
         """True once a person wants everything to stop at once."""
 
     def __enter__(self) -> Interrupts:
-        self._before = {n: signal.signal(n, self._on_signal) for n in SIGNALS}
+        kept = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
+        self._before = {n: signal.signal(n, self._on_signal) for n in SIGNALS if n not in kept}
         return self
 
     def __exit__(

@@ -12,7 +12,7 @@ from model.robot import Robot
 from model.section import annulus_second_moment, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 
-from ..files.config import ConfigError, load
+from ..files.config import ConfigError
 from ..files.rig_file import RigFile, Stand
 
 SLACK = 1 + 1e-9
@@ -36,24 +36,24 @@ class Excess:
     """The limit is a range."""
 
 
-def within_robot(rig: RigFile, robot: Robot | None = None) -> RigFile:
-    """The rig whose regulators may not be told more than its robot bears (robot.yaml, read unless given).
+def within_robot(rig: RigFile, robot: Robot) -> RigFile:
+    """The rig whose regulators may not be told more than its robot bears (`max_pressure` of robot.yaml).
 
-    The guard gets this one: it clips set-points and judges readings by the lower of the two limits. Raises ConfigError.
+    The guard gets this one: it clips set-points and judges readings by the lower of the two limits.
     """
     pressure = rig.instruments.pressure
     if pressure is None:
         return rig
-    most = (robot or load(rig.robot, Robot)).max_pressure
+    most = robot.max_pressure
     if most is None or most >= pressure.max_pressure:
         return rig
     lower = pressure.model_copy(update={"max_pressure": most})
     return rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"pressure": lower})})
 
 
-def wiring(rig: RigFile, robot: Robot | None = None) -> ChamberMap:
-    """Which channel feeds which chambers of the rig's robot (robot.yaml, read unless given); raises ConfigError."""
-    driven = (robot or load(rig.robot, Robot)).chambers
+def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
+    """Which channel feeds which chambers of the rig's robot; raises ConfigError."""
+    driven = robot.chambers
     if driven is None:
         raise ConfigError(
             f"{rig.robot}: has tendons, and rigs drive chambers: measure elsewhere and `lab import` the table"

@@ -44,7 +44,7 @@ class Console:
         if not sys.stdin.isatty():
             out.print("(not a terminal: assumed to be prepared)")
             return
-        if input("Enter when ready, q to stop: ").strip().lower() == "q":
+        if _typed("Enter when ready, q to stop: ") == "q":
             raise Stopped("not prepared; nothing moved")
 
     def confirm(self, trouble: str) -> None:
@@ -52,8 +52,16 @@ class Console:
         out.print(f"Paused, vented and stopped: {trouble}")
         if not sys.stdin.isatty():
             raise Stopped(f"paused: {trouble}; nobody can confirm that it is fixed (not a terminal)")
-        if input("Enter when it is fixed and nobody is in the cell, q to stop: ").strip().lower() == "q":
+        if _typed("Enter when it is fixed and nobody is in the cell, q to stop: ") == "q":
             raise Stopped(f"stopped during a pause: {trouble}")
+
+
+def _typed(question: str) -> str:
+    """What the person answers, in lower case; raises Stopped at the end of a terminal (Ctrl-D, closed)."""
+    try:
+        return input(question).strip().lower()
+    except (EOFError, OSError) as e:
+        raise Stopped("stopped: the terminal was closed before anybody answered") from e
 
 
 class Program:

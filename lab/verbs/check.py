@@ -19,8 +19,8 @@ from protocols.bench import Setup
 from protocols.errors import ProtocolError, Stopped
 from recordings.file.writer import Recorder
 
-from ..console import Screen, err, out, styled
-from ..files.config import ConfigError, load
+from ..console import Screen, answer, err, out, styled
+from ..files.config import ConfigError
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..guard.latch import Latch
 from ..rig.assembly import Rig
@@ -62,7 +62,7 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
         err.print(f"warning: {text}")
     if as_json:
         told = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
-        print(json.dumps(told | ({"moved": [asdict(m) for m in moved]} if move else {}), indent=1))
+        answer(json.dumps(told | ({"moved": [asdict(m) for m in moved]} if move else {}), indent=1))
     else:
         out.print(_table(rig.file.name, rows, span))
         for f in failures:
@@ -79,7 +79,7 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
     """The robot that may be moved; raises ConfigError, or Stopped when the person says no."""
     from ..rig.moves import STEP  # with the rod model, which no other check waits for; here, before the rig is opened
 
-    robot = load(file.robot, Robot)
+    robot = file.body
     if file.instruments.pressure is not None and robot.max_pressure is None:
         raise ConfigError(
             f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold"

@@ -183,7 +183,7 @@ def _fakes(folder: Path, seed: int, speed: float, seal: Seal) -> FakeRig:
 
 
 def _run(rig: Rig, rig_path: Path, folder: Path, name: str, settings: list[str]) -> Outcome:
-    j = job(name, rig_path, settings)
+    j = job(name, rig_path, settings, rig=rig.read)
     result = execute(rig, j, folder, Screen(name, j.rig.clock.speed))
     if result.error is not None:
         raise result.error

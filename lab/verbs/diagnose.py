@@ -21,6 +21,7 @@ from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
 from model.effects.spec import EffectSpec
 from model.errors import ModelError
 from recordings.errors import RecordingError
+from recordings.own_files import replaced
 
 from ..cluster import cluster
 from ..console import Screen, note, out
@@ -94,7 +95,7 @@ def diagnose(
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 
-        write(answer, case.robot.length, outputs.report, ", ".join(str(p) for p in inputs), case.table)
+        write(answer, case.robot.length, outputs.report.resolve(), ", ".join(str(p) for p in inputs), case.table)
         out.print(f"report: {outputs.report}")
     return 0
 
@@ -180,7 +181,7 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     for p in proposals:
         path = folder / f"{p.id}.yaml"
         head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
-        path.write_text(head + yaml.safe_dump(dict(p.protocol), sort_keys=False), encoding="utf-8")
+        replaced(path, head + yaml.safe_dump(dict(p.protocol), sort_keys=False))
         written.append(path)
     return written
 

@@ -14,6 +14,7 @@ from recordings.campaign.export import StreamFormat, export_case, export_streams
 from recordings.campaign.info import info as summary
 from recordings.campaign.resumed import tables
 from recordings.file.reader import Recording
+from recordings.own_files import copied, folder_in
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
 
@@ -61,7 +62,8 @@ def export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) ->
         )
     recordings = [Recording.open(f) for f in inputs if not f.is_dir()]
     for recording in recordings:
-        own = folder / recording.path.stem if len(recordings) > 1 and forms.streams != "mat" else folder
+        apart = len(recordings) > 1 and forms.streams != "mat"
+        own = folder_in(folder, recording.path.stem) if apart else folder
         written += export_streams(recording, own, forms.streams)
     _report(written, as_json)
     return 0
@@ -124,7 +126,7 @@ def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) ->
     if cases:
         table = read_csv(cases[0] / "trials.csv")
         for name in ("robot.yaml", "trials.csv"):
-            (folder / name).write_bytes((cases[0] / name).read_bytes())
+            copied(cases[0] / name, folder / name)
     else:
         table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
         write_csv(table, folder / "trials.csv")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import shutil
 import signal
 import threading
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from pydantic import ValidationError
 
 from model.robot import Robot
 from recordings.messages import NAME
+from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
 from sim_fakes.instrument import Fake, Regulators, faults
 from sim_fakes.registry import GROUP, OWN, of_role
@@ -203,7 +203,7 @@ def regulators(a: argparse.Namespace) -> Regulators:
 def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None, robot: Path | None = None) -> None:
     """Write rig.yaml, with `changes` to its tables, and beside it robot.yaml, the paper's unless given."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(robot or paper_robot(), path.parent / "robot.yaml")
+    copied(robot or paper_robot(), path.parent / "robot.yaml")
     path.write_text(yaml.safe_dump(_merged(rig.rig_file("robot.yaml"), changes or {}), sort_keys=False))
 
 

@@ -15,6 +15,7 @@ from diagnosis.fit_effects import Fitted, fit_effects
 from model.errors import BadEffect, ModelError
 from model.estimate import Estimate
 from model.stated import AREA_FACTOR
+from recordings.own_files import folder_in
 
 from ..calibration import Calibration, calibrate
 from ..console import Screen, note, out
@@ -93,7 +94,7 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
         if asked.samples:
             names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
             with Screen("writing robots", quiet=as_json) as screen:
-                for k, _ in enumerate(write_samples(names, values, robots, folder / "samples"), 1):
+                for k, _ in enumerate(write_samples(names, values, robots, folder_in(folder, "samples")), 1):
                     screen.progress(k, len(robots))
             written.append(folder / "samples" / "samples.csv")
     if as_json:

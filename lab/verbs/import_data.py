@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 from diagnosis.data.plausible import implausible_values
 from model.robot import Robot
+from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
 
 from ..console import Screen, note, out
@@ -40,8 +40,7 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
     """The folder of a case; a picture shows which rows became states."""
     folder.mkdir(parents=True, exist_ok=True)
     for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
-        if not ((folder / name).exists() and (folder / name).samefile(source)):
-            shutil.copyfile(source, folder / name)
+        copied(source, folder / name)
     write_csv(made.table, folder / "trials.csv")
     from ..pages.import_figure import draw
 
@@ -78,9 +77,8 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     series = read(first, Source())
     proposed = guess_map(series, robot)
     folder.mkdir(parents=True, exist_ok=True)
-    if not ((folder / "robot.yaml").exists() and (folder / "robot.yaml").samefile(robot_path)):
-        shutil.copyfile(robot_path, folder / "robot.yaml")
-    (folder / MAP).write_text(guess_text(proposed, Path("robot.yaml"), [first], series.form), encoding="utf-8")
+    copied(robot_path, folder / "robot.yaml")
+    replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [first], series.form))
     told_of = [f"check: {d}" for d in proposed.doubts]
     made = None
     try:

@@ -23,6 +23,7 @@ from model.condition import Condition, conditions
 from model.robot import Robot, load_robot
 from model.rods import FINE, PAPER, Paper, solve
 from model.section import combined_modulus, rods_of
+from recordings.own_files import replaced
 
 from ..console import PlainConsole
 from ..console import out as screen
@@ -166,7 +167,7 @@ def run(out: Path, robot_file: Path | None = None, steps: int = PAPER.steps) -> 
     report = reproduce(load_robot(robot_file or paper_robot()), steps)
     out.mkdir(parents=True, exist_ok=True)
     report = replace(report, figures=_draw(report, out))
-    (out / "paper.json").write_text(json.dumps(report.as_dict(), indent=1) + "\n", encoding="utf-8")
+    replaced(out / "paper.json", json.dumps(report.as_dict(), indent=1) + "\n")
     return report
 
 

@@ -82,7 +82,12 @@ def predict(robot_path: Path, states: Columns, outputs: Outputs, effects: Path |
     if outputs.figure is not None:
         from ..pages.prediction_figure import tips
 
-        tips(_pressures(robot, kept).max(axis=1), np.asarray(kept["spine_length"], float), found, outputs.figure)
+        tips(
+            _pressures(robot, kept).max(axis=1),
+            np.asarray(kept["spine_length"], float),
+            found,
+            outputs.figure.resolve(),
+        )
     if outputs.json:
         print(json.dumps({**_head(robot, outputs), "states": rows}, indent=1))
         return 0
@@ -125,7 +130,7 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
     if outputs.figure is not None:
         from ..pages.prediction_figure import targets
 
-        targets(place, found, outputs.figure)
+        targets(place, found, outputs.figure.resolve())
     if outputs.json:
         print(json.dumps({**_head(robot, outputs), "targets": rows}, indent=1))
         return 0

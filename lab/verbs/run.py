@@ -32,9 +32,9 @@ from recordings.events import Request
 from recordings.file.writer import Recorder
 from recordings.trials import Table
 
-from ..console import Screen, clock, err, note, out
+from ..console import Screen, answer, clock, err, note, out
 from ..files.all_protocols import found_protocols, protocol_from_file
-from ..files.config import ConfigError, Source, check, load, parse_yaml, read_yaml
+from ..files.config import ConfigError, Source, check, parse_yaml, read_yaml
 from ..files.inputs import same_body
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
@@ -49,6 +49,8 @@ from ..rig.limits import problems, wiring
 from ..rig.losses import newly_lost
 from ..rig.provenance import provenance
 
+LONGEST_PLAN = 30 * 86400.0
+"""s of rig time; a plan beyond it is a mistake in its parameters, such as a rate that is far too low."""
 UNCHECKED = "Units, ranges and hoses of this rig are not confirmed"
 
 
@@ -72,14 +74,19 @@ class Job:
 
 
 def job(
-    protocol: str, rig_path: Path, settings: list[str], source: Source | None = None, own: Path | None = None
+    protocol: str,
+    rig_path: Path,
+    settings: list[str],
+    source: Source | None = None,
+    own: Experiment | None = None,
+    rig: RigFile | None = None,
 ) -> Job:
     """Read and check everything before anything moves; raises ConfigError with all problems.
 
-    `source`: the protocol file, when it was read already; `own`: the Python file whose protocol it is for.
+    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `own`: the protocol of a Python file.
     """
-    rig = load_rig(rig_path)
-    robot = load(rig.robot, Robot)
+    rig = load_rig(rig_path) if rig is None else rig
+    robot = rig.body
     known = _known(rig, robot)
     experiment, parameters, plan = protocol_plan(protocol, settings, known, source, own)
     if not known.spine:
@@ -93,7 +100,7 @@ def job(
 
 
 def protocol_plan(
-    protocol: str, settings: list[str], known: RobotFacts, source: Source | None = None, own: Path | None = None
+    protocol: str, settings: list[str], known: RobotFacts, source: Source | None = None, own: Experiment | None = None
 ) -> tuple[Experiment, Parameters, Plan]:
     """A protocol with its parameters and its plan, for a robot of which so much is known; raises ConfigError."""
     source = _with(source or source_of(protocol), settings)
@@ -103,7 +110,13 @@ def protocol_plan(
     values = {k: v for k, v in table.items() if k != "protocol"}
     values = {**experiment.parameters.defaults_for(known), **values}
     parameters = check(Source(source.name, values, source.lines), experiment.parameters)
-    return experiment, parameters, _planned(experiment, parameters)
+    plan = _planned(experiment, parameters)
+    if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
+        raise ConfigError(
+            f"{source.name}: {experiment.name} would take {plan.seconds / 86400:.3g} days of rig time, at most "
+            f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten what it waits for"
+        )
+    return experiment, parameters, plan
 
 
 OF_SPINE = ("spine", "valve", "gauge")
@@ -123,13 +136,14 @@ def source_of(protocol: str) -> Source:
     return Source(protocol, {"protocol": protocol}, {})
 
 
-def _experiment(name: object, own: Path | None, where: str) -> Experiment:
+def _experiment(name: object, own: Experiment | None, where: str) -> Experiment:
     """The protocol that a file, a run or a person names; `own` comes before those that are installed."""
-    if own is not None or (isinstance(name, str) and name.endswith(".py")):
-        found = protocol_from_file(own or Path(str(name)))
-        if own is not None and found.name != name:
-            raise ConfigError(f"{own}: defines the protocol {found.name}, but {where} needs {name}")
-        return found
+    if own is not None:
+        if own.name != name:
+            raise ConfigError(f"{own.source}: defines the protocol {own.name}, but {where} needs {name}")
+        return own
+    if isinstance(name, str) and name.endswith(".py"):
+        return protocol_from_file(Path(name))
     known = found_protocols()
     if isinstance(name, str) and name in known.broken:
         raise ConfigError(f"{where}: protocol = {name}: {known.broken[name]}")
@@ -182,7 +196,7 @@ def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> i
     p = j.plan
     speed = j.rig.clock.speed
     if as_json:
-        print(json.dumps({**plan_dict(p), "clock_speed": speed, "host_seconds": p.seconds / speed}, indent=1))
+        answer(json.dumps({**plan_dict(p), "clock_speed": speed, "host_seconds": p.seconds / speed}, indent=1))
         return 0
     for i, step in enumerate(p.steps, 1):
         out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
@@ -213,6 +227,8 @@ class Outcome:
     error: Exception | None = None
     asked: bool = False
     """A person asked to end, be it that the run was over by then."""
+    displaced: tuple[str, ...] = ()
+    """What happened to the recording or its journal meanwhile; `file` is where the recording is now."""
 
 
 def run(
@@ -233,7 +249,9 @@ def run(
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("give a protocol, or a run with --resume")
-    own = Path(protocol) if broken is not None and protocol is not None and protocol.endswith(".py") else None
+    own = None
+    if broken is not None and protocol is not None and protocol.endswith(".py"):
+        own = protocol_from_file(Path(protocol))
     if broken is not None and ((protocol is not None and own is None) or settings or folder is not None):
         raise ConfigError(
             "--resume continues with the protocol, settings and folder of the run: do not give them again"
@@ -254,7 +272,7 @@ def run(
     for text in rig.notices:
         err.print(f"warning: {text}")
     if as_json:
-        print(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
+        answer(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
                           "safe": result.safe, "resume": again}, indent=1))  # fmt: skip
     else:
         out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
@@ -266,9 +284,9 @@ def run(
             out.print(f"go on with: {again}", soft_wrap=True)
     if result.error is not None and not isinstance(result.error, Stopped):
         raise result.error
-    if result.error is not None or not result.safe:
+    if not result.safe or (result.error is not None and (result.asked or not result.displaced)):
         return 1
-    return 3 if lost else 0
+    return 3 if lost or result.displaced else 0
 
 
 def resume_command(file: Path, rig_path: Path, own: Path | None = None) -> str:
@@ -277,15 +295,15 @@ def resume_command(file: Path, rig_path: Path, own: Path | None = None) -> str:
     return shlex.join(words)
 
 
-def job_again(broken: Broken, rig_path: Path, own: Path | None = None) -> Job:
+def job_again(broken: Broken, rig_path: Path, own: Experiment | None = None, rig: RigFile | None = None) -> Job:
     """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one.
 
-    `own`: the Python file of its protocol, where it came from one.
+    `own`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already.
     """
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
-    j = job(name, rig_path, [], source, own)
-    if not same_body(j.rig.robot.read_bytes(), broken.robot):
+    j = job(name, rig_path, [], source, own, rig)
+    if not same_body(j.rig.texts["robot.yaml"], broken.robot):
         raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")
     return j
 
@@ -332,12 +350,11 @@ def execute(
         file,
         start_wall_ns=begun_wall_ns - round(begun * 1e9),
         attachments={
-            "rig.yaml": j.rig_path.read_bytes(),
-            "robot.yaml": j.rig.robot.read_bytes(),
+            **j.rig.texts,
             "protocol.yaml": j.protocol_yaml.encode(),
             PLAN: json.dumps(plan_dict(j.plan)).encode(),
         }
-        | ({"protocol.py": j.experiment.source.read_bytes()} if j.experiment.source is not None else {}),
+        | ({"protocol.py": j.experiment.code} if j.experiment.source is not None else {}),
         metadata=provenance(rig.identities)
         | campaign(journal.campaign, journal.path.name, finished + 1)
         | _checked(j)
@@ -346,6 +363,8 @@ def execute(
         markers=markers,
         sensors=tuple(rig.sensors.values()),
         start=begun,
+        journal=journal,
+        rescue=[j.rig_path.absolute().parent],
     )
     lost_before = rig.lost()
     error: Exception | None = None
@@ -366,13 +385,23 @@ def execute(
         _keys(steering, screen) as asked,
     ):
         rig.stop_now = lambda: interrupts.now
-        bench = rig.bench(recorder, screen, interrupts.stopping, j.experiment.needs, steering, asked)
+        told: list[str] = []
+
+        def stopping() -> bool:
+            told.extend(new := recorder.displaced[len(told) :])
+            for text in new:
+                screen.say(text)
+            return bool(told) or interrupts.stopping()
+
+        bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, asked)
         trials = Trials(bench, j.plan, journal, finished)
         rig.record_to(recorder)
         try:
             j.experiment.run(bench, j.parameters, trials)
         except Stopped as e:
             error, outcome = e, "stopped"
+            if told and not interrupts.stopping():
+                error = Stopped(f"stopped after the present state: {'; '.join(told)}")
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
@@ -384,8 +413,12 @@ def execute(
         for topic, n in rig.lost().items():
             _note_lost(recorder, topic, lost_before.get(topic, 0), n)
         lost = _finish(recorder, outcome, str(error or ""), report)
+    rig.notices.extend(recorder.displaced)
+    if recorder.path != file:
+        announce(j.rig_path, recorder.path)
     rows = (*(broken.table if broken is not None else ()), *trials.rows)
-    return Outcome(file, outcome, Table(rows), lost, report, error, interrupts.stopping())
+    asked_to_end = interrupts.stopping()
+    return Outcome(recorder.path, outcome, Table(rows), lost, report, error, asked_to_end, recorder.displaced)
 
 
 @contextlib.contextmanager

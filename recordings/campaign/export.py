@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -19,6 +20,7 @@ from ..events import Request
 from ..file.clocks import aligned, has_stamp
 from ..file.reader import Recording
 from ..messages import STREAMS
+from ..own_files import replaced, replacing
 from ..table_file import write_csv
 from ..trials import Table
 from .replay import table_of
@@ -87,7 +89,8 @@ def write_mat(structures: Mapping[str, Mapping[str, object]], path: Path) -> Pat
     from scipy.io import savemat
 
     plain = {_variable(name): {_variable(k): v for k, v in own.items()} for name, own in structures.items()}
-    savemat(path, plain, do_compression=True, long_field_names=True, oned_as="column")
+    with replacing(path) as (file, _):
+        savemat(file, plain, do_compression=True, long_field_names=True, oned_as="column")
     return path
 
 
@@ -112,12 +115,14 @@ def _columns(recording: Recording, topic: str) -> Columns:
 
 
 def _write_csv(columns: Columns, path: Path) -> None:
-    with open(path, "w", encoding="utf-8", newline="") as file:
+    with replacing(path) as (data, _):
+        file = io.TextIOWrapper(data, encoding="utf-8", newline="")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         length = len(next(iter(columns.values())))
         for at in range(0, length, ROWS):  # as Python's numbers they take four times the memory
             writer.writerows(zip(*(values[at : at + ROWS].tolist() for values in columns.values()), strict=True))
+        file.detach()  # written out, and `data` left open
 
 
 def _parquet_writer() -> Callable[[Columns, Path], None]:
@@ -127,7 +132,12 @@ def _parquet_writer() -> Callable[[Columns, Path], None]:
         raise MissingPackage(
             "Parquet needs pyarrow, which is not installed; pip install pyarrow, or export CSV"
         ) from error
-    return lambda columns, path: parquet.write_table(pyarrow.table(columns), path)
+
+    def write(columns: Columns, path: Path) -> None:
+        with replacing(path) as (file, _):
+            parquet.write_table(pyarrow.table(columns), file)
+
+    return write
 
 
 def export_case(recording: Recording, folder: str | os.PathLike[str], table: Table | None = None) -> Path:
@@ -148,6 +158,6 @@ def export_case(recording: Recording, folder: str | os.PathLike[str], table: Tab
         )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "robot.yaml").write_bytes(recording.attachments["robot.yaml"])
+    replaced(folder / "robot.yaml", recording.attachments["robot.yaml"])
     write_csv(table, folder / "trials.csv")
     return folder

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,10 +24,12 @@ from types import TracebackType
 
 from ..bounded import read_bounded
 from ..errors import BadJournal, WriteFailed
+from ..file.place import displaced
 from ..json_text import read_json
-from ..own_files import opened
+from ..own_files import opened, replaced
 
 VERSION = 1
+SUFFIX = ".journal"
 LARGEST = 20_000_000
 """Bytes of a journal; a state has some 30."""
 
@@ -53,16 +56,19 @@ class Progress:
 
 
 class Journal:
-    """A journal that is being written."""
+    """A journal that is being written. Its lines are also kept in memory, so that a journal whose file is lost can be
+    written anew; any thread may do that."""
 
-    def __init__(self, path: Path, fd: int, campaign: str) -> None:
+    def __init__(self, path: Path, fd: int, campaign: str, text: bytes = b"") -> None:
         self.path, self.campaign = path, campaign
-        self._fd = fd
+        self._fd, self._text = fd, text
+        self._place = os.path.abspath(path)
+        self._lock = threading.Lock()
 
     @classmethod
     def begin(cls, recording: Path, protocol: str) -> Journal:
         """A new campaign whose first file is `recording`; raises `WriteFailed` when the journal exists."""
-        path, campaign = recording.with_suffix(".journal"), uuid.uuid4().hex
+        path, campaign = recording.with_suffix(SUFFIX), uuid.uuid4().hex
         journal = cls(path, _opened(path, os.O_CREAT | os.O_EXCL), campaign)
         journal._append({"journal": VERSION, "campaign": campaign, "protocol": protocol})
         journal.recording(recording, 1)
@@ -73,9 +79,11 @@ class Journal:
         """Go on writing; a line that the crash left torn is cut off. Raises `BadJournal`, `WriteFailed`."""
         campaign = read(path).campaign
         fd = _opened(path, 0)
-        os.ftruncate(fd, read_bounded(path, LARGEST, BadJournal).rfind(b"\n") + 1)
+        text = read_bounded(path, LARGEST, BadJournal)
+        text = text[: text.rfind(b"\n") + 1]
+        os.ftruncate(fd, len(text))
         os.lseek(fd, 0, os.SEEK_END)
-        return cls(path, fd, campaign)
+        return cls(path, fd, campaign, text)
 
     def recording(self, file: Path, first_trial: int) -> None:
         """From this trial on the campaign is in this file."""
@@ -94,11 +102,58 @@ class Journal:
         self._append({"trial": trial, "skipped": states})
 
     def _append(self, line: dict[str, object]) -> None:
+        text = json.dumps(line).encode() + b"\n"
+        with self._lock:
+            self._text += text
+            if displaced(self._place, self._fd, len(self._text) - len(text)):
+                return  # what was noticed last is written anew at once, whole
+            try:
+                os.write(self._fd, text)
+                os.fsync(self._fd)
+            except OSError as error:
+                raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
+
+    # -- a file that is lost
+    def displaced(self) -> str:
+        """How the file is no longer what its path names; empty while it is. See `file.place`."""
+        with self._lock:
+            return displaced(self._place, self._fd, len(self._text))
+
+    def renew(self) -> bool:
+        """Write all lines anew at the same path; False where that cannot be done, or another file stands there."""
+        with self._lock:
+            try:
+                there = os.stat(self._place, follow_symlinks=False)
+            except FileNotFoundError:
+                free = True
+            except OSError:
+                return False
+            else:
+                free = (there.st_dev, there.st_ino) == _identity(self._fd)
+            return free and self._written(self.path, self._text)
+
+    def follow(self, before: Path, recording: Path) -> bool:
+        """Write all lines anew next to `recording`, which takes the place of `before`, the last recording; False where that
+        cannot be done."""
+        with self._lock:
+            lines = self._text.splitlines(keepends=True)
+            for at in reversed(range(len(lines))):
+                line = read_json(lines[at])
+                if line.get("recording") == before.name:
+                    lines[at] = json.dumps(line | {"recording": recording.name}).encode() + b"\n"
+                    break
+            return self._written(recording.with_suffix(SUFFIX), b"".join(lines))
+
+    def _written(self, path: Path, text: bytes) -> bool:
+        """Replace the file at `path` by this text, and go on there."""
         try:
-            os.write(self._fd, json.dumps(line).encode() + b"\n")
-            os.fsync(self._fd)
-        except OSError as error:
-            raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
+            replaced(path, text.decode())
+            fd = _opened(path, os.O_APPEND)
+        except (OSError, WriteFailed):
+            return False
+        os.close(self._fd)
+        self.path, self._fd, self._place, self._text = path, fd, os.path.abspath(path), text
+        return True
 
     def close(self) -> None:
         """No more lines."""
@@ -111,6 +166,11 @@ class Journal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _identity(fd: int) -> tuple[int, int]:
+    own = os.fstat(fd)
+    return own.st_dev, own.st_ino
 
 
 def _opened(path: Path, flags: int) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from .. import events
 from ..errors import BadMessage
 from ..file.reader import Recording
 from ..messages import NAME
@@ -32,6 +33,8 @@ def labels(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     for name, text in pairs:
         if not text.strip() or len(text) > LONGEST:
             raise BadMessage(f"{name} = {text[:80]!r}: must have 1 to {LONGEST} characters, has {len(text)}")
+        if events.writable(text) != text:
+            raise BadMessage(f"{name} = {text[:80]!r}: is not UTF-8; set the terminal to UTF-8 and write it again")
         if name in found:
             raise BadMessage(f"{name}: is given twice, as {found[name]!r} and {text!r}")
         found[name] = text

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..errors import WriteFailed
 from ..own_files import created
+from .place import displaced
 
 
 class Disk:
@@ -26,6 +27,7 @@ class Disk:
         except OSError as error:
             raise WriteFailed(f"{path} cannot be created: {error.strerror}") from error
         self.path = path
+        self._place = os.path.abspath(path)
         self._position = self._committed = 0
         self._failure: OSError | None = None
         self._wake = threading.Event()
@@ -55,6 +57,17 @@ class Disk:
         if self._position > self._committed:
             self._committed = self._position
             self._wake.set()
+
+    def displaced(self) -> str:
+        """How the file is no longer what its path names; empty while it is. See `place.displaced`."""
+        return displaced(self._place, self._fd, self._position)
+
+    def read(self, start: int, size: int) -> bytes:
+        """What the open file holds there, wherever its name is now; fewer bytes where it ends before, none where it fails."""
+        try:
+            return os.pread(self._fd, size, start)
+        except OSError:
+            return b""
 
     def sync(self) -> None:
         """Return when everything written so far is on the disk; OSError when it did not get there."""
@@ -89,8 +102,14 @@ class Disk:
         """Cut off what is not committed, so that the file ends with a whole record, and close. Never raises."""
         self._stop()
         with contextlib.suppress(OSError):
-            os.ftruncate(self._fd, self._committed)
+            os.ftruncate(self._fd, min(self._committed, os.fstat(self._fd).st_size))
             os.fsync(self._fd)
+        with contextlib.suppress(OSError):
+            os.close(self._fd)
+
+    def abandon(self) -> None:
+        """Close a file that is no longer what its path names, as it is. Never raises."""
+        self._stop()
         with contextlib.suppress(OSError):
             os.close(self._fd)
 

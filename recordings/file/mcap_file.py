@@ -12,6 +12,8 @@ import struct
 import sys
 import zlib
 from array import array
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Protocol
 
 import zstandard
@@ -41,6 +43,10 @@ LEVEL = 3
 """Of zstd: twice as fast as higher ones for two per cent."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
+_INDEX = struct.Struct("<BQHI")
+"""Head of a message index record; last the bytes of its entries."""
+_ENTRY = 16
+"""Bytes of an entry: log time and offset."""
 _COUNTED = _MESSAGE.size - 9
 """Bytes of a message record's head that its length counts."""
 
@@ -66,6 +72,8 @@ class McapFile:
         self._counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
         self._chunk_indexes: list[ChunkIndex] = []
+        self._chunk_crcs = array("L")
+        """Of each chunk with its message indexes, as it was written."""
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._packer = zstandard.ZstdCompressor(level=LEVEL)
@@ -159,8 +167,8 @@ class McapFile:
             parts.append(struct.pack("<BQ", Opcode.MESSAGE_INDEX, len(body)) + body)
             places[channel] = at
             at += len(parts[-1])
-            self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
-        self._write(b"".join(parts))
+        block = b"".join(parts)
+        self._write(block)
         entry = ChunkIndex(
             chunk_length=len(chunk),
             chunk_start_offset=start,
@@ -172,9 +180,36 @@ class McapFile:
             message_start_time=first,
             uncompressed_size=len(raw),
         )
-        self._chunk_indexes.append(entry)
-        self._times = (first, last) if self._times is None else (min(first, self._times[0]), max(last, self._times[1]))
+        self._enter(entry, block)
         self._records, self._size, self._index = [], 0, {}
+
+    def _enter(self, entry: ChunkIndex, block: bytes) -> None:
+        """Take note of a chunk that was written with its message indexes."""
+        self._chunk_indexes.append(entry)
+        self._chunk_crcs.append(zlib.crc32(block))
+        for channel, number in _counts(entry, block).items():
+            self._counts[channel] = self._counts.get(channel, 0) + number
+        first, last = entry.message_start_time, entry.message_end_time
+        self._times = (first, last) if self._times is None else (min(first, self._times[0]), max(last, self._times[1]))
+
+    # -- elsewhere
+    def carry_on(self, before: McapFile, read: Callable[[int, int], bytes]) -> dict[int, int]:
+        """Go on with what another file was given: definitions, each chunk that `read(start, size)` still finds as it was
+        written, and the chunk in hand. Returns the messages by channel that are lost."""
+        self._schemas, self._channels = before._schemas, before._channels
+        for record in (*self._schemas, *self._channels):
+            self._write(_bytes(record))
+        for entry, crc in zip(before._chunk_indexes, before._chunk_crcs, strict=True):
+            block = read(entry.chunk_start_offset, entry.chunk_length + entry.message_index_length)
+            if zlib.crc32(block) != crc:
+                continue
+            shift = self._output.tell() - entry.chunk_start_offset
+            self._write(block)
+            places = {channel: at + shift for channel, at in entry.message_index_offsets.items()}
+            start = entry.chunk_start_offset + shift
+            self._enter(replace(entry, chunk_start_offset=start, message_index_offsets=places), block)
+        self._records, self._size, self._index = before._records, before._size, before._index
+        return {channel: lost for channel, n in before._counts.items() if (lost := n - self._counts.get(channel, 0))}
 
     # -- the end
     def finish(self) -> None:
@@ -226,6 +261,12 @@ def _bytes(record: Any) -> bytes:
     record.write(builder)
     data: bytes = builder.end()
     return data
+
+
+def _counts(entry: ChunkIndex, block: bytes) -> dict[int, int]:
+    """Messages by channel in a chunk, by the lengths of the message indexes that follow it in `block`."""
+    places = {channel: at - entry.chunk_start_offset for channel, at in entry.message_index_offsets.items()}
+    return {channel: _INDEX.unpack_from(block, at)[3] // _ENTRY for channel, at in places.items()}
 
 
 def _little(numbers: array[int]) -> bytes:

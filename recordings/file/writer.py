@@ -4,19 +4,27 @@ A message that `push` accepted is in the file at most `FLUSH_PERIOD` (host time)
 metadata, attachments and schemas are there before the constructor returns. The file has its final name from the
 start; the metadata record `outcome` is written by `close` alone, so a file without it ended abruptly.
 
-Metadata records: `recording` (schema_version, start_wall_ns, chambers, markers), those given by the caller, and at
-the end `counts` and `clocks` (one JSON text a topic) and `outcome`.
+With each chunk the recorder checks that its file and the journal are still what their paths name. A recording that was
+deleted, renamed, replaced or truncated goes on in a rescue file: a recording of its own that holds all that the open file
+still has, with the journal next to it.
+
+Metadata records: `recording` (schema_version, start_wall_ns, chambers, markers), `sha256` (of each attachment), those
+given by the caller, and at the end `counts` and `clocks` (one JSON text a topic) and `outcome`; in a rescue file `rescue`
+(instead_of, why).
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import secrets
+import tempfile
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -26,6 +34,7 @@ import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from .. import events
+from ..campaign.journal import SUFFIX, Journal
 from ..errors import BadMessage, RecordingError, WriteFailed
 from ..messages import SCHEMA_VERSION, MessageType, streams
 from ..states.buffer import KEEP, Buffers
@@ -61,7 +70,8 @@ class Recorder:
 
     `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name ->
     bytes. `metadata`: record name -> texts. `sensors`: the messages of sensors of the lab's own. `start`: rig time (s)
-    now, the first stamp of the file. Raises `WriteFailed` when the file exists or cannot be written.
+    now, the first stamp of the file. `journal`: is kept with the recording. `rescue`: folders for a rescue file, the first
+    choice first; the system's temporary folder comes last. Raises `WriteFailed` when the file exists or cannot be written.
     """
 
     def __init__(
@@ -76,8 +86,15 @@ class Recorder:
         sensors: Sequence[MessageType] = (),
         keep: float = KEEP,
         start: float = 0.0,
+        journal: Journal | None = None,
+        rescue: Sequence[Path] = (),
     ) -> None:
         self.path = Path(path)
+        """Where the recording is now."""
+        self.displaced: tuple[str, ...] = ()
+        """What happened to the files under the recorder's hands, and where the recording is instead."""
+        self._journal, self._rescue = journal, (*rescue, Path(tempfile.gettempdir()))
+        self._stem = self.path.stem
         self.start_wall_ns = start_wall_ns
         self.messages: dict[str, MessageType] = streams(chambers, markers, sensors)
         self.buffers = Buffers(self.messages, keep, self._waiting)
@@ -98,22 +115,32 @@ class Recorder:
             "chambers": str(chambers),
             "markers": str(markers),
         }
+        self._metadata = {"recording": about, **{name: dict(texts) for name, texts in (metadata or {}).items()}}
+        self._attachments = dict(attachments or {})
+        if self._attachments:
+            sums = {name: hashlib.sha256(data).hexdigest() for name, data in self._attachments.items()}
+            self._metadata["sha256"] = sums
         try:
-            self._begin({"recording": about, **(metadata or {})}, attachments or {}, self._nanoseconds("/log", start))
+            self._begin(self._nanoseconds("/log", start))
         except OSError as error:
             self._disk.give_up()
             raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
         self._thread = threading.Thread(target=self._run, name="recording-writer", daemon=True)
         self._thread.start()
 
-    def _begin(self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes], ns: int) -> None:
-        """Everything that must be on disk before the first sample; `ns`: rig time now."""
-        self._mcap = mcap = McapFile(self._disk, LIBRARY)
+    def _headed(self, disk: Disk, metadata: Mapping[str, dict[str, str]]) -> McapFile:
+        """A file with what stands before the messages."""
+        mcap = McapFile(disk, LIBRARY)
         now = time.time_ns()
         for name, texts in metadata.items():
-            mcap.metadata(name, dict(texts))
-        for name, data in attachments.items():
+            mcap.metadata(name, {key: events.writable(text) for key, text in texts.items()})
+        for name, data in self._attachments.items():
             mcap.attachment(name, "application/octet-stream", data, now, now)
+        return mcap
+
+    def _begin(self, ns: int) -> None:
+        """Everything that must be on disk before the first sample; `ns`: rig time now."""
+        self._mcap = mcap = self._headed(self._disk, self._metadata)
         for message in self.messages.values():
             schema = mcap.schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
             self._register(message.topic, schema, message.metadata)
@@ -308,7 +335,6 @@ class Recorder:
                 if not self._queue:
                     self._wake.wait(min(LOOK, max(0.0, due - now)))
                     self._wake.clear()
-            self._flush()
             self._end()
         except Exception as error:
             self._failure = error
@@ -357,21 +383,98 @@ class Recorder:
                 self._put(topic, ns, view)
 
     def _flush(self) -> None:
+        self._keep()
         self._mcap.flush()
         self._disk.commit()
         for topic in self._topics.values():
             topic.written += topic.pending
             topic.pending = 0
 
+    # -- a file that is lost
+    def _keep(self) -> bool:
+        """Check that both files are what their paths name, and put it right where they are not; whether the recording is
+        in another file since. Raises `WriteFailed` when it can be in none."""
+        if why := self._disk.displaced():
+            self._move(f"{self.path} {why} while it was being written")
+            return True
+        if self._journal is not None and (why := self._journal.displaced()):
+            text = f"{self._journal.path} {why} while it was being written"
+            if not self._journal.renew():
+                self._move(text)
+                return True
+            self._note(f"{text}; it was written anew in its place")
+        return False
+
+    def _move(self, why: str) -> None:
+        """Go on in a rescue file, with all that the open file still holds."""
+        before, failures = self.path, []
+        for path in self._places():
+            try:
+                lost = self._moved(path, why)
+            except (OSError, WriteFailed) as error:
+                failures.append(str(error))
+                continue
+            topics = {topic.channel: topic for topic in self._topics.values()}
+            for channel, number in lost.items():
+                topics[channel].written -= number
+            gone = f"{sum(lost.values())} of its messages are lost" if lost else "nothing of it is lost"
+            self._note(f"{why}: {gone}, and the recording goes on in {path} instead of {before}")
+            return
+        raise WriteFailed(f"{why}, and no rescue file can be written: {'; '.join(failures)}")
+
+    def _places(self) -> Iterator[Path]:
+        """Where a rescue file may be, the best first; nothing there is overwritten."""
+        for folder in self._rescue:
+            path = folder / f"{self._stem}-rescue.mcap"
+            if os.path.lexists(path) or os.path.lexists(path.with_suffix(SUFFIX)):
+                path = path.with_stem(f"{path.stem}-{secrets.token_hex(4)}")
+            yield path
+
+    def _moved(self, path: Path, why: str) -> dict[int, int]:
+        """Put the rescue file in the place of the recording; the messages by channel that are lost."""
+        metadata = {**self._metadata, "rescue": {"instead_of": str(self.path), "why": events.bounded(why)}}
+        if self._journal is not None and "campaign" in metadata:
+            metadata["campaign"] = {**metadata["campaign"], "journal": path.with_suffix(SUFFIX).name}
+        disk = Disk(path)
+        try:
+            mcap = self._headed(disk, metadata)
+            lost = mcap.carry_on(self._mcap, self._disk.read)
+            disk.commit()
+            disk.sync()
+            disk.sync_name()
+            if self._journal is not None and not self._journal.follow(self.path, path):
+                raise WriteFailed(f"{path.with_suffix(SUFFIX)} cannot be written")
+        except BaseException:
+            disk.give_up()
+            path.unlink(missing_ok=True)
+            raise
+        self._disk.abandon()
+        self._disk, self._mcap, self._metadata, self.path = disk, mcap, metadata, path
+        return lost
+
+    def _note(self, text: str) -> None:
+        """Log what happened, and have the run noticed."""
+        self.displaced = (*self.displaced, text)
+        with self.buffers.lock:
+            ns = max(topic.last for topic in self._topics.values())
+            payload = events.encode_log(self.start_wall_ns + ns, "error", events.bounded(text), "recorder")
+            self._put("/log", ns, payload)
+
     def _end(self) -> None:
-        outcome = self._outcome or {}
+        self._finish()
+        while self._keep():  # lost in the moment of finishing
+            self._finish()
+        self._disk.close()
+
+    def _finish(self) -> None:
+        """The end of the file. In a rescue file it is written once more."""
+        self._flush()
         counts = {topic: json.dumps(asdict(count)) for topic, count in self.counts().items()}
         self._mcap.metadata("counts", counts)
         self._mcap.metadata("clocks", self._clocks())
-        self._mcap.metadata("outcome", outcome)
+        self._mcap.metadata("outcome", self._outcome or {})
         self._mcap.finish()
         self._disk.commit()
-        self._disk.close()
 
     def _clocks(self) -> dict[str, str]:
         """The model of each instrument's clock, as JSON text by topic."""

@@ -63,6 +63,11 @@ class Terminal:
             assert self.program.poll() is None and time.monotonic() < deadline, (text, self.shown[-3000:])
             time.sleep(0.02)
 
+    def hang_up(self) -> None:
+        """The terminal is closed, as by its window or a lost connection."""
+        os.close(self.master)
+        self.master = -1
+
     def end(self) -> int:
         """Its exit code, once it has ended."""
         return self.program.wait(WITHIN)
@@ -77,4 +82,5 @@ class Terminal:
         self.program.wait()
         os.close(self.slave)
         self._read.join(10.0)
-        os.close(self.master)
+        if self.master >= 0:
+            os.close(self.master)

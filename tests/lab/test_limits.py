@@ -152,9 +152,11 @@ def test_a_specimen_of_no_length_gives_no_way_and_one_of_unknown_modulus_is_not_
 
 def test_regulators_are_told_no_more_than_the_robot_bears(rig: Rig) -> None:
     path = rig({"max_pressure": 100e3})
-    bounded = within_robot(load_rig(path)).instruments.pressure
+    read = load_rig(path)
+    bounded = within_robot(read, read.body).instruments.pressure
     assert bounded is not None and bounded.max_pressure == 100e3
-    higher = within_robot(load_rig(rig({"max_pressure": 1e6}))).instruments.pressure
+    read = load_rig(rig({"max_pressure": 1e6}))
+    higher = within_robot(read, read.body).instruments.pressure
     assert higher is not None and higher.max_pressure == 250e3
 
 

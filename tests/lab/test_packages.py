@@ -194,4 +194,4 @@ def test_a_file_is_run_as_no_module_that_others_could_import(tmp_path: Path) -> 
     path = tmp_path / "own.py"
     path.write_text(EFFECT.format(id="from_file"))
     assert [spec.id for spec in effects_from_file(path)] == ["from_file"]
-    assert python_file(path).__name__ not in sys.modules
+    assert python_file(path)[0].__name__ not in sys.modules

@@ -11,7 +11,7 @@ from recordings.campaign.journal import Journal
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import RecordingError, WriteFailed
 from recordings.file.writer import Recorder
-from recordings.own_files import created, opened, replaced, replacing
+from recordings.own_files import copied, created, folder_in, opened, replaced, replacing
 
 
 @pytest.fixture
@@ -76,3 +76,23 @@ def test_a_journal_is_not_gone_on_with_through_a_link(tmp_path: Path, target: Pa
     (tmp_path / "a.journal").symlink_to(tmp_path / "elsewhere" / "a.journal")
     with pytest.raises(WriteFailed, match="symbolic link"):
         Journal.reopen(tmp_path / "a.journal")
+
+
+def test_a_copy_replaces_a_symbolic_link_and_leaves_the_same_file_alone(tmp_path: Path) -> None:
+    source, target, elsewhere = tmp_path / "a", tmp_path / "b", tmp_path / "elsewhere"
+    source.write_text("new")
+    elsewhere.write_text("old")
+    target.symlink_to(elsewhere)
+    copied(source, target)
+    assert elsewhere.read_text() == "old" and target.read_text() == "new" and not target.is_symlink()
+    before = source.stat().st_ino
+    copied(source, source)
+    assert source.stat().st_ino == before
+
+
+def test_no_folder_is_entered_through_a_symbolic_link(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="symbolic link"):
+        folder_in(tmp_path, "out")
+    assert folder_in(tmp_path, "new").is_dir()

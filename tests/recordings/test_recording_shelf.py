@@ -109,7 +109,9 @@ def test_runs_are_picked_by_what_a_person_said_of_them(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("pairs", [[("a", "")], [("a", " ")], [("a", "x" * 201)], [("a", "1"), ("a", "2")]])
+@pytest.mark.parametrize(
+    "pairs", [[("a", "")], [("a", " ")], [("a", "x" * 201)], [("a", "1"), ("a", "2")], [("a", "M\udcfcller")]]
+)
 def test_labels_that_say_nothing_too_much_or_twice_are_refused(pairs: list[tuple[str, str]]) -> None:
     with pytest.raises(BadMessage, match="a"):
         labels(pairs)

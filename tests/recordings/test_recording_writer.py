@@ -88,6 +88,12 @@ def test_metadata_tell_outcome_and_counts(tmp_path: Path) -> None:
     assert recording.outcome == "stopped"
 
 
+def test_metadata_that_are_no_utf_8_are_written_out(tmp_path: Path) -> None:
+    about = {"labels": {"operator": "M\udcfcller"}}
+    Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, metadata=about).close("completed")
+    assert Recording.open(tmp_path / "a.mcap").metadata["labels"] == {"operator": "M\\udcfcller"}
+
+
 def test_what_is_not_a_message_is_refused_and_counted(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL) as recorder:
         for t in (float("nan"), -1.0, float("inf")):

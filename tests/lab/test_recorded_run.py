@@ -1,0 +1,123 @@
+"""What is recorded is what happened: files that people delete or edit meanwhile, and a terminal that is closed."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from terminal import Terminal
+from test_resume import SHORT, freed, lab, started, wait_for
+from virtual_lab import VirtualLab
+
+from lab.files.inputs import read_case
+from lab.rig.current import recording_of
+from lab.verbs import run as run_verb
+from recordings.file.reader import Recording
+from recordings.file.verify import verify
+
+READ = '{"trial": 1, "step": 1}'
+BENDING = "PARAMETERS, NEEDS, plan, run = bending.PARAMETERS, bending.NEEDS, bending.plan, bending.run\n"
+
+
+def ended(process: subprocess.Popen[str]) -> str:
+    output, _ = process.communicate(timeout=300)
+    return output
+
+
+def delete_file(folder: Path) -> None:
+    next(folder.glob("*.mcap")).unlink()
+
+
+def rename_folder(folder: Path) -> None:
+    folder.rename(folder.with_name("moved"))
+
+
+def truncate(folder: Path) -> None:
+    os.truncate(next(folder.glob("*.mcap")), 30_000)
+
+
+@pytest.mark.parametrize("harm", [delete_file, rename_folder, truncate])
+def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
+    harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path
+) -> None:
+    freed(virtual_lab)
+    rig = tmp_path / "rig" / "rig.yaml"
+    shutil.copytree(virtual_lab.rig.parent, rig.parent)
+    folder = tmp_path / "out"
+    process = started(rig, folder)
+    wait_for(READ, folder, process)
+    (file,) = folder.glob("*.mcap")
+    harm(folder)
+    output = ended(process)
+    (rescue,) = rig.parent.glob("*-rescue.mcap")
+    assert process.returncode == 3, output
+    told = "".join(output.split())
+    assert str(file) in told and f"statesin{rescue}" in told and "Traceback" not in output
+    assert verify(rescue).ok and lab("info", rescue) == (3 if harm is truncate else 0)
+    found = Recording.open(rescue)
+    assert found.outcome == "stopped" and any(str(file) in line.text for line in found.log if line.level == "error")
+    assert found.metadata["outcome"]["safe_state"] == "confirmed" and len(found.trials) < 6
+    assert lab("replay", rescue) == 0 or harm is truncate
+    line = output.split("go on with: ")[1]
+    assert lab(*shlex.split(line)[1:]) in (0, 3)
+    second = max((p for p in rig.parent.glob("*.mcap") if p != rescue), key=lambda p: p.stat().st_mtime)
+    assert {row.trial for row in read_case([rescue, second]).table} == {1, 2, 3}
+
+
+def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
+    virtual_lab: VirtualLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    freed(virtual_lab)
+    shutil.copytree(virtual_lab.rig.parent, tmp_path / "rig")
+    rig, robot, own = tmp_path / "rig" / "rig.yaml", tmp_path / "rig" / "robot.yaml", tmp_path / "bending.py"
+    own.write_text("from protocols import bending\n" + BENDING)
+    before = {"rig.yaml": rig.read_bytes(), "robot.yaml": robot.read_bytes(), "protocol.py": own.read_bytes()}
+    connect = run_verb.connect
+
+    def edited(*how: object, **more: object) -> None:
+        connect(*how, **more)  # type: ignore[arg-type]
+        for path in (rig, robot, own):
+            path.write_text("edited: yes\n")
+
+    monkeypatch.setattr(run_verb, "connect", edited)
+    out = tmp_path / os.fsdecode(b"M\xfcller")  # which is no UTF-8
+    assert lab("run", own, "--rig", rig, *SHORT, "--set", "spine_lengths=[0.0]", "--out", out) in (0, 3)
+    (file,) = out.glob("*.mcap")
+    assert recording_of(rig) == file
+    found = Recording.open(file)
+    assert {name: found.attachments[name] for name in before} == before
+    sums = {name: hashlib.sha256(data).hexdigest() for name, data in found.attachments.items()}
+    assert found.metadata["sha256"] == sums and "protocol.yaml" in sums
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
+    asked: bool, virtual_lab: VirtualLab, tmp_path: Path
+) -> None:
+    """While a state is read, and while the person is asked to prepare the rig."""
+    freed(virtual_lab)
+    rig = virtual_lab.rig.with_name("at_terminal.yaml")
+    rig.write_text(yaml.safe_dump({**yaml.safe_load(virtual_lab.rig.read_text()), "operator": "console"}))
+    with Terminal("run", "bending", "--rig", rig, *SHORT, "--out", tmp_path) as terminal:
+        terminal.until("Enter when ready")
+        if not asked:
+            terminal.press("\n")
+            deadline = time.monotonic() + 120
+            while not any(READ in path.read_text() for path in tmp_path.glob("*.journal")):
+                assert time.monotonic() < deadline, terminal.shown
+                time.sleep(0.02)
+        terminal.hang_up()
+        assert terminal.end() == 1
+    (file,) = tmp_path.glob("*.mcap")
+    found = Recording.open(file)
+    assert found.outcome == "stopped" and found.metadata["outcome"]["safe_state"] == "confirmed"
+    assert verify(file).ok
+    assert not rig.with_suffix(".latch").exists()
