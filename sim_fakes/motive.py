@@ -142,7 +142,8 @@ class MotiveFake(threading.Thread):
             self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))
         self.other_definitions: list[tuple[int, bytes]] = []
         """Model definitions (kind, content) that are sent before those of the rigid bodies."""
-        self._clients: dict[tuple[str, int], float] = {}
+        self.clients: dict[tuple[str, int], float] = {}
+        """Who is remembered, and when each was last heard, s of host time."""
         names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
         self._bodies = [Body(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self._last_frame = b""
@@ -217,8 +218,8 @@ class MotiveFake(threading.Thread):
             return
         if message == KEEPALIVE:
             self.keep_alives += 1
-            if client in self._clients:
-                self._clients[client] = time.monotonic()
+            if client in self.clients:
+                self.clients[client] = time.monotonic()
             return
         self.messages.append(message)
         deaf = self.faults.extra.get("deaf", 0)
@@ -226,10 +227,10 @@ class MotiveFake(threading.Thread):
             self.faults.extra["deaf"] = deaf - 1
             return
         if message == DISCONNECT:
-            self._clients.pop(client, None)
+            self.clients.pop(client, None)
             return
         if message == CONNECT:
-            self._clients[client] = time.monotonic()
+            self.clients[client] = time.monotonic()
         answer = self._answer(message, payload)
         self._send(self._command, client, *answer)
 
@@ -277,8 +278,8 @@ class MotiveFake(threading.Thread):
     def _stream(self, now: float) -> None:
         extra = self.faults.extra
         forget = extra.pop("forget", False)
-        self._clients = {c: t for c, t in self._clients.items() if now - t < CLIENT_TIMEOUT and not forget}
-        if not (self._clients or self._group):
+        self.clients = {c: t for c, t in self.clients.items() if now - t < CLIENT_TIMEOUT and not forget}
+        if not (self.clients or self._group):
             self.frame += 1
             return
         if not (extra.get("replay") and self._last_frame):
@@ -293,7 +294,7 @@ class MotiveFake(threading.Thread):
         payload = self._last_frame
         if self.faults.truncate:
             payload = payload[: len(payload) // 2]
-        for client in [(self._group, self._data_port)] if self._group else self._clients:
+        for client in [(self._group, self._data_port)] if self._group else self.clients:
             self._send(self._data, client, FRAME, payload)
 
     def _look(self) -> None:
