@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeVar
 
@@ -91,8 +92,9 @@ class Bench:
     """True once a person asked to finish the present step and end."""
     recoverable: Callable[[InstrumentError], bool]
     """Whether a person can put right what an instrument complains of, without losing what was measured."""
-    recover: Callable[[InstrumentError], None]
-    """Vent and stop, have a person put right what is wrong, and be ready to go on; raises the cause when it stays."""
+    recover: Callable[[InstrumentError, bool], None]
+    """Vent and stop, have a person put right what is wrong unless the second argument is False, and be ready to go on; raises
+    the cause when it stays."""
     chambers: ChamberMap
     stand: StandFrame | None = None
     pressure: PressureRegulators | None = None
@@ -109,6 +111,10 @@ class Bench:
     """What people ask of the run."""
     rest: Callable[[], None] = lambda: None
     """The pause that a person asked for: vent and stop until somebody wants to go on. Raises Stopped, or what has failed."""
+    repeatable: Callable[[], AbstractContextManager[object]] = nullcontext
+    """What is done in it may be begun again: there alone a standstill of this computer raises StoodStill."""
+    stood: Callable[[], float] = lambda: 0.0
+    """Rig seconds for which this computer has stood still until now; no deadline counts them."""
     clipped: bool = False
     """The last ramp's set-points were clipped on their way by the rig's limits."""
 
@@ -144,13 +150,13 @@ class Bench:
 
         NotReached after `within` seconds of rig time; WriteFailed when the recording fails meanwhile.
         """
-        deadline, patience = self.clock.now() + within, time.monotonic() + min(within, HOST_PATIENCE)
+        deadline, patience = self.clock.now() - self.stood() + within, time.monotonic() + min(within, HOST_PATIENCE)
         while True:
             self.recorder.check()
             result = done()
             if result is not None:
                 return result
-            if self.clock.now() > deadline and time.monotonic() > patience:
+            if self.clock.now() - self.stood() > deadline and time.monotonic() > patience:
                 far = f": {stood()}" if stood is not None else ""
                 raise NotReached(f"{what}: not reached within {within:g} s{far}")
             self.clock.sleep(min(0.05, within / 20))

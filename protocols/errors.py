@@ -7,6 +7,7 @@ ProtocolError
 |-- TooMuchForce        the arm met more force than the protocol allows, and was stopped
 |-- Skipped             a person asked to leave this trial out; the experiment goes on with the next
 |-- Suspended           something that a person can put right; the experiment waits for that, then goes on
+|   `-- StoodStill      this computer stood still; the experiment goes on by itself
 `-- Stopped             a person asked to stop
 """
 
@@ -41,6 +42,10 @@ class Suspended(ProtocolError):
     def __init__(self, cause: InstrumentError) -> None:
         super().__init__(str(cause))
         self.cause = cause
+
+
+class StoodStill(Suspended):
+    """This computer stood still (suspended, paused virtual machine): what was being read is begun again, without a person."""
 
 
 class Skipped(ProtocolError):

@@ -1,6 +1,6 @@
 """Going on after a pause: a piece of work that the rig suspended is begun again, and nothing is read twice.
 
-A pause that a person asks for comes between two pieces of work.
+A pause that a person asks for comes between two pieces of work. After a standstill of the computer nobody is asked.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TypeVar
 from drivers.errors import InstrumentError
 
 from .bench import Bench
-from .errors import Suspended
+from .errors import StoodStill, Suspended
 
 T = TypeVar("T")
 TRIES = 3
@@ -34,10 +34,11 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
                 continue
             if away and back is not None:
                 back()
-            return work()
+            with bench.repeatable():
+                return work()
         except (Suspended, InstrumentError) as e:
             cause = e.cause if isinstance(e, Suspended) else e
             paused, away = paused + 1, True
             if paused > TRIES or not (isinstance(e, Suspended) or bench.recoverable(cause)):
                 raise cause from e
-            bench.recover(cause)
+            bench.recover(cause, not isinstance(e, StoodStill))

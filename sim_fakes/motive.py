@@ -1,11 +1,12 @@
-"""Fake OptiTrack Motive: a NatNet unicast server (bitstream 4.1, 3.1 by option) that tracks the virtual robot.
+"""Fake OptiTrack Motive: a NatNet server (bitstream 4.1, or any from 2.6 to 4.2) that tracks the virtual robot.
 
 Rigid bodies: Tip (1), Base (2), and M1..Mk (11..) at the robot's markers. Frames come at `rate` of host time at any
 speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats.
 A hidden tip keeps its last pose with the tracking bit cleared.
 
-Strict where the device is: frames leave from the data port, only to clients that connected and keep alive; a datagram
-whose length is not what its header says is dropped; keep-alive is not answered.
+Strict where the device is: frames leave from the data port, only to clients that connected and keep alive, or to a
+multicast group; a datagram whose length is not what its header says is dropped, but for the one zero byte that the
+maker's own sample sends after requests without content; keep-alive is not answered.
 
 Faults used: `silent` (nothing is sent), `delay`, `truncate` (frames cut in half), `split` (a frame in two datagrams),
 `garbage` (a datagram in front of each), `corrupt` (half of the datagrams are damaged: the network's checksum drops
@@ -18,6 +19,12 @@ them), `skew` (of the stamps), `freeze` (poses stand still). By name in `faults.
 - "refuse" (bool): every request is answered with "unrecognized".
 - "foreign" (bool): the rigid bodies have other names.
 - "restart" (bool): frame numbers start again from 1.
+- "jitter" (float): each frame takes up to this longer on its way, s of host time, and others overtake it.
+- "twice" (bool): each frame arrives twice.
+- "deaf" (int): this many requests to connect or for the models are lost on their way.
+- "forget" (bool): all clients are forgotten, as after `CLIENT_TIMEOUT`.
+- "exchange" (names of two bodies): each is taken for the other.
+- "changed" (bool): the next frame says that the list of bodies has changed; edit `bodies` before.
 """
 
 from __future__ import annotations
@@ -41,6 +48,7 @@ from .loopback import loopback
 from .plant import Plant
 from .pty_fake import Faults
 from .punctual import punctual
+from .rotations import quaternion_xyzw, rotation_matrix, shaken
 
 Array = NDArray[np.float64]
 Transform = tuple[tuple[float, float, float], tuple[float, float, float, float]]
@@ -60,39 +68,6 @@ MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
 """Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), w, x, y, z."""
 
 
-def rotation_matrix(q: tuple[float, float, float, float]) -> Array:
-    """Of a unit quaternion w, x, y, z: (w^2 - v.v) 1 + 2 v v^T + 2 w [v]."""
-    w, v = q[0], np.array(q[1:])
-    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return (w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross
-
-
-def quaternion_xyzw(rotation: Array) -> Array:
-    """Unit quaternion x, y, z, w with w >= 0: the eigenvector of Bar-Itzhack's matrix with the largest eigenvalue."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    k = np.array(
-        [
-            [a - e - i, b + d, c + g, h - f],
-            [b + d, e - a - i, f + h, c - g],
-            [c + g, f + h, i - a - e, d - b],
-            [h - f, c - g, d - b, a + e + i],
-        ]
-    )
-    q: Array = np.linalg.eigh(k)[1][:, 3]
-    return q if q[3] >= 0 else -q
-
-
-def shaken(q: Array, half: Array) -> Array:
-    """Quaternion x, y, z, w (w >= 0) turned about its own axes by the small rotation vector 2 `half` (rad)."""
-    x, y, z, w = q.tolist()
-    a, b, c = half.tolist()
-    scale = 1 / math.sqrt(1 + a * a + b * b + c * c)
-    real = w - x * a - y * b - z * c
-    scale = math.copysign(scale, real)
-    turned = (x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, real)
-    return scale * np.array(turned)
-
-
 @dataclass
 class Body:
     """A rigid body as the cameras see it, in their world."""
@@ -103,6 +78,11 @@ class Body:
     quaternion: Array
     """x, y, z, w"""
     tracked: bool = True
+    number: int = 0
+    """Streaming ID; may be changed, as in Motive."""
+
+    def __post_init__(self) -> None:
+        self.number = self.number or self.id
 
 
 class MotiveFake(threading.Thread):
@@ -129,8 +109,10 @@ class MotiveFake(threading.Thread):
         noise: float = 0.3e-3,
         angle_noise: float = math.radians(0.2),
         seed: int = 0,
+        group: str = "",
     ) -> None:
-        """`rate` in Hz of host time; `noise` (m) and `angle_noise` (rad) are one sigma per axis and frame."""
+        """`rate` in Hz of host time; `noise` (m) and `angle_noise` (rad) are one sigma per axis and frame; `group`: address of
+        the multicast group that frames are sent to, instead of to each client."""
         super().__init__(name="fake-motive", daemon=True)
         self.plant, self.clock = plant, clock
         self.host = loopback(host)
@@ -155,13 +137,24 @@ class MotiveFake(threading.Thread):
         self._data_port = data_port
         self._command = self._socket(command_port)
         self._data = self._socket(data_port)
-        self._clients: dict[tuple[str, int], float] = {}
+        self._group = group
+        if group:
+            self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))
+        self.other_definitions: list[tuple[int, bytes]] = []
+        """Model definitions (kind, content) that are sent before those of the rigid bodies."""
+        self.clients: dict[tuple[str, int], float] = {}
+        """Who is remembered, and when each was last heard, s of host time."""
         names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
         self._bodies = [Body(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self._last_frame = b""
         self._outgoing: list[tuple[float, socket.socket, tuple[str, int], bytes]] = []
         self._running = True
         self._look()
+
+    @property
+    def bodies(self) -> list[Body]:
+        """The rigid bodies; they may be renamed, numbered anew, removed, as a person does in Motive."""
+        return self._bodies
 
     def stop(self) -> None:
         """End the thread and close the sockets."""
@@ -199,12 +192,16 @@ class MotiveFake(threading.Thread):
             return
         pieces = [datagram[: len(datagram) // 2], datagram[len(datagram) // 2 :]] if f.split else [datagram]
         due = time.monotonic() + f.delay
+        if message == FRAME:
+            due += float(f.extra.get("jitter", 0.0)) * self._random.random()  # type: ignore[arg-type]
+            pieces *= 2 if f.extra.get("twice") else 1
         self._outgoing += [(due, via, client, piece) for piece in ([f.garbage] if f.garbage else []) + pieces]
         self._deliver()
 
     def _deliver(self) -> None:
         """Send what is due."""
         now = time.monotonic()
+        self._outgoing.sort(key=lambda waiting: waiting[0])
         while self._outgoing and self._outgoing[0][0] <= now:
             _, via, client, piece = self._outgoing.pop(0)
             with contextlib.suppress(OSError):
@@ -216,20 +213,24 @@ class MotiveFake(threading.Thread):
         if len(data) < 4:
             return
         message, size = struct.unpack("<HH", data[:4])
-        payload = data[4:]
-        if size != len(payload):
+        payload = data[4 : 4 + size]
+        if len(payload) < size or data[4 + size :] not in ((b"", b"\0") if size == 0 else (b"",)):
             return
         if message == KEEPALIVE:
             self.keep_alives += 1
-            if client in self._clients:
-                self._clients[client] = time.monotonic()
+            if client in self.clients:
+                self.clients[client] = time.monotonic()
             return
         self.messages.append(message)
+        deaf = self.faults.extra.get("deaf", 0)
+        if isinstance(deaf, int) and deaf > 0:
+            self.faults.extra["deaf"] = deaf - 1
+            return
         if message == DISCONNECT:
-            self._clients.pop(client, None)
+            self.clients.pop(client, None)
             return
         if message == CONNECT:
-            self._clients[client] = time.monotonic()
+            self.clients[client] = time.monotonic()
         answer = self._answer(message, payload)
         self._send(self._command, client, *answer)
 
@@ -253,26 +254,32 @@ class MotiveFake(threading.Thread):
 
     def _server_info(self) -> bytes:
         versions = bytes((3, 1, 0, 0, *self.version, 0, 0))
-        tail = struct.pack("<QH?4s", TICKS, self._data_port, False, bytes(4))
+        group = socket.inet_aton(self._group or "0.0.0.0")
+        tail = struct.pack("<QH?4s", TICKS, self._data_port, bool(self._group), group)
         return b"Motive".ljust(256, b"\0") + versions + tail
 
     def _definitions(self) -> bytes:
-        payload = struct.pack("<i", len(self._bodies))
+        found = list(self.other_definitions)
         for body in self._bodies:
             name = f"Other{body.id}" if self.faults.extra.get("foreign") else body.name
-            d = name.encode() + b"\0" + struct.pack("<ii3f", body.id, -1, 0, 0, 0)
-            d += struct.pack("<i3fi", 1, 0.01, 0.0, 0.0, 0)
+            d = name.encode() + b"\0" + struct.pack("<ii3f", body.number, -1, 0, 0, 0)
+            if self.version >= (4, 2):
+                d += struct.pack("<4f", 0, 0, 0, 1)
+            if self.version >= (3, 0):
+                d += struct.pack("<i3fi", 1, 0.01, 0.0, 0.0, 0)
             if self.version >= (4, 0):
                 d += b"Marker1\0"
-            size = struct.pack("<i", len(d)) if self.version >= (4, 1) else b""
-            payload += struct.pack("<i", 1) + size + d
-        return payload
+            found.append((1, d))
+        sized = self.version >= (4, 1)
+        parts = (struct.pack("<i", kind) + (struct.pack("<i", len(d)) if sized else b"") + d for kind, d in found)
+        return struct.pack("<i", len(found)) + b"".join(parts)
 
     # -- frames
     def _stream(self, now: float) -> None:
         extra = self.faults.extra
-        self._clients = {c: t for c, t in self._clients.items() if now - t < CLIENT_TIMEOUT}
-        if not self._clients:
+        forget = extra.pop("forget", False)
+        self.clients = {c: t for c, t in self.clients.items() if now - t < CLIENT_TIMEOUT and not forget}
+        if not (self.clients or self._group):
             self.frame += 1
             return
         if not (extra.get("replay") and self._last_frame):
@@ -287,7 +294,7 @@ class MotiveFake(threading.Thread):
         payload = self._last_frame
         if self.faults.truncate:
             payload = payload[: len(payload) // 2]
-        for client in self._clients:
+        for client in [(self._group, self._data_port)] if self._group else self.clients:
             self._send(self._data, client, FRAME, payload)
 
     def _look(self) -> None:
@@ -320,31 +327,42 @@ class MotiveFake(threading.Thread):
         shown = [b for b in self._bodies if not (b.id == TIP and self.faults.extra.get("no_body"))]
         bodies = b"".join(self._body(body) for body in shown)
         sections = [(0, b""), (0, b""), (len(shown), bodies), (0, b"")]
-        # marker sets, unlabelled markers, rigid bodies, skeletons; then assets (4.1), labelled markers, plates, devices
-        sections += [(0, b"")] * (4 if self.version >= (4, 1) else 3)
+        # marker sets, unlabelled markers, rigid bodies, skeletons; then assets, labelled markers, plates, devices
+        sections += [(0, b"") for since in ((4, 1), (2, 3), (2, 9), (2, 11)) if self.version >= since]
         payload = struct.pack("<i", self.frame)
         for count, content in sections:
             size = struct.pack("<i", len(content)) if self.version >= (4, 1) else b""
             payload += struct.pack("<i", count) + size + content
-        ticks = self._ticks()
-        payload += struct.pack(
-            "<IIdQQQ", 0, 0, self.clock.now() * self.faults.skew, ticks, ticks + 20_000, ticks + 30_000
-        )
+        payload += b"" if self.version >= (3, 0) else struct.pack("<f", 0.0)  # latency
+        stamp = self.clock.now() * self.faults.skew
+        payload += struct.pack("<IId" if self.version >= (2, 7) else "<IIf", 0, 0, stamp)
+        if self.version >= (3, 0):
+            ticks = self._ticks()
+            payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 30_000)
         if self.version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
-        return payload + struct.pack("<hI", 0, 0)
+        changed = self.faults.extra.pop("changed", False)
+        return payload + struct.pack("<hI", 2 if changed else 0, 0)
+
+    def _taken_for(self, body: Body) -> Body:
+        """The body whose pose is sent under the name of this one."""
+        pair = self.faults.extra.get("exchange", ())
+        names = pair if isinstance(pair, (list, tuple)) and body.name in pair else ()
+        return next((b for b in self._bodies if b.name in names and b is not body), body)
 
     def _body(self, body: Body) -> bytes:
-        extra = self.faults.extra
-        position, quaternion = body.position, body.quaternion
+        extra, seen = self.faults.extra, self._taken_for(body)
+        position, quaternion = seen.position, seen.quaternion
         if body.id == TIP:
             if extra.get("nan"):
                 position = np.full(3, np.nan)
             if extra.get("absurd"):
                 position = np.full(3, 1e6)
-            if extra.get("zeros") and not body.tracked:
+            if extra.get("zeros") and not seen.tracked:
                 position, quaternion = np.zeros(3), np.zeros(4)
-        return struct.pack("<i3f4ffh", body.id, *position, *quaternion, self.noise, int(body.tracked))
+        inline = b"" if self.version >= (3, 0) else struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
+        pose = struct.pack("<i3f4f", body.number, *position, *quaternion)
+        return pose + inline + struct.pack("<fh", self.noise, int(seen.tracked))
 
     def _ticks(self) -> int:
         return int(self.clock.now() * TICKS)

@@ -1,93 +1,107 @@
-"""The natnet client on sockets that hear one server: bound to one interface, deaf to every other sender.
-
-The package's own sockets listen on all interfaces and take a frame from whoever sends one.
-"""
+"""Datagrams to and from one NatNet server: sockets bound to one interface and deaf to every other sender."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import select
 import socket
 import time
 from collections.abc import Callable
-from typing import Any
 
-from natnet import NatNetClient
-from natnet.exceptions import NatNetError
+from .packets import DISCONNECT, HEADER, KEEPALIVE
 
 KEEP_ALIVE = 0.5
-"""Pause between two keep-alive messages, s; the package would send one with every look."""
-FOREIGN_AT_ONCE = 100
-"""Datagrams from elsewhere that one look may throw away: a flood must not hold the stream's thread."""
+"""Pause between two keep-alive messages, s; Motive forgets a client that is silent for 10 s."""
+AT_ONCE = 100
+"""Datagrams that one look takes, or throws away: a flood must not hold the stream's thread."""
+LARGEST = 65536
 
 
-class ServerSocket(socket.socket):
-    """A datagram socket on one local address that hands out what one server sends, from whichever of its ports."""
-
-    def __init__(self, local: str, server: str, elsewhere: Callable[[str], None]) -> None:
-        super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
-        self._server, self._elsewhere = server, elsewhere
-        try:
-            self.bind((local, 0))  # without SO_REUSEADDR: nobody may bind the same port and take the frames away
-        except OSError:
-            self.close()
-            raise
-        self.setblocking(False)
-
-    def recvfrom(self, *size: int) -> tuple[bytes, Any]:
-        """As of any socket that does not block; datagrams of other senders are told and thrown away."""
-        for _ in range(FOREIGN_AT_ONCE):
-            data, sender = super().recvfrom(*size)
-            if sender[0] == self._server:
-                return data, sender
-            self._elsewhere(sender[0])
-        raise BlockingIOError
-
-
-class ServerClient(NatNetClient):  # type: ignore[misc]
-    """The natnet client, unicast, on such sockets and with fewer keep-alive messages."""
+class Server:
+    """One server as a client hears it: frames come to the socket that asked, or to the server's multicast group."""
 
     def __init__(self, server: str, local: str, ports: tuple[int, int], elsewhere: Callable[[str], None]) -> None:
         """`server` by name or address; `local` empty: the interface that leads there; `ports` of commands and data.
 
         `elsewhere` is called with the address of every other sender. Raises OSError without such a server or way.
         """
-        address = socket.gethostbyname(server)
-        super().__init__(
-            server_ip_address=address,
-            local_ip_address=local or _interface_towards(address, ports[0]),
-            command_port=ports[0],
-            data_port=ports[1],
-            use_multicast=False,
-        )
-        self._elsewhere = elsewhere
+        self._address = socket.gethostbyname(server)
+        self._ports, self._elsewhere = ports, elsewhere
+        self._local = local or _interface_towards(self._address, ports[0])
         self._kept_alive = -math.inf
-        self._sockets: list[ServerSocket] = []
+        self._group: socket.socket | None = None
+        # without SO_REUSEADDR: nobody may bind the same port and take the frames away
+        self._socket = _bound((self._local, 0), shared=False)
 
-    def _NatNetClient__create_socket(self, addr: str = "", port: int = 0) -> ServerSocket:
-        """In the place of the package's own, by the only name under which it can be replaced."""
-        self._sockets.append(ServerSocket(self.local_ip_address, self.server_ip_address, self._elsewhere))
-        return self._sockets[-1]
+    def ask(self, kind: int, content: bytes = b"\0") -> None:
+        """Send a request. Raises OSError."""
+        self._socket.sendto(HEADER.pack(kind, len(content)) + content, (self._address, self._ports[0]))
 
-    def connect(self, timeout: float = 5.0) -> None:
-        """See NatNetClient; NatNetError when the package makes its sockets in a way that is not known here."""
-        self._sockets = []
-        super().connect(timeout)
-        if len(self._sockets) != 2:
-            raise NatNetError("this version of the natnet package opens sockets that anybody can send to; use 0.3.0")
+    def try_asking(self, kind: int) -> None:
+        """The same where the network may be away; it is asked again."""
+        with contextlib.suppress(OSError):
+            self.ask(kind)
 
-    def wait(self, longest: float) -> None:
-        """Return when something has come, or after `longest` s. Raises OSError or ValueError when the sockets are closed."""
-        select.select(self._sockets, [], [], longest)
+    def join(self, group: str, port: int) -> None:
+        """Hear a multicast group too, anew if it was heard before: an interface that was down has forgotten it."""
+        self._leave()
+        joined = _bound((group, port or self._ports[1]), shared=True)
+        try:
+            request = socket.inet_aton(group) + socket.inet_aton(self._local)
+            joined.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+        except OSError:
+            joined.close()
+            raise
+        self._group = joined
 
-    def send_request(self, command: int, command_str: str = "") -> int:
-        if command == self.NAT_KEEPALIVE:
-            now = time.monotonic()
-            if now - self._kept_alive < KEEP_ALIVE:
-                return 0
+    def hear(self, longest: float) -> list[bytes]:
+        """What the server has sent, after `longest` s at most; nothing when there is no network."""
+        now = time.monotonic()
+        if now - self._kept_alive >= KEEP_ALIVE:
             self._kept_alive = now
-        sent: int = super().send_request(command, command_str)
-        return sent
+            with contextlib.suppress(OSError):
+                self.ask(KEEPALIVE)
+        sockets = [s for s in (self._socket, self._group) if s is not None]
+        ready, _, _ = select.select(sockets, [], [], longest)
+        return [data for s in ready for data in self._received(s)]
+
+    def close(self) -> None:
+        """Tell the server, and close the sockets."""
+        with contextlib.suppress(OSError):
+            self.ask(DISCONNECT)
+        self._leave()
+        self._socket.close()
+
+    def _received(self, heard: socket.socket) -> list[bytes]:
+        found = []
+        with contextlib.suppress(OSError):
+            for _ in range(AT_ONCE):
+                data, sender = heard.recvfrom(LARGEST)
+                if sender[0] == self._address:
+                    found.append(data)
+                else:
+                    self._elsewhere(sender[0])
+        return found
+
+    def _leave(self) -> None:
+        group, self._group = self._group, None
+        if group is not None:
+            group.close()
+
+
+def _bound(place: tuple[str, int], shared: bool) -> socket.socket:
+    """A datagram socket that does not block. `shared`: other programs of this computer may hear the same group."""
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        if shared:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind(place)
+    except OSError:
+        made.close()
+        raise
+    made.setblocking(False)
+    return made
 
 
 def _interface_towards(address: str, port: int) -> str:

@@ -229,6 +229,8 @@ class Rig:
             stopping=stopping,
             recoverable=self.watch.recoverable,
             recover=recovery,
+            repeatable=self.watch.repeatable,
+            stood=lambda: self.watch.stood * self.clock.speed,
             steering=steering,
             rest=rest,
             chambers=self.chambers,

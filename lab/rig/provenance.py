@@ -14,7 +14,6 @@ PACKAGES = (
     "ur_rtde",
     "pyserial",
     "pymodbus",
-    "natnet",
     "dynamixel-sdk",
     "pytrinamic",
     "numpy",

@@ -55,13 +55,14 @@ class Recovery:
     ) -> None:
         self._actuators, self._watch, self._operator, self._limits, self._say = actuators, watch, operator, limits, say
 
-    def __call__(self, cause: InstrumentError) -> None:
-        """Raises the cause, and what came to it, when the pause is not confirmed safe or the readings do not recover."""
+    def __call__(self, cause: InstrumentError, ask: bool = True) -> None:
+        """`ask`: a person must confirm that the cause is put right. Raises the cause, and what came to it, when the pause is not confirmed safe or the readings do not recover."""
         self._say(f"Paused: {cause}")
         report = self._actuators.pause()
         if not report.confirmed:
             raise _with(cause, f"the pause is not confirmed safe: {report}")
-        self._operator.confirm(str(cause))
+        if ask:
+            self._operator.confirm(str(cause))
         try:
             self._actuators.resume()
         except InstrumentError as e:

@@ -7,15 +7,16 @@ raised as Suspended.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.errors import BadReply, DeviceFault, InstrumentError, StaleReading
 from drivers.interfaces import ArmSample, BodySample, WrenchSample
-from protocols.errors import Suspended
+from protocols.errors import StoodStill, Suspended
 
 from ..files.clock import RigClock
 from ..files.rig_file import Limits
@@ -29,6 +30,8 @@ SAFEGUARD = 1 << 4
 """Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
 OWN_SLEEP, CATCH_UP = 0.5, 0.2
 """Host seconds that this program may have stood still between two looks; time to make up for more."""
+STANDSTILL = 5.0
+"""Host seconds that this program stood still after which the state that it reads is read anew: it has not seen its history."""
 STUCK = 1.0
 """Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
 HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
@@ -84,6 +87,10 @@ class Watch:
         """What a stream showed last."""
         self._began = time.monotonic()
         self._looked = self._began, actuators.pulse.awake.now
+        self.stood = 0.0
+        """Host seconds for which this program has stood still until now."""
+        self._repeatable = False
+        self._standstill: StoodStill | None = None
 
     def over(self, needed: Sequence[str]) -> None:
         """Watch these instruments from now on."""
@@ -105,7 +112,12 @@ class Watch:
         """
         if self._stop_now():
             raise KeyboardInterrupt
-        if self._stood_still() > OWN_SLEEP:
+        if (stood := self._stood_still()) > OWN_SLEEP:
+            self.stood += stood
+            if stood > STANDSTILL and self._repeatable:
+                self._standstill = StoodStill(
+                    StaleReading("computer", f"stood still for {stood:.0f} s; the state is read anew")
+                )
             time.sleep(CATCH_UP)  # let the threads of this program read what has come meanwhile
             self._excuse()
             self._began = time.monotonic()
@@ -116,6 +128,8 @@ class Watch:
             raise vital.landed.error or RigLanded(f"the guard has made the rig safe: {vital.landed.text}")
         if vital.pause is not None and vital.pause.error is not None and not resting:
             raise Suspended(vital.pause.error)
+        if self._standstill is not None and not resting:
+            raise self._standstill
         now = time.monotonic()
         for name in self._needed:
             try:
@@ -126,6 +140,15 @@ class Watch:
             except Suspended:
                 if not resting:
                     raise
+
+    @contextlib.contextmanager
+    def repeatable(self) -> Iterator[None]:
+        """What is done in the block can be begun again: a standstill in it raises StoodStill."""
+        self._repeatable, self._standstill = True, None
+        try:
+            yield
+        finally:
+            self._repeatable, self._standstill = False, None
 
     def _stood_still(self) -> float:
         """Host seconds since the last look for which this program was not awake; a command that takes long is no sleep."""

@@ -16,7 +16,6 @@ LIBRARIES = (
     "rtde_receive",
     "serial",
     "pymodbus",
-    "natnet",
     "dynamixel_sdk",
     "pytrinamic",
     "pfeiffer_vacuum_protocol",

@@ -19,6 +19,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
 from drivers.natnet import driver as natnet_mocap
+from drivers.natnet.config import Pose
 from drivers.ur5 import driver as ur5
 from drivers.ur5 import state as ur5_state
 from lab.files.clock import RigClock
@@ -148,7 +149,7 @@ def mocap_machine(fake: MotiveFake) -> type[Machine]:
     class MocapMachine(Machine):
         def __init__(self) -> None:
             super().__init__()
-            pose = natnet_mocap.Pose(position=MOCAP_TO_BASE[0], quaternion=MOCAP_TO_BASE[1])
+            pose = Pose(position=MOCAP_TO_BASE[0], quaternion=MOCAP_TO_BASE[1])
             config = natnet_mocap.Config(server=fake.host, body="Tip", mocap_to_base=pose, max_age=1.0)
             self.driver = natnet_mocap.NatNetMocap("it", config, RigClock(), lambda sample: None)
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from sim_fakes.clock import SimClock
-from sim_fakes.motive import MotiveFake, quaternion_xyzw, rotation_matrix
+from sim_fakes.motive import CLIENT_TIMEOUT, MotiveFake
 from sim_fakes.plant import Plant
+from sim_fakes.rotations import quaternion_xyzw, rotation_matrix
 
 CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, KEEPALIVE = 0, 1, 4, 5, 7, 10
 ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED, DISCONNECT = 12, 13, 100, 9
@@ -102,6 +103,47 @@ def test_a_datagram_of_another_length_than_announced_is_dropped(host: Host) -> N
     assert host.receive(SERVERINFO, 0.1) is None
 
 
+def test_requests_without_content_may_end_with_the_zero_byte_of_the_makers_sample(
+    host: Host, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sim_fakes.motive.CLIENT_TIMEOUT", 0.5)
+    host.send(CONNECT, b"Ping\0")
+    host.send(REQUEST_MODELDEF, b"\0", announced=0)
+    assert host.receive(MODELDEF) is not None
+    for content in (b"\0", b""):
+        heard = host.fake.keep_alives
+        until = time.monotonic() + 1.5
+        while time.monotonic() < until:
+            host.send(KEEPALIVE, content, announced=0)
+            assert host.receive(FRAME) is not None
+            time.sleep(0.02)
+        assert host.fake.keep_alives > heard
+
+
+@pytest.mark.long
+def test_an_independent_client_hears_frames_for_longer_than_a_client_is_remembered(host: Host) -> None:
+    """The package `natnet`, written by others."""
+    client = pytest.importorskip("natnet").NatNetClient(
+        server_ip_address=host.fake.host, local_ip_address="127.0.0.1", use_multicast=False
+    )
+    frames: list[object] = []
+    models: list[object] = []
+    client.on_data_frame_received_event.handlers.append(frames.append)
+    client.on_data_description_received_event.handlers.append(models.append)
+    client.connect()
+    client.request_modeldef()
+    until = time.monotonic() + CLIENT_TIMEOUT + 2
+    while time.monotonic() < until:
+        client.update_sync()
+        time.sleep(0.05)
+    count = len(frames)
+    client.update_sync()
+    time.sleep(0.1)
+    client.update_sync()
+    assert len(frames) > count and models
+    client.shutdown()
+
+
 def test_an_echo_request_gets_its_own_stamp_and_the_servers(host: Host) -> None:
     host.send(ECHO_REQUEST, struct.pack("<Q", 1234567))
     answer = host.receive(ECHO_RESPONSE)
@@ -148,7 +190,7 @@ def test_equal_seeds_give_equal_noise() -> None:
         fake = MotiveFake(Plant(), SimClock(), f"127.8.{random.randint(1, 254)}.{random.randint(2, 254)}", seed=seed)
         fake._look()
         fake.stop()
-        return [body.position for body in fake._bodies]
+        return [body.position for body in fake.bodies]
 
     assert np.array_equal(frames(5), frames(5))
     assert not np.array_equal(frames(5), frames(6))

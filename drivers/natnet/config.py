@@ -1,0 +1,99 @@
+"""What rig.yaml says of motion capture, and poses of rigid bodies from Motive's world to the robot's base frame."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any
+
+from pydantic import BaseModel, Field, field_validator, model_validator
+
+from ..configs import MocapConfig
+from ..frames import apply, compose, matrix_from_quaternion
+from ..interfaces import Quaternion, Vector3
+from .packets import Body
+
+FARTHEST = 20.0
+"""No camera volume is larger, m."""
+NOWHERE: Vector3 = (math.nan, math.nan, math.nan)
+
+
+class Pose(BaseModel):
+    """A rigid transform: p_base = R(quaternion) p_mocap + position."""
+
+    position: Vector3 = Field(json_schema_extra={"unit": "m"})
+    quaternion: Quaternion = Field(json_schema_extra={"unit": ""})
+    """w, x, y, z"""
+
+    @field_validator("quaternion")
+    @classmethod
+    def _unit_length(cls, q: Quaternion) -> Quaternion:
+        length = math.hypot(*q)
+        if abs(length - 1) > 1e-3:
+            raise ValueError(f"a quaternion w, x, y, z must have length 1; this one has {length:.4g}")
+        return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
+
+    @cached_property
+    def _rotation(self) -> Any:
+        return matrix_from_quaternion(self.quaternion)
+
+    def place(self, body: Body | None) -> Vector3:
+        """Position in the base frame, m, as received; NaN where there is no body."""
+        return NOWHERE if body is None else apply(self.position, self._rotation, body.position)
+
+    def tracked_place(self, body: Body | None) -> Vector3:
+        """The same, NaN also where it must not be used."""
+        return self.place(body if usable(body) else None)
+
+    def turn(self, body: Body | None) -> Quaternion:
+        """Orientation in the base frame, w, x, y, z with w >= 0; NatNet has x, y, z, w. Identity where there is none."""
+        if body is None or not _unit(body.rotation):
+            return (1.0, 0.0, 0.0, 0.0)
+        x, y, z, w = (part / math.hypot(*body.rotation) for part in body.rotation)
+        q = compose(self.quaternion, (w, x, y, z))
+        return q if q[0] >= 0 else (-q[0], -q[1], -q[2], -q[3])
+
+
+class Config(MocapConfig):
+    """Motion capture by NatNet."""
+
+    server: str
+    """Address of the computer that runs Motive; nobody else is heard."""
+    local: str = ""
+    """Address of this computer in Motive's network, on which alone it listens; empty: the one that leads there."""
+    command_port: int = Field(default=1510, ge=1, le=65535, json_schema_extra={"unit": ""})
+    data_port: int = Field(default=1511, ge=1, le=65535, json_schema_extra={"unit": ""})
+    body: str
+    """Name of the tip's rigid body in Motive."""
+    mocap_to_base: Pose
+    """Takes Motive's world (Y up or Z up, as set there) to the robot's base frame; from the calibration of the rig."""
+    rate: float = Field(default=100.0, ge=1, le=1000, json_schema_extra={"unit": "Hz"})
+    """Frame rate set in Motive."""
+    timeout: float = Field(default=2.0, gt=0, le=30, json_schema_extra={"unit": "s"})
+
+    @model_validator(mode="after")
+    def _age_spans_frames(self) -> Config:
+        if self.max_age < 2 / self.rate:
+            raise ValueError(f"max_age {self.max_age} s is less than two frames at {self.rate} Hz; raise one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Config:
+        names = (self.body, *self.markers)
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(
+                f"body and markers name {', '.join(map(repr, twice))} more than once; each is a body of its own"
+            )
+        return self
+
+
+def usable(body: Body | None) -> bool:
+    """Tracked, and with values that can be true."""
+    if body is None or not body.tracked:
+        return False
+    return all(abs(part) < FARTHEST for part in body.position) and _unit(body.rotation)
+
+
+def _unit(rotation: tuple[float, ...]) -> bool:
+    """Whether this is a rotation: NaN and zeros are not."""
+    return abs(math.hypot(*rotation) - 1) < 0.05

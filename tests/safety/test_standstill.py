@@ -1,0 +1,102 @@
+"""A computer that stood still (SIGSTOP of all its processes, a paused virtual machine) goes on where it was.
+
+The robot has no spine: a length unit's own watchdog would have stopped it, and that ends a run.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from house import House, until
+
+from lab.files.config import load
+from lab.files.inputs import read_case
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, played, write_rig
+from model.robot import Robot
+from sim_fakes.rig import FakeRig
+
+ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
+LONG = 12.0
+"""Host seconds; Motive forgets a client after 10."""
+SETTINGS = ("pressures=[30 kPa]", "chambers=[1]", "rate=10 kPa/s", *PATIENT_SETTLE)
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
+    path = tmp_path_factory.mktemp("three") / "rig.yaml"
+    with FakeRig(speed=5.0, seed=7, truth=played(load(ROBOT, Robot)), spine="") as fakes:
+        present = fakes.rig_file()["instruments"]
+        changes = {"instruments": {k: v for k, v in PATIENT["instruments"].items() if k in present}}
+        write_rig(fakes, path, {**PATIENT, **changes}, ROBOT)
+        yield House(fakes, path)
+
+
+def stand_still(process: subprocess.Popen[str], seconds: float = LONG) -> None:
+    """Stop the program and all that it has started, as a suspended computer does; the instruments go on."""
+    root = psutil.Process(process.pid)
+    stopped = [root, *root.children(recursive=True)]
+    for one in stopped:
+        one.send_signal(signal.SIGSTOP)
+    time.sleep(seconds)
+    for one in stopped:
+        one.send_signal(signal.SIGCONT)
+
+
+def mocap(house: House) -> set[tuple[str, int]]:
+    assert house.fakes.mocap is not None
+    return set(house.fakes.mocap.clients)
+
+
+def ramping(house: House) -> bool:
+    return 5e3 < float(house.fakes.plant.regulator.max()) < 25e3
+
+
+def reading(house: House) -> bool:
+    return house.highest() > 28e3
+
+
+def at_zero(house: House) -> bool:
+    """The first state, before any pressure."""
+    return bool(mocap(house))
+
+
+@pytest.mark.parametrize(
+    ("phase", "seconds"),
+    [
+        (reading, LONG),
+        pytest.param(ramping, LONG, marks=pytest.mark.long),
+        pytest.param(at_zero, LONG, marks=pytest.mark.long),
+        pytest.param(ramping, 3.0, marks=pytest.mark.long),
+        pytest.param(reading, 40.0, marks=pytest.mark.long),
+    ],
+)
+def test_a_run_goes_on_after_a_standstill_without_a_person(
+    three: House, tmp_path: Path, phase: Callable[[House], bool], seconds: float
+) -> None:
+    three.fakes.troubles.clear()
+    assert until(lambda: not mocap(three))
+    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(three.rig), "--out", str(tmp_path)]
+    command += [word for setting in SETTINGS for word in ("--set", setting)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        assert until(lambda: phase(three) or process.poll() is not None, 120)
+        stand_still(process, seconds)
+        said, _ = process.communicate(timeout=300)
+    finally:
+        process.kill()
+    assert process.returncode in (0, 3), said
+    assert three.fakes.troubles == []
+    (file,) = tmp_path.glob("*.mcap")
+    rows = read_case([file]).table
+    assert [(r.step, r.branch, round(max(r.pressures) / 30e3)) for r in rows] == [
+        (1, "load", 0), (2, "load", 1), (3, "unload", 0),
+    ], said  # fmt: skip
+    assert (seconds > LONG / 2) == ("stood still" in said)
+    assert until(lambda: three.highest() < 5e3)
