@@ -44,16 +44,19 @@ class SerialLine:
         parity: str = "N",
         stopbits: int = 1,
         lock: StopFirst | None = None,
+        skip_echo: bool = False,
     ) -> None:
         """`name` is the instrument's name for messages; `timeout` (s, host time) bounds each answer and each write.
 
-        `lock`: one that several lines of an instrument share.
+        `lock`: one that several lines of an instrument share. `skip_echo`: no answer of this instrument repeats its request,
+        so that a line which does is the echo of an adapter.
         """
         self.name = name
         self.port = port
         self.baud = baud
         self.timeout = timeout
         self.lock = lock or StopFirst(name)
+        self._skip_echo = skip_echo
         self._parity = parity
         self._stopbits = stopbits
         self._serial: serial.Serial | None = None
@@ -128,7 +131,7 @@ class SerialLine:
     def read_until(self, until: bytes, timeout: float | None = None) -> bytes:
         """The next answer up to and without its terminator `until`; leading NUL and white space are no part of it.
 
-        Blank lines are skipped, and so is the request itself where an adapter returns it: then `echoes` is set.
+        Blank lines are skipped, and so is an adapter's echo of the request: then `echoes` is set.
         Raises `NoReply` on silence, `BadReply` on an unfinished answer.
         """
         with self._guarded() as port:
@@ -137,7 +140,7 @@ class SerialLine:
                 while (end := self._buffer.find(until)) < 0:
                     self._wait_for_more(port, deadline, f"up to {until!r}")
                 whole = self._take(end + len(until)).lstrip(PADDING)
-                if whole == self._sent:
+                if self._skip_echo and whole == self._sent:
                     self.echoes = True
                 elif whole:
                     return whole[: -len(until)]

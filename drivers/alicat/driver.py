@@ -50,7 +50,7 @@ class Alicat:
         self.channels = len(config.units)
         self.chambers = ChamberMap(config.chambers)
         self._clock = clock
-        self._line = SerialLine(name, config.port, config.baud, config.timeout)
+        self._line = SerialLine(name, config.port, config.baud, config.timeout, skip_echo=True)
         self._units = [AlicatUnit(name, self._line, letter) for letter in config.units]
         self._measures = [Measure(name, unit, config.unit, config.full_scale) for unit in self._units]
         self._versions: list[tuple[int, int]] = []
