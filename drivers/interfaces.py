@@ -9,6 +9,16 @@ Conventions for every driver
   (host monotonic) time; everything physical uses the clock that is passed in.
 - A command returns what was really sent, after clipping to the limits.
 - Public commands are idempotent and confirmed by read-back.
+
+Two optional methods, of any driver
+- `confirm_settings() -> None` reads again the settings on which promises of safety rest and which may change while the
+  instrument is open: at its panel, by another program, by a loss of power. It may be called at any time, leaves a right
+  instrument as it is, and may write a setting that has one right value. It raises `WrongDevice` that names setting, register,
+  value found, value needed and remedy, or `NoReply` where it cannot tell. The guard calls it before an instrument is energised
+  for the first time after the regulators were vented, and when a pressure jumps like one whose unit of measure was changed.
+  After any error it lands the rig. `open()` does the same checks, and `read()` raises `WrongDevice` when it meets a change.
+- `take_notices() -> list[str]` returns sentences worth a warning, each once: retries that have become the rule, an adapter
+  that echoes. The guard asks after each reading.
 """
 
 from __future__ import annotations

@@ -20,6 +20,8 @@ from .stop_first import SLICE, StopFirst
 
 LONGEST_ANSWER = 4096
 """Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
+PADDING = b"\0 \t\r\n"
+"""What breakout boxes and terminal servers put between two lines."""
 WRITE_WITHIN = 1.0
 """s, least time to write a request. The kernel takes those few bytes at once, and what does not answer is told by reading;
 but pyserial looks at the clock after the last byte, and a busy computer may come back late from a write that was done."""
@@ -42,20 +44,27 @@ class SerialLine:
         parity: str = "N",
         stopbits: int = 1,
         lock: StopFirst | None = None,
+        skip_echo: bool = False,
     ) -> None:
         """`name` is the instrument's name for messages; `timeout` (s, host time) bounds each answer and each write.
 
-        `lock`: one that several lines of an instrument share.
+        `lock`: one that several lines of an instrument share. `skip_echo`: no answer of this instrument repeats its request,
+        so that a line which does is the echo of an adapter.
         """
         self.name = name
         self.port = port
         self.baud = baud
         self.timeout = timeout
         self.lock = lock or StopFirst(name)
+        self._skip_echo = skip_echo
         self._parity = parity
         self._stopbits = stopbits
         self._serial: serial.Serial | None = None
         self._buffer = bytearray()
+        self._sent = b""
+        """The request whose answer is awaited."""
+        self.echoes = False
+        """The adapter has returned a request as it was sent."""
 
     @property
     def is_open(self) -> bool:
@@ -102,6 +111,7 @@ class SerialLine:
     def write(self, data: bytes) -> None:
         """Send bytes as they are. Raises `NoReply` when the line does not take them in time."""
         with self._guarded() as port:
+            self._sent = data
             port.write(data)
 
     def read_some(self) -> bytes:
@@ -119,15 +129,21 @@ class SerialLine:
         return heard
 
     def read_until(self, until: bytes, timeout: float | None = None) -> bytes:
-        """Bytes up to the terminator `until`, which is cut off; what follows it stays for the next read.
+        """The next answer up to and without its terminator `until`; leading NUL and white space are no part of it.
 
-        Raises `NoReply` on silence, `BadReply` on bytes without their terminator.
+        Blank lines are skipped, and so is an adapter's echo of the request: then `echoes` is set.
+        Raises `NoReply` on silence, `BadReply` on an unfinished answer.
         """
         with self._guarded() as port:
             deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
-            while (end := self._buffer.find(until)) < 0:
-                self._wait_for_more(port, deadline, f"up to {until!r}")
-            return self._take(end + len(until))[:end]
+            while True:
+                while (end := self._buffer.find(until)) < 0:
+                    self._wait_for_more(port, deadline, f"up to {until!r}")
+                whole = self._take(end + len(until)).lstrip(PADDING)
+                if self._skip_echo and whole == self._sent:
+                    self.echoes = True
+                elif whole:
+                    return whole[: -len(until)]
 
     def read_exactly(self, count: int, timeout: float | None = None) -> bytes:
         """`count` bytes. Raises `NoReply` on silence, `BadReply` when fewer arrive."""

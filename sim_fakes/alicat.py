@@ -2,7 +2,8 @@
 
 Stricter than the instrument: a request must be exactly right, and one that comes before the answer to the last one has
 left the line is answered by nobody. Commands obey the firmware's dialect: LS and LSS lock the display of firmware
-before 8v00 (8v00 on: `?` until 9v00 and 10v05), FPF is known from 6v00 on.
+before 8v00 (8v00 on: `?` until 9v00 and 10v05), FPF is known from 6v00 on, SR from 7v11 on, LCZA, ZCA, ZCP and DCU from
+10v05 on. Firmware GP wants `$$` before commands that change something; every other takes them with and without.
 
 Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     dead      these units do not answer
@@ -13,7 +14,11 @@ Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     reading   pressure (Pa) that all units show instead of the measured one
     status    {"A": "OVR"}: status codes shown by a unit
     swap      these units answer under the next letter
-The back door `device["A"]` is a unit's state: its set-point, range, model, firmware, source, unit of measure, holds.
+    keep      these units keep their settings whatever is sent (a person may still change them)
+    tail      bytes that a breakout box puts behind every line, such as "\\0"
+    echo      True: the adapter returns what is sent
+The back door `device["A"]` is a unit's state (`alicat_device.py`): its set-point, range, model, firmware and settings;
+`device["A"].panel("unit", "psi")` is a person at its front panel.
 """
 
 from __future__ import annotations
@@ -21,73 +26,18 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
+from .alicat_device import PA_PER_UNIT, UNIT_NAMES, UNITS, AlicatDevice
 from .clock import SimClock
 from .plant import Plant
-from .pty_fake import Device, PtyFake
+from .pty_fake import PtyFake
 
-UNIT_NAMES = {2: "Pa", 3: "hPa", 4: "kPa", 5: "MPa", 6: "mbar", 7: "bar", 10: "PSI"}
-UNITS = ("Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi")
-"""The same as rig.yaml spells them."""
-PA_PER_UNIT = {2: 1.0, 3: 100.0, 4: 1e3, 5: 1e6, 6: 100.0, 7: 1e5, 10: 6894.757}
+__all__ = ["PA_PER_UNIT", "UNITS", "AlicatDevice", "AlicatFake"]
 NOISE = 100.0
 """Standard deviation of a reading, Pa."""
 IDLE_BYTES = 3.5
 """Silence after a request before a unit acts on it, in byte times."""
-
-
-@dataclass
-class AlicatDevice(Device):
-    """One controller without its wire; pressures are Pa."""
-
-    plant: Plant
-    chambers: tuple[int, ...]
-    full_scale: float
-    decimals: int = 2
-    setpoint: float = 0.0
-    held: str = ""
-    """"" controlling, "HP" valve held where it is, "HC" valve held closed, "EXH" exhaust open."""
-    held_at: float = 0.0
-    """Pressure shut in by a held valve."""
-    locked: bool = False
-    model: str = "PC-60PSIG-D"
-    serial: str = "521641"
-    firmware: str = "10v20.0-R24"
-    source: str = "S"
-    unit_code: int = 4
-    loop: int = 38
-
-    @property
-    def version(self) -> tuple[int, int]:
-        """Firmware as numbers."""
-        major, minor = re.findall(r"\d+", self.firmware)[:2]
-        return int(major), int(minor)
-
-    @property
-    def pressure(self) -> float:
-        """Mean pressure of its chambers, without noise."""
-        with self.plant.lock:
-            return float(np.mean([self.plant.chamber_pressure[c - 1] for c in self.chambers]))
-
-    def process(self, dt: float) -> None:
-        """Drive the chambers' regulators."""
-        target = {"": self.setpoint, "EXH": 0.0}.get(self.held, self.held_at)
-        with self.plant.lock:
-            for chamber in self.chambers:
-                self.plant.regulator[chamber - 1] = target
-
-    def take(self, setpoint: float) -> None:
-        """A set-point from the serial line: clamped to the range, ignored when another source is chosen."""
-        if self.source == "S":
-            self.setpoint = max(0.0, min(self.full_scale, setpoint))
-
-    def hold(self, how: str) -> None:
-        """Hold the valves, open the exhaust, or ("") control again."""
-        self.held, self.held_at = how, self.pressure
 
 
 class AlicatFake(PtyFake):
@@ -129,9 +79,9 @@ class AlicatFake(PtyFake):
             unit.process(dt)
 
     def restart(self) -> None:
-        """Set-points and holds are forgotten."""
+        """A loss of power."""
         for unit in self.device.values():
-            unit.setpoint, unit.held, unit.locked = 0.0, "", False
+            unit.restart()
 
     def feed(self) -> bool:
         """Answer one line."""
@@ -142,6 +92,8 @@ class AlicatFake(PtyFake):
         self.requests.append(line + end)
         if rest:
             return True  # the next request came before this one's answer: the line is jammed and nobody answers
+        if self.faults.extra.get("echo"):
+            self.send(line + end)
         text = line.decode("ascii", "replace")
         letter, words = text[:1].upper(), text[1:].strip().upper()
         unit = self.device.get(letter)
@@ -155,26 +107,63 @@ class AlicatFake(PtyFake):
         if not self.faults.freeze:
             unit.process(0.0)
         time.sleep(IDLE_BYTES * self.byte_time)
-        self.send(answer.encode("ascii") + b"\r")
+        tail = str(self.faults.extra.get("tail", ""))
+        self.send("".join(f"{row}\r{tail}" for row in answer.split("\r")).encode("ascii"))
         return True
 
     # -- what a unit says
     def _answer(self, letter: str, unit: AlicatDevice, words: str) -> str:
         """The answer without the unit's letter; rows are parted by CR."""
+        prefixed, words = words.startswith("$$"), words.removeprefix("$$")
+        if unit.firmware.startswith("GP"):
+            changes = words not in ("", "??M*", "??D*") and not re.fullmatch(r"R\d+", words)
+            if changes != prefixed:
+                return "?"
         if words == "":
             return self._frame(letter, unit)
         if match := re.fullmatch(r"S\s*([+-]?\d+(?:\.\d+)?)", words):
             return self._set(letter, unit, float(match[1]) * PA_PER_UNIT[unit.unit_code])
         if re.fullmatch(r"\d+", words) and int(words) <= 64000:
             return self._set(letter, unit, int(words) / 64000 * unit.full_scale)
+        if words.startswith("LC"):
+            return self._setting(letter, unit, words)
         if words.startswith("L"):
             return self._loop_words(letter, unit, words)
         if words in ("HP", "HC", "E", "C"):
             unit.hold({"E": "EXH", "C": ""}.get(words, words))
             return self._frame(letter, unit)
-        if words == "U":
-            unit.locked = False
+        if words in ("U", "P"):
+            unit.locked, unit.offset = unit.locked and words != "U", unit.offset if words == "U" else unit.pressure
             return self._frame(letter, unit)
+        return self._setting(letter, unit, words)
+
+    def _setting(self, letter: str, unit: AlicatDevice, words: str) -> str:
+        """Settings that a unit keeps without power."""
+        keep = self._has("keep", letter)
+        if match := re.fullmatch(r"R(\d+)|W(\d+)=(\d+)", words):
+            if match[2] == "122" and not keep:
+                unit.loop = int(match[3])
+            return f"  122 = {unit.loop}" if "122" in match.groups() else "?"
+        if unit.version >= (7, 11) and (match := re.fullmatch(r"SR(?: (\d+(?:\.\d+)?) ([345]))?", words)):
+            if match[1] and not keep:
+                unit.ramp = float(match[1]) * PA_PER_UNIT[unit.unit_code] / {"3": 1e-3, "4": 1.0, "5": 60.0}[match[2]]
+            per_second = f"{unit.ramp / PA_PER_UNIT[unit.unit_code]:.1f}"
+            return f"{per_second} {unit.unit_code} 4 {UNIT_NAMES[unit.unit_code]}/s"
+        if unit.version < (10, 5):
+            return self._about(unit, words)
+        if match := re.fullmatch(r"LCZA(?: ([01]))?", words):
+            unit.zero_active = unit.zero_active if keep or not match[1] else match[1] == "1"
+            return f"{unit.zero_active:d}"
+        if match := re.fullmatch(r"ZCA(?: (0|1 \d+(?:\.\d+)?))?", words):
+            unit.auto_tare = unit.auto_tare if keep or not match[1] else match[1] != "0"
+            return "1 2.0" if unit.auto_tare else "0"
+        if match := re.fullmatch(r"ZCP(?: ([01]))?", words):
+            unit.power_up_tare = unit.power_up_tare if keep or not match[1] else match[1] == "1"
+            return f"{unit.power_up_tare:d}"
+        if match := re.fullmatch(r"DCU 6(?: (\d+))?", words):
+            if match[1] and not keep:
+                unit.unit_code = int(match[1])
+            return f"{unit.unit_code} {UNIT_NAMES[unit.unit_code]}"
         return self._about(unit, words)
 
     def _loop_words(self, letter: str, unit: AlicatDevice, words: str) -> str:
@@ -183,7 +172,7 @@ class AlicatFake(PtyFake):
             unit.locked = True
             return self._frame(letter, unit)
         if unit.version >= (10, 5) and (match := re.fullmatch(r"LSS(?: ([SAU]))?", words)):
-            unit.source = match[1] or unit.source
+            unit.source = unit.source if self._has("keep", letter) or not match[1] else match[1]
             return unit.source
         if unit.version >= (9, 0) and (match := re.fullmatch(r"LS(?: (\d+(?:\.\d+)?))?", words)):
             if match[1]:
@@ -196,10 +185,10 @@ class AlicatFake(PtyFake):
         """What a unit tells of itself."""
         if words == "VE":
             return f"  {unit.firmware} Jan  9 2025,15:04:07"
-        if words == "R122":
-            return f"  122 = {unit.loop}"
         if words == "??M*":
             return self._manufacturer(unit)
+        if words == "??D*":
+            return unit.frame_format()
         if words == "FPF 6" and unit.version >= (6, 0):
             full_scale = self._shown(unit, unit.full_scale)
             return f"{full_scale} {unit.unit_code:02d} {UNIT_NAMES[unit.unit_code]}"
@@ -233,14 +222,17 @@ class AlicatFake(PtyFake):
         status = self.faults.extra.get("status")
         if isinstance(status, dict) and letter in status:
             codes.append(str(status[letter]))
-        reading = self.random.gauss(measured, NOISE)
+        reading = self.random.gauss(measured - unit.offset, NOISE)
         if isinstance(shown := self.faults.extra.get("reading"), float):
             reading = shown
         if self._has("stuck", letter):
             reading = self._stuck.setdefault(letter, reading)
         else:
             self._stuck.pop(letter, None)
-        return " ".join([self._shown(unit, reading), self._shown(unit, unit.setpoint), *codes])
+        setpoint = self._shown(unit, unit.setpoint)
+        return " ".join(
+            [self._shown(unit, reading), setpoint.lstrip("+") if unit.version < (8, 0) else setpoint, *codes]
+        )
 
     def _shown(self, unit: AlicatDevice, pressure: float) -> str:
         """A pressure (Pa) as the display shows it: sign, three digits at least, the unit's decimals."""

@@ -6,36 +6,32 @@ The units hold their set-points: nothing expires when the host dies, so a rig ne
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import re
 import time
 from collections.abc import Callable, Sequence
-from typing import Literal, TypeVar
+from typing import TypeVar
 
-from pydantic import Field, model_validator
-
-from ..chambers import PAPER_WIRING, ChamberMap
-from ..configs import RegulatorsConfig
+from ..chambers import ChamberMap
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
+from ..retries import Retries
 from ..serial_line import SerialLine
 from ..spec import Driver
-from .wire import COUNTS, FAULT_CODES, UNITS, AlicatUnit, Frame
+from .config import Config
+from .measure import Measure
+from .settings import WRITTEN, check_loop, check_source, put_right
+from .wire import FAULT_CODES, LOCKED, AlicatUnit, Frame
 
+__all__ = ["DRIVER", "Alicat", "Config"]
 T = TypeVar("T")
-GAUGE_PRESSURE, GAUGE_SETPOINT = 6, 38
-"""Alicat's numbers for the gauge pressure reading and for the loop that controls it."""
-KNOWS_FULL_SCALE = (6, 0)
-KNOWS_SETPOINT_SOURCE = (10, 5)
-"""First firmware that answers FPF, and LSS."""
-TRIAL_COUNTS = 160
-"""Set-point with which a unit that does not tell its unit of measure is tried, of 64000: 5 kPa on a unit of 2 MPa, the widest
-that rig.yaml takes, and less on any other."""
-TRIAL_SHARE = 0.25
-"""By which what it shows may differ from what rig.yaml makes of that: nominal ranges are rounded, units lie further apart."""
-SERIAL = "S"
-SOURCES = {SERIAL: "the serial line", "A": "its analog input", "U": "its front panel"}
+JUMP = 1.5
+"""Factor by which a pressure must jump between two readings for its unit of measure to be asked again: two units that could
+be confused lie further apart."""
+JUMP_ABOVE = 3e3
+"""Pa; below this a jump does not show in the noise, so that the unit of measure is asked before every set-point."""
 VENTED = 5e3
 """Pa; `close` waits for all channels to fall below this,"""
 BRISK = 0.05
@@ -43,42 +39,6 @@ BRISK = 0.05
 must not keep the others inflated."""
 VENT_WAIT = 0.5
 """but not longer than this, s of host time."""
-
-
-class Config(RegulatorsConfig):
-    """How to reach the units, their range, and what may be asked of them."""
-
-    port: str
-    """Serial port of the RS-485 adapter."""
-    baud: Literal[19200, 38400, 57600, 115200] = Field(115200, json_schema_extra={"unit": "Bd"})
-    units: tuple[str, ...] = ("A", "B", "C")
-    """Unit letters, in channel order."""
-    chambers: tuple[tuple[int, ...], ...] = PAPER_WIRING
-    """Chambers (1..9) on each channel."""
-    full_scale: float = Field(400e3, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
-    """Range of the units; `open` compares it with what they say."""
-    unit: Literal["Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi"] | None = None
-    """What the units' displays show. When not given, kPa is needed; firmware before 6v00 does not tell, so then it must be."""
-    timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
-    """How long a unit may take to answer, host time; a failed request is repeated once."""
-    max_age: float = Field(1.0, gt=0, le=10, json_schema_extra={"unit": "s"})
-    """How old the first unit's reading may be when the last one's arrives, host time."""
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Config:
-        ChamberMap(self.chambers)
-        if len(self.units) != len(self.chambers):
-            raise ValueError(
-                f"{len(self.units)} units but {len(self.chambers)} lists of chambers; give one unit for each list"
-            )
-        for unit in self.units:
-            if not re.fullmatch("[A-Z]", unit) or self.units.count(unit) > 1:
-                raise ValueError(f"units {', '.join(self.units)}: {unit!r} must be one letter A to Z, used once")
-        if self.max_pressure > self.full_scale:
-            raise ValueError(
-                f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
-            )
-        return self
 
 
 class Alicat:
@@ -90,15 +50,21 @@ class Alicat:
         self.channels = len(config.units)
         self.chambers = ChamberMap(config.chambers)
         self._clock = clock
-        self._line = SerialLine(name, config.port, config.baud, config.timeout)
-        self._unit = config.unit or "kPa"
-        self._pa = UNITS[self._unit][1]
-        self._units = [AlicatUnit(name, self._line, letter, self._pa) for letter in config.units]
-        self._untried: set[int] = set()
-        """Channels whose unit of measure was only read from rig.yaml."""
+        self._line = SerialLine(name, config.port, config.baud, config.timeout, skip_echo=True)
+        self._units = [AlicatUnit(name, self._line, letter) for letter in config.units]
+        self._measures = [Measure(name, unit, config.unit, config.full_scale) for unit in self._units]
+        self._versions: list[tuple[int, int]] = []
+        self._doubtful: set[int] = set()
+        """Channels whose unit of measure is asked again before the next reading is believed."""
+        self._locked: set[int] = set()
+        """Channels whose front panel is locked."""
+        self._open_panels: set[int] = set()
+        """Those that do not say that it is."""
+        self._retries = Retries(self._line)
+        self._notices: list[str] = []
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._confirmed = [0.0] * self.channels
-        self._decimals = [0] * self.channels
+        self._measured = [0.0] * self.channels
 
     def connect(self) -> None:
         """Open the line and ask nothing: enough for `vent`, which must not wait for a unit that is dead; what else is on the
@@ -107,14 +73,17 @@ class Alicat:
             self._line.open()
 
     def open(self) -> Identity:
-        """Connect and check each unit: that it answers, controls gauge pressure in the unit of rig.yaml, and obeys the line."""
+        """Connect, check each unit (it answers, controls gauge pressure in the unit of rig.yaml, obeys the line), set its
+        persistent settings right, and lock its front panel."""
         self._line.open()
         try:
             firmwares = self._find_units()
-            about = [self._check(unit, firmware) for unit, firmware in zip(self._units, firmwares, strict=True)]
+            self._versions = [_version(firmware) for firmware in firmwares]
+            about = [self._check(channel, firmware) for channel, firmware in enumerate(firmwares)]
             for channel, unit in enumerate(self._units):
                 frame = self._twice(unit.poll)
-                self._confirmed[channel], self._decimals[channel] = frame.setpoint, frame.decimals
+                self._confirmed[channel], self._measured[channel] = frame.setpoint, frame.measured
+            self._lock_panels()
         except InstrumentError:
             self._line.close()
             raise
@@ -133,19 +102,30 @@ class Alicat:
         """
         with self._line.lock:
             self._need_open()
-            for channel, pressure in enumerate(self._limits.allow(pressures)):
+            allowed = self._limits.allow(pressures)
+            if max(allowed) > 0:
+                self._refuse_wrong()
+            for channel, pressure in enumerate(allowed):
                 self._set_channel(channel, pressure)
                 self._limits.sent(channel, pressure)
             return tuple(self._confirmed)
 
     def read(self) -> PressureSample:
-        """Poll all units; raises `DeviceFault` when one reports a status with which its pressure is not controlled."""
+        """Poll all units.
+
+        Raises `DeviceFault` when one reports a status with which its pressure is not controlled, and `WrongDevice`, once,
+        when one has changed its unit of measure while inflated; readings are in Pa all the same, so that a vent can be
+        read back.
+        """
         with self._line.lock:
             self._need_open()
+            known = self._wrong()
             frames, arrived = [], []
-            for unit in self._units:
-                frames.append(self._twice(unit.poll))
+            for channel in range(self.channels):
+                frames.append(self._polled(channel))
                 arrived.append(time.monotonic())
+            if max(self._confirmed) > 0 and self._wrong() != known:
+                self._refuse_wrong()
             if (age := arrived[-1] - arrived[0]) > self.config.max_age:
                 raise StaleReading(
                     self.name,
@@ -167,6 +147,7 @@ class Alicat:
         with self._line.lock.stopping():
             self._need_open()
             failed = dict.fromkeys(range(self.channels), "")
+            self._doubtful |= set(range(self.channels)) if self._versions else set()
             for patience in (min(BRISK, self.config.timeout), self.config.timeout, self.config.timeout):
                 for channel in list(failed):
                     try:
@@ -183,7 +164,7 @@ class Alicat:
             raise InstrumentError(self.name, f"did not vent {units}. Shut off the supply and vent these by hand")
 
     def close(self) -> None:
-        """Vent, wait shortly for the pressure to fall, disconnect."""
+        """Vent, wait shortly for the pressure to fall, unlock the front panels, disconnect."""
         with self._line.lock:
             if not self._line.is_open:
                 return
@@ -193,7 +174,25 @@ class Alicat:
                 deadline = time.monotonic() + VENT_WAIT
                 while time.monotonic() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
                     time.sleep(0.02)
+            for channel in self._locked:
+                with contextlib.suppress(InstrumentError):
+                    self._units[channel].unlock(min(BRISK, self.config.timeout))
+            self._locked.clear()
             self._line.close()
+
+    def confirm_settings(self) -> None:
+        """Read again what a panel can change: unit of measure, range, controlled variable, set-point source, ramp; lock the
+        panels again. See the module `interfaces`."""
+        with self._line.lock:
+            self._need_open()
+            for channel in range(self.channels):
+                self._check_settings(channel)
+            self._lock_panels()
+
+    def take_notices(self) -> list[str]:
+        """See the module `interfaces`."""
+        notices, self._notices = self._notices + self._retries.notices(), []
+        return notices
 
     # -- opening
     def _find_units(self) -> list[str]:
@@ -219,60 +218,100 @@ class Alicat:
             )
         return list(firmwares.values())
 
-    def _check(self, unit: AlicatUnit, firmware: str) -> tuple[str, str]:
+    def _check(self, channel: int, firmware: str) -> tuple[str, str]:
         """Model and serial number of a unit that can be used; raises `WrongDevice` naming what was found instead."""
-
-        def wrong(found: str, do: str) -> WrongDevice:
-            return WrongDevice(self.name, f"unit {unit.letter} {found}; {do}")
-
+        unit, measure = self._units[channel], self._measures[channel]
         model, serial = self._twice(unit.model_and_serial)
         if not re.match(r"E?PC|IVC", model):
-            raise wrong(f"is a {model or 'device without a model name'}", "a pressure controller (PC, PCD) is needed")
-        loop = self._twice(unit.loop_variable)
-        if loop != GAUGE_SETPOINT:
-            raise wrong(
-                f"controls variable {loop}, not gauge pressure ({GAUGE_SETPOINT})",
-                "choose gauge pressure as its control variable",
+            raise WrongDevice(
+                self.name,
+                f"unit {unit.letter} is a {model or 'device without a model name'}; a pressure controller (PC, PCD) is needed",
             )
-        match = re.match(r"(\d+)v(\d+)", firmware)
-        version = (int(match[1]), int(match[2])) if match else (0, 0)
-        if version >= KNOWS_FULL_SCALE:
-            value, code, unit_name = self._twice(lambda: unit.full_scale(GAUGE_PRESSURE))
-            if code != UNITS[self._unit][0]:
-                raise wrong(
-                    f"shows {unit_name or 'unit of measure'} (code {code})",
-                    f"set its pressure unit to {self._unit}, or write in rig.yaml which `unit` it shows",
-                )
-            if not math.isclose(value * self._pa, self.config.full_scale, rel_tol=1e-3):
-                raise wrong(
-                    f"has a full scale of {value * self._pa / 1e3:g} kPa, rig.yaml says {self.config.full_scale / 1e3:g} kPa",
-                    "correct full_scale in rig.yaml, or fit the right unit",
-                )
-        else:
-            if self.config.unit is None:
-                raise wrong(
-                    f"has firmware {firmware}, which does not report its unit of measure",
-                    f"write what its display shows in rig.yaml: instruments.{self.name}.unit: one of {', '.join(UNITS)}",
-                )
-            self._untried.add(self._units.index(unit))
-        if version >= KNOWS_SETPOINT_SOURCE and (source := self._twice(unit.setpoint_source)) != SERIAL:
-            raise wrong(
-                f"takes its set-point from {SOURCES.get(source, source)}",
-                "set its set-point source to serial",
-            )
+        measure.begin(firmware, self._versions[channel])
+        self._check_settings(channel)
         return model, serial
+
+    def _check_settings(self, channel: int) -> None:
+        unit, version, measure = self._units[channel], self._versions[channel], self._measures[channel]
+        self._twice(lambda: check_loop(self.name, unit))
+        self._twice(measure.ask)
+        if measure.wrong:
+            raise WrongDevice(self.name, measure.wrong)
+        measure.check_range()
+        if short := self._twice(lambda: check_source(self.name, unit, version)):
+            self._notices.append(short)
+        self._twice(lambda: put_right(self.name, unit, version, WRITTEN))
+
+    def _lock_panels(self) -> None:
+        for channel, unit in enumerate(self._units):
+            if self._twice(unit.lock):
+                self._locked.add(channel)
+            elif channel not in self._open_panels:
+                self._open_panels.add(channel)
+                self._notices.append(
+                    f"unit {unit.letter} does not say that its front panel is locked (command L, status {LOCKED}): nobody may "
+                    "change its settings during a run"
+                )
+
+    # -- settings that change while it is open
+    def _wrong(self) -> str:
+        return "; ".join(measure.wrong for measure in self._measures if measure.wrong)
+
+    def _refuse_wrong(self) -> None:
+        if wrong := self._wrong():
+            raise WrongDevice(self.name, wrong)
+
+    def _polled(self, channel: int) -> Frame:
+        """One reading in Pa. The unit of measure is asked first where it may have changed: after a vent, when the set-point is
+        not the confirmed one, when the pressure jumps, when somebody has unlocked the panel."""
+        unit = self._units[channel]
+        frame = self._twice(unit.poll)
+        unlocked = channel in self._locked and LOCKED not in frame.codes
+        moved = abs(frame.setpoint - self._confirmed[channel]) > 0.6 * unit.digit
+        if channel in self._doubtful or unlocked or moved or self._jumps(channel, frame):
+            before = unit.pa
+            self._ask_measure(channel)
+            self._doubtful.discard(channel)
+            if unlocked:
+                self._locked.discard(channel)
+                self._lock_panels()
+            if unit.pa != before:
+                frame = self._twice(unit.poll)
+        self._measured[channel] = frame.measured
+        return frame
+
+    def _jumps(self, channel: int, frame: Frame) -> bool:
+        low, high = sorted((abs(self._measured[channel]), abs(frame.measured)))
+        return high > JUMP_ABOVE and high > JUMP * low
+
+    def _ask_measure(self, channel: int) -> None:
+        measure, unit, held = self._measures[channel], self._units[channel], self._confirmed[channel]
+        if measure.tells or held <= 0:
+            self._twice(measure.ask)
+            return
+        self._twice(lambda: measure.try_out(held))
+        if not measure.wrong:
+            self._twice(lambda: unit.set(held))  # the share was rounded
 
     # -- one channel
     def _set_channel(self, channel: int, pressure: float) -> None:
-        """Send one set-point (Pa) and hold the unit to it."""
-        unit, decimals = self._units[channel], self._decimals[channel]
-        digit = self._pa * 10.0**-decimals
-        if channel in self._untried and pressure > 0:
-            self._try_unit(channel, digit)
+        """Send one set-point (Pa) and hold the unit to it; above 0 only in a unit of measure that is known to be right."""
+        unit, measure = self._units[channel], self._measures[channel]
+        digit = unit.digit
+        if pressure > 0:
+            if measure.untried:
+                self._twice(measure.try_out)
+            elif measure.tells and (channel in self._doubtful or abs(self._measured[channel]) < JUMP_ABOVE):
+                self._twice(measure.ask)
+            self._let_off_wrong()
         # rounding to the unit's digits must not lead above the limit
         pressure = min(round(pressure / digit), math.floor(self.config.max_pressure / digit + 1e-6)) * digit
-        frame = self._twice(lambda: unit.set(pressure, decimals))
+        frame = self._twice(lambda: unit.set(pressure))
         before, self._confirmed[channel] = self._confirmed[channel], frame.setpoint
+        if pressure > 0 and self._jumps(channel, frame):
+            self._ask_measure(channel)
+            self._let_off_wrong()
+        self._measured[channel] = frame.measured
         if abs(frame.setpoint - pressure) > 0.6 * digit:
             asked = f"unit {unit.letter} was set to {pressure / 1e3:.2f} kPa but holds {frame.setpoint / 1e3:.2f} kPa"
             if abs(frame.setpoint - before) <= 0.6 * digit:
@@ -282,31 +321,18 @@ class Alicat:
             raise BadReply(self.name, f"{asked}: it was clamped or misread; check its set-point limits and the cable")
         self._raise_fault(unit, frame)
 
-    def _try_unit(self, channel: int, digit: float) -> None:
-        """Before the first pressure: a small set-point sent as a share of the full scale shows what the display counts in.
-
-        Raises WrongDevice when that is not what rig.yaml says; the unit is let off again.
-        """
-        unit = self._units[channel]
-        frame = self._twice(lambda: unit.set_share(TRIAL_COUNTS))
-        wanted = TRIAL_COUNTS / COUNTS * self.config.full_scale
-        if abs(frame.setpoint - wanted) <= max(TRIAL_SHARE * wanted, 0.6 * digit):
-            self._untried.discard(channel)
-            return
-        self._twice(lambda: unit.set(0.0, self._decimals[channel]))
-        shown = frame.setpoint / self._pa
-        fits = [name for name, (_, pa) in UNITS.items() if abs(shown * pa - wanted) <= TRIAL_SHARE * wanted]
-        raise WrongDevice(
-            self.name,
-            f"unit {unit.letter} shows {shown:g} for {wanted / self._pa:.4g} {self._unit}, sent as a share of its range: it "
-            f"does not show {self._unit}{f' but {fits[0]}' if fits else ''}, or its range is not "
-            f"{self.config.full_scale / 1e3:g} kPa; correct unit or full_scale in rig.yaml. Nothing else was set",
-        )
+    def _let_off_wrong(self) -> None:
+        """Let units off whose unit of measure is wrong: zero is zero in each. Raises WrongDevice when there are any."""
+        for channel, measure in enumerate(self._measures):
+            if measure.wrong:
+                self._twice(functools.partial(self._units[channel].set, 0.0))
+                self._confirmed[channel] = 0.0
+        self._refuse_wrong()
 
     def _vent_channel(self, channel: int, timeout: float) -> None:
         """Set-point 0 on one unit, read back, valves released. One try; `timeout` for the first answer, s of host time."""
         unit = self._units[channel]
-        frame = unit.set(0.0, self._decimals[channel], timeout)
+        frame = unit.set(0.0, timeout)
         if {"HLD", "EXH"} & set(frame.codes):
             frame = unit.cancel_hold()
         if frame.setpoint != 0:
@@ -326,14 +352,22 @@ class Alicat:
     def _twice(self, request: Callable[[], T]) -> T:
         """Every request can be repeated without harm, and is, once, after a disturbed line."""
         try:
-            return request()
+            answer = request()
+            self._retries.count(False)
+            return answer
         except (NoReply, BadReply):
+            self._retries.count(True)
             self._line.listen(self.config.timeout)  # an answer that is only late must not be taken for the next one's
             return request()
 
     def _need_open(self) -> None:
         if not self._line.is_open:
             raise NotReady(self.name, "is not open; call open() first")
+
+
+def _version(firmware: str) -> tuple[int, int]:
+    match = re.match(r"(\d+)v(\d+)", firmware)
+    return (int(match[1]), int(match[2])) if match else (0, 0)
 
 
 DRIVER = Driver("pressure", Config, Alicat)

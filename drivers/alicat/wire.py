@@ -17,10 +17,18 @@ UNITS = {
     "Pa": (2, 1.0), "hPa": (3, 100.0), "kPa": (4, 1e3), "MPa": (5, 1e6), "mbar": (6, 100.0), "bar": (7, 1e5),
     "psi": (10, 6894.757),
 }  # fmt: skip
-"""Units of measure by name: Alicat's number, and Pa."""
+"""Units of measure that rig.yaml may name: Alicat's number, and Pa."""
+PA = dict(UNITS.values()) | {
+    8: 98.0665, 9: 98_066.5, 11: 47.8803, 12: 0.133322, 13: 133.322, 14: 133.322, 15: 3386.39, 16: 9.80665, 17: 9.7971,
+    18: 98.0665, 19: 97.971, 20: 249.089, 21: 248.843, 22: 101_325.0,
+}  # fmt: skip
+"""Pa in every unit of pressure that a panel offers, by Alicat's number."""
 COUNTS = 64000
 """A set-point can be sent as so many parts of the full scale, too; then it is the same pressure whatever the unit."""
-FRAME = re.compile(r"[A-Z]((?:\s+[+-]\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")
+FRAME = re.compile(r"[A-Z]((?:\s+[+-]?\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")
+"""Firmware before 8v00 gives the set-point without its sign."""
+LOCKED = "LCK"
+"""Status code: the buttons of the front panel are locked."""
 MANUFACTURER_LINES = 10
 """Lines of the ??M* table: M00 to M09."""
 FAULT_CODES = {
@@ -39,11 +47,10 @@ FAULT_CODES = {
 
 @dataclass(frozen=True)
 class Frame:
-    """One data frame: pressure and set-point (Pa gauge), the decimals the unit shows, its status codes."""
+    """One data frame: pressure and set-point (Pa gauge), and the unit's status codes."""
 
     measured: float
     setpoint: float
-    decimals: int
     codes: tuple[str, ...]
 
 
@@ -55,18 +62,25 @@ class AlicatUnit:
         self.name = name
         self.letter = letter
         self.pa = pa
+        self._decimals = 0
+        """Of its display, as its last frame showed them."""
         self._line = line
+
+    @property
+    def digit(self) -> float:
+        """Last digit of its display, Pa."""
+        return self.pa * 10.0**-self._decimals
 
     def poll(self) -> Frame:
         """The data frame as it is now."""
         return self._frame("")
 
-    def set(self, pressure: float, decimals: int, timeout: float | None = None) -> Frame:
+    def set(self, pressure: float, timeout: float | None = None) -> Frame:
         """Send a set-point (Pa), rounded to the unit's decimals; the answer shows the set-point that holds now.
 
         `timeout` (s, host time) where the line's own is too long.
         """
-        return self._frame(f"S {pressure / self.pa:.{decimals}f}", timeout)
+        return self._frame(f"S {pressure / self.pa:.{self._decimals}f}", timeout)
 
     def set_share(self, counts: int) -> Frame:
         """Send a set-point as `counts` of the 64000 parts of the full scale; all firmware knows this form."""
@@ -101,16 +115,30 @@ class AlicatUnit:
             raise self._unexpected("its full scale", answer)
         return float(match[1]), int(match[2]), match[3]
 
+    def lock(self) -> bool:
+        """Lock the buttons of the front panel; True when the unit says that they are. Power-cycling unlocks them."""
+        return LOCKED in self._frame("L").codes
+
+    def unlock(self, timeout: float | None = None) -> None:
+        """Unlock the buttons of the front panel."""
+        self._frame("U", timeout)
+
+    def setting(self, words: str) -> str | None:
+        """The answer to a query for a setting, or to a command that writes one; None where the unit does not know it."""
+        for last in (False, True):  # a damaged answer must not pass for a refusal
+            try:
+                return self._ask(words)
+            except BadReply:
+                if last:
+                    return None
+        return None
+
     def loop_variable(self) -> int:
         """Alicat's number for what the control loop controls."""
         match = re.match(r"0*122\s*=\s*(\d+)", answer := self._ask("R122"))
         if match is None:
             raise self._unexpected("register 122", answer)
         return int(match[1])
-
-    def setpoint_source(self) -> str:
-        """S serial, A analog, U front panel. Firmware 10v05 and later; firmware before 8v00 would lock its display."""
-        return self._ask("LSS").strip()
 
     def _frame(self, words: str, timeout: float | None = None) -> Frame:
         text = f"{self.letter} {self._ask(words, timeout)}"
@@ -119,8 +147,8 @@ class AlicatUnit:
             raise self._unexpected("a data frame", text)
         # pressure comes first; a unit that shows more than two numbers has its set-point last
         numbers = match[1].split()
-        decimals = len(numbers[-1].partition(".")[2])
-        return Frame(float(numbers[0]) * self.pa, float(numbers[-1]) * self.pa, decimals, tuple(match[2].split()))
+        self._decimals = len(numbers[-1].partition(".")[2])
+        return Frame(float(numbers[0]) * self.pa, float(numbers[-1]) * self.pa, tuple(match[2].split()))
 
     def _ask(self, words: str, timeout: float | None = None) -> str:
         """What follows the unit's letter in the answer."""

@@ -103,7 +103,9 @@ class SmcItv:
         self.chambers = ChamberMap(config.chambers)
         self._clock = clock
         self._lock = StopFirst(name)
-        self._lines = [SerialLine(name, port, BAUD, config.timeout, lock=self._lock) for port in config.ports]
+        self._lines = [
+            SerialLine(name, port, BAUD, config.timeout, lock=self._lock, skip_echo=True) for port in config.ports
+        ]
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._counts = [0] * self.channels
         self._polled_at = 0.0

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, WrongDevice
 from drivers.interfaces import Identity
 
 from ..files.clock import RigClock
@@ -32,6 +32,7 @@ from .latch import Latch, RigLocked
 from .limit_monitor import LimitMonitor
 from .messages import Event, RigLanded
 from .report import SafeReport
+from .settings import Settings
 from .under_force import UnderForce
 
 CLIPPED = 1e3
@@ -87,6 +88,7 @@ class Guard:
             arm = self.own.drivers["arm"]
             self.under_force = UnderForce(arm, self.rig.limits, self._go_on, self._say_waiting, self._not_stopped)
             self.own.drivers["arm"] = self.under_force
+        self.settings = Settings(self.own.drivers)
         instruments = Instruments(self.own.drivers, self.own.opened, self.open, self.own.busy.__contains__)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed)
         self.running = True
@@ -149,14 +151,20 @@ class Guard:
         with self.own.locks[name]:
             if (name, method) == ("pressure", "vent"):
                 self.monitor.vented()
+                self.settings.vented()
             if (name, method) not in ENERGISING:
                 return getattr(self.own.drivers[name], method)(*args)
             self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
             try:
                 self._energise()
+                if name != "pressure" or any(p > 0 for p in args[0]):
+                    self.settings.confirm(name)
                 if name == "pressure":
                     return self._set_pressure(*args)
                 return getattr(self.own.drivers[name], method)(*args)
+            except WrongDevice as e:
+                self.land(str(e), e)
+                raise
             except InstrumentError as e:
                 if self.landed:  # the command gave way to the landing's stop
                     raise self._refusal() from e
@@ -221,6 +229,7 @@ class Guard:
             if self._closed:
                 return self._last
             self.monitor.vented()
+            self.settings.vented()
             names = list(self.own.opened) if names is None else names
             report = self._last = self.landing.make_safe(names, keep_vacuum, reach)
             self._landed_at = time.monotonic()
@@ -302,11 +311,17 @@ class Guard:
                         sample = self._checked(name, self.own.drivers[name].read())  # before the next set-point is told
                 except InstrumentError as e:
                     sample = e
+                    if isinstance(e, WrongDevice) and self.energised:
+                        self.land(str(e), e)
                 self.tell((name, sample))
+                for text in getattr(self.own.drivers[name], "take_notices", list)():
+                    self.tell(Event("notice", text))
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error that stands for one that is not acceptable."""
+        if self.settings.may_have_changed(name, sample):
+            self.settings.confirm(name)
         finding = self.monitor.check(name, sample)
         if finding is None:
             return sample

@@ -174,6 +174,8 @@ class Rig:
             self.vital.pause = event
         if event.kind in ("landed", "clipped", "waiting"):
             _warn(self._recorder, f"{event.text}: {event.report.said}" if event.report is not None else event.text)
+        elif event.kind == "notice":
+            self._driver_notice(event.text)
 
     def _driver_notice(self, text: str) -> None:
         with self._lock:

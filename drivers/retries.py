@@ -1,0 +1,42 @@
+"""Counts how often requests on a line have to be repeated: now and then is noise, as a rule it is a fault of the line."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from .serial_line import SerialLine
+
+WINDOW = 40
+"""Requests over which repeats are counted."""
+RULE = 10
+"""Repeats among them above which they are the rule: a sound line needs none, a disturbed one a few in a thousand."""
+
+
+class Retries:
+    """One line's repeats, and what a person should be told of the line."""
+
+    def __init__(self, line: SerialLine) -> None:
+        self._line = line
+        self._repeated: deque[bool] = deque(maxlen=WINDOW)
+        self._told: set[str] = set()
+        self.total = 0
+        """Repeated requests since the line was made."""
+
+    def count(self, repeated: bool) -> None:
+        """A request was made; whether it had to be repeated."""
+        self._repeated.append(repeated)
+        self.total += repeated
+
+    def notices(self) -> list[str]:
+        """What is worth a warning and was not yet reported."""
+        found = {}
+        if sum(self._repeated) > RULE:
+            found["retries"] = (
+                f"{sum(self._repeated)} of the last {len(self._repeated)} requests on {self._line.port} had to be repeated, "
+                f"{self.total} since it was opened; check cable, baud rate and adapter"
+            )
+        if self._line.echoes:
+            found["echo"] = f"the adapter on {self._line.port} echoes what is sent; switch its local echo off"
+        new = [text for what, text in found.items() if what not in self._told]
+        self._told |= found.keys()
+        return new

@@ -1,0 +1,62 @@
+"""When the instruments' settings are read again, and how a jump by a ratio of units of measure shows.
+
+The regulators are vented before each trial, so what is energised for the first time after that begins a trial.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivers.interfaces import PressureSample
+
+PA = (1.0, 98.0665, 100.0, 133.322, 249.089, 1e3, 3386.39, 6894.757, 98_066.5, 1e5, 101_325.0, 1e6)
+"""Pa in the units of measure that panels offer: Pa, cmH2O, mbar, torr, inH2O, kPa, inHg, psi, kg/cm2, bar, atm, MPa."""
+LEAST = 1.5
+"""Smaller ratios (bar to atm) are no danger, and a pressure that is ramped passes through them."""
+RATIOS = tuple(sorted(a / b for a in PA for b in PA if a / b > LEAST))
+NEAR = 0.05
+"""Share by which a jump may differ from a ratio of units: noise, and what the pressure did between two readings."""
+SHOWS = 3e3
+"""Pa; of two readings the higher one must be above this, or noise would jump by any ratio."""
+
+
+def jumps(before: PressureSample, now: PressureSample) -> int:
+    """The first channel (from 1) whose pressure jumped by a ratio of units of measure; 0 for none."""
+    for channel, pair in enumerate(zip(before.measured, now.measured, strict=True), 1):
+        low, high = sorted(map(abs, pair))
+        if high > SHOWS and any(abs(high - ratio * low) <= NEAR * high for ratio in RATIOS):
+            return channel
+    return 0
+
+
+class Settings:
+    """Which drivers have settings that can change, and which of them are due to be read again."""
+
+    def __init__(self, drivers: dict[str, Any]) -> None:
+        self._drivers = drivers
+        self._due = set(drivers)
+        self._before: PressureSample | None = None
+        self._jumped: set[str] = set()
+        """Those of whose pressures one has jumped, until they are confirmed."""
+
+    def vented(self) -> None:
+        """The regulators are being vented: what is energised next begins a trial."""
+        self._due = set(self._drivers)
+
+    def confirm(self, name: str) -> None:
+        """Have a driver read its settings, if that is due and it can. Raises InstrumentError, and is then due again."""
+        if name in self._due:
+            if (confirm := getattr(self._drivers[name], "confirm_settings", None)) is not None:
+                confirm()
+            self._due.discard(name)
+            self._jumped.discard(name)
+
+    def may_have_changed(self, name: str, sample: Any) -> bool:
+        """True when a pressure has jumped by a ratio of units of measure since the reading before, until it is confirmed."""
+        if not isinstance(sample, PressureSample):
+            return False
+        before, self._before = self._before, sample
+        if before is not None and len(before.measured) == len(sample.measured) and jumps(before, sample):
+            self._due.add(name)
+            self._jumped.add(name)
+        return name in self._jumped

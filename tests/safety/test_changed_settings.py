@@ -1,0 +1,147 @@
+"""A setting that changes at a panel while the rig is open: the rig lands before the robot notices."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from house import House, until
+
+from drivers.errors import InstrumentError, NoReply, WrongDevice
+from drivers.interfaces import PressureSample
+from lab.files.rig_file import load_rig
+from lab.guard.settings import Settings
+from lab.rig.assembly import Rig
+from sim_fakes.alicat import AlicatFake
+
+HELD = 60e3
+MARGIN = 20e3
+"""Pa that a pressure may rise between a panel's change and the landing."""
+
+
+@pytest.fixture
+def rig(house: House) -> Iterator[Rig]:
+    house.change(without=("arm", "force", "mocap"))
+    with Rig(load_rig(house.rig)) as opened:
+        assert opened.open_all(lambda name, outcome: None) == []
+        yield opened
+    for unit in units(house).device.values():
+        unit.unit_code = 4
+
+
+def units(house: House) -> AlicatFake:
+    line = house.fakes.lines["pressure"]
+    assert isinstance(line, AlicatFake)
+    return line
+
+
+def turn(house: House, letter: str, unit: str) -> None:
+    """A person unlocks the panel (all four buttons for three seconds) and chooses another unit of measure."""
+    with units(house).lock:
+        units(house).device[letter].locked = False
+        assert units(house).device[letter].panel("unit", unit)
+
+
+def inflate(rig: Rig, house: House, pressure: float = HELD) -> None:
+    assert until(lambda: max(rig.actuators.call("pressure", "set", (pressure,) * 3)) > 0.99 * pressure)
+    assert until(lambda: house.highest() > 0.9 * pressure)
+
+
+@pytest.mark.parametrize(("letter", "unit"), [("A", "psi"), ("C", "bar"), ("B", "inH2O")])
+def test_a_unit_of_measure_changed_while_inflated_lands_the_rig(house: House, rig: Rig, letter: str, unit: str) -> None:
+    inflate(rig, house)
+    turn(house, letter, unit)
+    assert until(lambda: rig.vital.landed is not None)
+    assert f"unit {letter} shows" in rig.vital.landed.text and "register FPF 6" in rig.vital.landed.text
+    assert rig.vital.landed.report is not None and rig.vital.landed.report.confirmed, str(rig.vital.landed.report)
+    assert until(lambda: house.highest() < 5e3)
+    with pytest.raises(InstrumentError, match=f"unit {letter} shows"):
+        rig.actuators.call("pressure", "set", (HELD,) * 3)
+
+
+@pytest.mark.parametrize("unit", ["psi", "bar", "Pa"])
+def test_one_changed_during_a_ramp_lets_no_pressure_through(house: House, rig: Rig, unit: str) -> None:
+    highest = [0.0]
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(0.002):
+            highest[0] = max(highest[0], house.highest())
+
+    watching = threading.Thread(target=watch, daemon=True)
+    watching.start()
+    with pytest.raises(InstrumentError):
+        for step in range(1, 400):
+            rig.actuators.call("pressure", "set", (200.0 * step,) * 3)
+            if step == 50:
+                turn(house, "B", unit)
+    ended.set()
+    watching.join()
+    assert until(lambda: rig.vital.landed is not None and rig.vital.landed.report is not None)
+    assert highest[0] < 10e3 + MARGIN
+    assert until(lambda: house.highest() < 5e3)
+
+
+def test_one_changed_between_trials_is_refused_before_the_first_pressure(house: House, rig: Rig) -> None:
+    inflate(rig, house)
+    rig.actuators.call("pressure", "vent")
+    assert until(lambda: house.highest() < 1e3)
+    turn(house, "A", "psi")
+    with pytest.raises(WrongDevice, match="unit A shows PSI .*kPa is needed"):
+        rig.actuators.call("pressure", "set", (HELD,) * 3)
+    assert house.highest() < 1e3
+    assert until(lambda: rig.vital.landed is not None)
+
+
+# -- the guard's part, for every driver
+class Driver:
+    """One that counts how often it is asked, and answers what it is given."""
+
+    def __init__(self, error: InstrumentError | None = None) -> None:
+        self.error, self.asked = error, 0
+
+    def confirm_settings(self) -> None:
+        self.asked += 1
+        if self.error is not None:
+            raise self.error
+
+
+def reading(*measured: float) -> PressureSample:
+    return PressureSample(0.0, (0.0,) * len(measured), measured)
+
+
+def test_settings_are_read_once_a_trial() -> None:
+    driver = Driver()
+    settings = Settings({"pressure": driver, "spine": object()})
+    for asked in (1, 2):
+        settings.confirm("pressure")
+        settings.confirm("pressure")
+        settings.confirm("spine")
+        assert driver.asked == asked
+        settings.vented()
+
+
+@pytest.mark.parametrize("ratio", [6.894757, 1 / 6.894757, 10.0, 100.0, 1e3, 1e-3, 4.014, 0.0689, 2.036])
+@pytest.mark.parametrize("pressure", [20e3, 150e3])
+def test_a_jump_by_a_ratio_of_units_has_them_read_until_that_succeeds(ratio: float, pressure: float) -> None:
+    driver = Driver(NoReply("pressure", "silent"))
+    settings = Settings({"pressure": driver})
+    assert not settings.may_have_changed("pressure", reading(0.0, pressure))
+    assert settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
+    with pytest.raises(NoReply):
+        settings.confirm("pressure")
+    assert settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
+    driver.error = None
+    settings.confirm("pressure")
+    assert not settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
+
+
+@pytest.mark.parametrize(
+    "readings", [((100.0,), (650.0,)), ((20e3,), (22e3,)), ((0.0,), (0.0,)), ((float("nan"),), (1e3,))]
+)
+def test_noise_and_ramps_are_no_jump(readings: Any) -> None:
+    settings = Settings({"pressure": Driver()})
+    found: Callable[[PressureSample], bool] = lambda sample: settings.may_have_changed("pressure", sample)  # noqa: E731
+    assert not any(found(reading(*values)) for values in readings)
