@@ -410,9 +410,9 @@ def zero_event(m: Any) -> ZeroEvent:
         abs(x) <= LARGEST for x in numbers
     ):
         raise BadMessage(f"/zero at {m.t:g} s: is not three spans of time, a direction and a drift")
-    spans = [(float(a), float(b)) for a, b in (m.before, m.start, m.end)]
     x, y, z = m.direction
-    return ZeroEvent(m.t, Zeros(m.trial, (x, y, z), *spans, m.offset_at), Drift(m.drift, m.rate, m.linear))
+    before, start, end = ((float(a), float(b)) for a, b in (m.before, m.start, m.end))
+    return ZeroEvent(m.t, Zeros(m.trial, (x, y, z), before, start, end, m.offset_at), Drift(m.drift, m.rate, m.linear))
 
 
 def mark_event(m: Any) -> Mark:

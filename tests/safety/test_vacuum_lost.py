@@ -126,3 +126,17 @@ def test_a_spine_that_never_was_jammed_asks_for_a_person(
     assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
     assert fakes.troubles and "jammed" in fakes.troubles[0]
     assert [row.step for row in table_of(one(tmp_path))] == [1, 2, 3]
+
+
+def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    plant = house.fakes.plant
+    during(
+        lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3,
+        lambda: house.fakes.switch.begin("gauge", "stuck"),
+    )
+    settings = [*BENDING, "--set", "reading=hold", "--set", "hold_times=[100]"]
+    assert lab(house, tmp_path, "bending", *settings) == 1
+    assert "gauge: its reading has been the same to the last digit" in capsys.readouterr().err
