@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from statistics import fmean
 
 from recordings.states.rules import AMBIENT
+from recordings.states.vacuum import VacuumBand, left_band
 
-from .bench import Bench
+from .bench import Bench, Jammed
 from .parameters import Jam, SpineMotion
 
 VENTED_BELOW = 5e3
@@ -16,6 +18,8 @@ LOWEST_AMBIENT = 80e3
 """Pa absolute; a spine below this is still evacuated."""
 CLIPPED = 1e3
 """Pa between asked and set that are more than an instrument's rounding."""
+VACUUM_NOISE = 3e3
+"""Pa by which one reading of a gauge may be off: six times a noise of 0.5 % of the reading, at ambient pressure."""
 REST_READINGS = 6
 """A gauge is judged to rest from at least so many readings."""
 LONGEST_STEP = 1.0
@@ -54,6 +58,7 @@ def release(bench: Bench, jam: Jam) -> float:
     Readings that come more slowly than six in `jam.rest` seconds are judged over as long as six of them take.
     """
     valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
+    bench.jammed = None
     valve.set(False)
     readings: list[tuple[float, float]] = []
 
@@ -83,7 +88,12 @@ def release(bench: Bench, jam: Jam) -> float:
 
 
 def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
-    """Jam the spine and judge it from the gauge; returns the vacuum reached, Pa below ambient."""
+    """Jam the spine and judge it from the gauge; returns the vacuum reached, Pa below ambient.
+
+    Every state that is read from then on demands that the vacuum has stayed between `rules.share` and 2 - `rules.share` of
+    `vacuum`, with `VACUUM_NOISE` on either side.
+    """
+    bench.jammed = None
     valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
     if vacuum <= 0:
         return 0.0
@@ -94,10 +104,13 @@ def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
         return reached if reached >= rules.share * vacuum else None
 
     goal = rules.share * vacuum / 1e3
-    return bench.wait(
+    reached = bench.wait(
         f"valve and gauge: spine jammed at {goal:.0f} kPa below ambient", jammed, rules.within,
         lambda: f"the gauge is {(ambient - gauge.read().absolute) / 1e3:.1f} kPa below ambient",
     )  # fmt: skip
+    lowest, highest = rules.share * vacuum - VACUUM_NOISE, (2 - rules.share) * vacuum + VACUUM_NOISE
+    bench.jammed = Jammed(ambient, VacuumBand(bench.clock.now(), lowest, highest))
+    return reached
 
 
 def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
@@ -132,6 +145,21 @@ def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, r
     grow(bench, length, motion)
     jam(bench, ambient, vacuum, rules)
     return ambient
+
+
+def jam_lost(bench: Bench) -> bool:
+    """Whether the spine has lost its vacuum since it was jammed: then it was soft, and `set_spine` must jam it anew."""
+    kept = bench.jammed
+    if kept is None:
+        return False
+    since = kept.vacuum.begin(bench.clock.now())
+    said = left_band(bench.recorder.buffers.window("/vacuum", since, math.inf), kept.ambient, kept.vacuum)
+    if since > kept.vacuum.since:  # a long pause
+        said = said or f"whether it kept its vacuum is known since {since:.0f} s only"
+    if not said:
+        return False
+    bench.say(f"The spine must be jammed anew: {said}")
+    return True
 
 
 def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:

@@ -23,11 +23,24 @@ from drivers.interfaces import (
     Vector3,
 )
 from recordings.file.writer import Recorder
+from recordings.states.vacuum import VacuumBand
 
 from .errors import MissingInstrument, NotReached, Stopped
 from .steering import Steering
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Jammed:
+    """How the spine was jammed last."""
+
+    ambient: float
+    """Pa absolute."""
+    vacuum: VacuumBand
+    """What it must keep."""
+
+
 Mount = Literal["robot", "body", "spine"]
 INSTRUMENTS = ("pressure", "spine", "valve", "gauge", "arm", "arm_state", "force", "mocap")
 """What a protocol may need, by its key in rig.yaml."""
@@ -117,6 +130,8 @@ class Bench:
     """Rig seconds for which this computer has stood still until now; no deadline counts them."""
     clipped: bool = False
     """The last ramp's set-points were clipped on their way by the rig's limits."""
+    jammed: Jammed | None = None
+    """None while the spine is released or was jammed without vacuum: then no vacuum is judged."""
 
     def has_topic(self, topic: str) -> bool:
         """Whether the instrument behind a topic is there: a robot without a spine has neither /spine nor /vacuum."""

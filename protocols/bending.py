@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 
 from recordings.states.rules import Crossing, Settled, Window
 
-from .actions import home, ramp, set_spine, vent
+from .actions import home, jam_lost, ramp, set_spine, vent
 from .bench import Bench, Setup
 from .errors import WrongWiring
 from .experiment import Ask, Plan, Reading, Step, Trial, Trials, settled
@@ -189,24 +189,28 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
             with trials.doing(trial):
-                _sweep(bench, p, trial, trials)
+                _sweep(bench, p, trial, trials, partial(_climb_back, bench, p, spine, vacuum))
             vent(bench)
 
 
-def _sweep(bench: Bench, p: Bending, trial: Trial, trials: Trials) -> None:
+Back = Callable[[str], None]
+"""What brings the rig back, after a pause, to where states of a branch begin."""
+
+
+def _sweep(bench: Bench, p: Bending, trial: Trial, trials: Trials, back: Back) -> None:
     """Visit all levels once: stop and read at each, or read on the fly between the turning points."""
     if p.reading != "sweep":
         for level in levels(p):
-            _stop_and_read(bench, p, trial, trials, [level])
+            _stop_and_read(bench, p, trial, trials, back, [level])
         return
     for branch, run_of_levels in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
         if branch[1]:
-            _read_on_the_fly(bench, p, trial, trials, list(run_of_levels))
+            _read_on_the_fly(bench, p, trial, trials, back, list(run_of_levels))
         else:
-            _stop_and_read(bench, p, trial, trials, list(run_of_levels))
+            _stop_and_read(bench, p, trial, trials, back, list(run_of_levels))
 
 
-def _stop_and_read(bench: Bench, p: Bending, trial: Trial, trials: Trials, at: list[Level]) -> None:
+def _stop_and_read(bench: Bench, p: Bending, trial: Trial, trials: Trials, back: Back, at: list[Level]) -> None:
     """Ramp to each level and read it when settled, or after the hold times."""
     for level in at:
         bench.check_stop()
@@ -220,12 +224,15 @@ def _stop_and_read(bench: Bench, p: Bending, trial: Trial, trials: Trials, at: l
                 _read(p, trial, trials, level, rules[0], arrived, arrived, rate)
                 rules.pop(0)
 
-        through_pauses(bench, visit, partial(_climb_back, bench, p, level.branch))
+        through_pauses(bench, visit, partial(back, level.branch))
         trials.step_done()
 
 
-def _climb_back(bench: Bench, p: Bending, branch: str) -> None:
-    """After a pause the chambers are empty: a state of the unload branch is reached by way of the highest again."""
+def _climb_back(bench: Bench, p: Bending, spine: float, vacuum: float, branch: str) -> None:
+    """After a pause the chambers are empty: a spine that went soft meanwhile is jammed anew, and a state of the unload branch
+    is reached by way of the highest again."""
+    if jam_lost(bench):
+        set_spine(bench, spine, vacuum, p.spine, p.jam)
     if branch == "unload":
         ramp(bench, _channels(bench, p, max(p.pressures)), p.rate)
         bench.pause(p.settle.average)  # the chambers follow their set-points
@@ -237,11 +244,11 @@ def _rules(p: Bending) -> list[Settled | Window]:
     return [settled(p.settle)]
 
 
-def _read_on_the_fly(bench: Bench, p: Bending, trial: Trial, trials: Trials, passed: list[Level]) -> None:
+def _read_on_the_fly(bench: Bench, p: Bending, trial: Trial, trials: Trials, back: Back, passed: list[Level]) -> None:
     """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
     bench.check_stop()
     branch, left = passed[0].branch, list(passed)
-    through_pauses(bench, lambda: _pass(bench, p, trial, trials, left), lambda: _climb_back(bench, p, branch))
+    through_pauses(bench, lambda: _pass(bench, p, trial, trials, left), lambda: back(branch))
 
 
 def _pass(bench: Bench, p: Bending, trial: Trial, trials: Trials, left: list[Level]) -> None:

@@ -5,6 +5,8 @@ ProtocolError
 |-- WrongWiring         the regulators' wiring cannot make the pattern asked for; nothing moved
 |-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
 |-- TooMuchForce        the arm met more force than the protocol allows, and was stopped
+|-- NotPushing          a jammed specimen hardly pushes back on the arm
+|-- JamLost             the spine had to be jammed anew: the trial begins again
 |-- Skipped             a person asked to leave this trial out; the experiment goes on with the next
 |-- Suspended           something that a person can put right; the experiment waits for that, then goes on
 |   `-- StoodStill      this computer stood still; the experiment goes on by itself
@@ -34,6 +36,14 @@ class NotReached(ProtocolError):
 
 class TooMuchForce(ProtocolError):
     """The arm met more force than the protocol allows, and was stopped where it was."""
+
+
+class NotPushing(ProtocolError):
+    """A jammed specimen hardly pushes back on the arm."""
+
+
+class JamLost(ProtocolError):
+    """The spine was jammed anew after a pause: what was read in this trial before belongs to another jamming."""
 
 
 class Suspended(ProtocolError):

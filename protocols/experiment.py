@@ -7,14 +7,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
+from drivers.errors import DeviceFault
 from recordings.campaign.journal import Journal
-from recordings.errors import NotSettled, TooFewSamples
+from recordings.errors import NoResistance, NotSettled, TooFewSamples, VacuumLost
+from recordings.events import Mark, marked
 from recordings.states.concluding import conclude
 from recordings.states.rules import AMBIENT, Crossing, Probe, Settled, State, Window
+from recordings.states.zeros import TOLERATED, Drift, Zeros, without_drift
 from recordings.trials import TrialRow
 
 from .bench import Bench, Setup
-from .errors import NotReached, Skipped, Suspended
+from .errors import NotPushing, NotReached, Skipped, Suspended
 from .parameters import Settle
 
 T = TypeVar("T")
@@ -132,8 +135,10 @@ class Trials:
         self.rows: list[TrialRow] = []
         self._trial = finished
         self._step = self._done = self._per_trial = 0
-        self._before: Concluded | None = None
-        """A reading that a pause kept from being repeated: the next one repeats it."""
+        self._latest: dict[int, Concluded] = {}
+        """By step, the latest reading of each state of this trial: what is read once more takes its place."""
+        self._void: set[int] = set()
+        """Steps whose latest reading was before the trial was begun again."""
 
     def remaining(self, trials: Iterable[T], steps: int) -> list[T]:
         """Of all trials of the protocol, in order, those that are not finished; each has so many planned steps."""
@@ -153,9 +158,15 @@ class Trials:
     ) -> Trial:
         """Start the next trial."""
         self._trial += 1
-        self._step, self._before = 0, None
+        self._step, self._latest, self._void = 0, {}, set()
         self.bench.steering.at(self._trial, 0)
         return Trial(self._trial, repeat, spine, ambient, tip_mass, roll_deg, specimen)
+
+    def begin_again(self, trial: Trial) -> None:
+        """Read all states of a trial again, in the same order; the last reading of each counts."""
+        self._step, self._void = 0, set(self._latest)
+        self._done = (trial.number - 1) * self._per_trial + 1
+        self._tell_progress()
 
     @contextlib.contextmanager
     def doing(self, trial: Trial) -> Iterator[None]:
@@ -194,8 +205,11 @@ class Trials:
         topics: tuple[str, ...],
         wait: float,
         repeatable: bool = False,
+        least_force: float | None = None,
     ) -> TrialRow:
-        """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s.
+        """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s,
+        Suspended as soon as a jammed spine has lost its vacuum, NotPushing where a specimen pushes back with less than
+        `least_force` N (in excess of the probe's offset).
 
         Where a person asks for it, the state is read once more from then on, and the last reading counts. `repeatable`:
         nothing moves and nothing creeps, so a window in which a stream paused is read again from now on.
@@ -203,49 +217,57 @@ class Trials:
         self._step += 1
         self.bench.steering.at(trial.number, self._step)
         topics = (*filter(self.bench.has_topic, topics), *self.bench.sensors)
+        jammed = self.bench.jammed if "/vacuum" in topics else None
         targets = (*targets, *(0.0,) * (self.bench.chambers.count - len(targets)))
         state = State(
             trial=trial.number, step=self._step, protocol=self.plan.protocol, repeat=trial.repeat, branch=branch, rule=rule,
             t_start=t_start, ramp_end=ramp_end, rate=rate, targets=tuple(targets), spine_length=trial.spine,
             tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
             specimen=trial.specimen, probe=trial.probe, clipped=self.bench.clipped,
+            vacuum=None if jammed is None else jammed.vacuum, least_force=least_force,
         )  # fmt: skip
-        before, self._before = self._before, None
+        before = None if self._step in self._void else self._latest.get(self._step)
         try:
-            before = self._read(state, wait, repeatable, before)
+            before = self._read(state, wait, repeatable)
             while self._wanted_again(rule):
-                before = self._read(replace(state, t_start=self.bench.clock.now()), wait, repeatable, before)
-        except Suspended:
-            self._step -= 1  # it will be read again after the pause
-            self._before = before
+                before = self._read(replace(state, t_start=self.bench.clock.now()), wait, repeatable)
+        except (Suspended, NotPushing):
+            self._step -= 1  # it will be read again
             raise
         except NotReached as e:
             if before is None:
                 raise
             self.bench.say(f"{e}; the reading before it counts")
+        if jammed is not None:
+            self.bench.jammed = replace(jammed, vacuum=replace(jammed.vacuum, since=before[1].t))
         if self.journal is not None:
             self.bench.recorder.sync()
             self.journal.step(trial.number, self._step)
         return before[1]
 
-    def _read(self, state: State, wait: float, repeatable: bool, before: Concluded | None) -> Concluded:
-        """One reading of a state, recorded; `before`: the reading that it repeats."""
+    def _read(self, state: State, wait: float, repeatable: bool) -> Concluded:
+        """One reading of a state, recorded."""
         judged = ", ".join(SENSORS.get(topic, topic) for topic in state.topics)
+        before = self._latest.get(state.step)
         repeats = 0 if before is None else before[0]
         for left in reversed(range(READINGS)):
             number = self.bench.recorder.state(self.bench.clock.now(), state, repeats)
             try:
                 row = self._concluded(state, judged, wait)
                 break
+            except VacuumLost as e:
+                raise Suspended(DeviceFault("gauge", str(e))) from e
+            except NoResistance as e:
+                raise NotPushing(str(e)) from e
             except NotSettled as e:
                 if not (left and repeatable and isinstance(e, TooFewSamples)):
                     raise NotReached(f"{e}; judged from {judged}") from e
                 self.bench.say(f"{e}; the state is read again")
                 state = replace(state, t_start=self.bench.clock.now())
         self.bench.recorder.trial(self.bench.clock.now(), number, row, repeats)
-        if before is not None:
-            self.rows.remove(before[1])
-        self.rows.append(row)
+        self.rows = [r for r in self.rows if (r.trial, r.step) != (row.trial, row.step)] + [row]
+        self._latest[state.step] = number, row
+        self._void.discard(state.step)
         return number, row
 
     def _wanted_again(self, rule: Settled | Window | Crossing) -> bool:
@@ -267,6 +289,27 @@ class Trials:
             look,
             wait,
         )
+
+    def zero(self, zeros: Zeros, moved: Drift) -> None:
+        """Record how the force sensor's zero moved during a trial; it is removed from the forces, or they are marked."""
+        self.bench.recorder.zero(self.bench.clock.now(), zeros, moved)
+        self.rows = without_drift(self.rows, [(zeros, moved)])
+        if not moved.linear:
+            self.bench.say(
+                f"Trial {zeros.trial}: the force sensor's zero moved by {moved.force:.2f} N, and not at a constant pace: its "
+                'states are marked (doubt "drift"); let the sensor warm up, fasten its cable, and repeat the trial'
+            )
+        elif abs(moved.force) > TOLERATED:
+            self.bench.say(
+                f"Trial {zeros.trial}: the force sensor's zero moved by {moved.force:.2f} N ({moved.rate:.3g} N/s); this is "
+                "removed from the forces"
+            )
+
+    def mark(self, trial: Trial, doubt: str, text: str) -> None:
+        """The states that were read in a trial up to now are in doubt; `doubt`: one of `recordings.trials.DOUBTS`."""
+        mark = Mark(self.bench.clock.now(), trial.number, doubt, text)
+        self.bench.recorder.mark(mark)
+        self.rows = marked(self.rows, [mark])
 
     def end(self, trial: Trial) -> None:
         """A trial is finished and will not be done again when the run is resumed."""

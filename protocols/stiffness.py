@@ -10,27 +10,25 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
-from drivers.errors import StaleReading
-from drivers.frames import rotation_from_vector, vector_from_rotation
+from drivers.errors import DeviceFault
 from recordings.states.rules import Probe, Window
+from recordings.states.zeros import Zeros, drift
 from recordings.trials import TrialRow
 
-from .actions import home, set_spine, vent
-from .bench import Bench, Setup, StandFrame
-from .errors import NotReached, ProtocolError, TooMuchForce
+from .actions import home, jam_lost, set_spine, vent
+from .bench import Bench, Setup
+from .errors import JamLost, NotPushing, NotReached, ProtocolError, Suspended, TooMuchForce
 from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials, with_probe
 from .parameters import Jam, Parameters, SpineLength, SpineMotion, Vacuum
-from .suspension import through_pauses
-
-TOPICS = ("/force", "/arm", "/spine", "/vacuum")
+from .probe import Contact, ProbeMotion
+from .suspension import TRIES, through_pauses
 
 
 class Stiffness(Parameters):
@@ -151,154 +149,171 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
     for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.lengths), 2 + p.steps):
         bench.check_stop()
         bench.say(f"Repeat {repeat} of {p.repeats}: {p.specimen} with the spine at {spine * 100:g} cm")
-        ambient = through_pauses(bench, partial(_grow, bench, p, probe, spine))
+        grow = partial(_grow, bench, p, probe, spine)
+        ambient = through_pauses(bench, grow)
         trials.step_done()
         trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, specimen=p.specimen)
         with trials.doing(trial):
             try:
-                _push(bench, p, trial, trials, probe, p.cantilever(spine))
+                _push_until_done(bench, p, trial, trials, Pushing(probe, p.cantilever(spine), grow))
             except ProtocolError:
                 with contextlib.suppress(Exception):  # what ended the trial is told, not what came of the retreat
                     probe.retreat()
                 raise
-            probe.retreat()
 
 
 def _grow(bench: Bench, p: Stiffness, probe: ProbeMotion, spine: float) -> float:
     """The next specimen, with the probe out of its way; returns ambient pressure, Pa absolute."""
     probe.go(p.first_place, -probe.stand.standoff, p.speed)
+    probe.before = probe.read_unloaded()
     return set_spine(bench, spine, p.vacuum, p.spine, p.jam)
 
 
-class ProbeMotion:
-    """Moves the probe in the stand's frame: `along` the specimen from the clamp, `depth` along the push from its axis, m."""
-
-    def __init__(self, bench: Bench, p: Stiffness, stand: StandFrame) -> None:
-        self.bench, self.p = bench, p
-        self.arm = bench.need(bench.arm, "arm")
-        self.state = bench.need(bench.arm_state, "arm")
-        self.force = bench.need(bench.force, "force")
-        self.stand = stand
-        self.along = 0.0
-        self.zero: tuple[float, ...] | None = None
-
-    def go(self, along: float, depth: float, speed: float) -> None:
-        """Move there and wait until the arm has come to rest.
-
-        On the way in, once the sensor has its zero, the arm stops where the force passes the limit: TooMuchForce.
-        """
-        inwards = self.zero is not None and depth > -self.stand.standoff
-        s = self.stand
-        point = [o + along * a + depth * d for o, a, d in zip(s.origin, s.axis, s.push, strict=True)]
-        goal = [*point, *s.tool_rotation]
-        for pose in waypoints(self.state.latest().tcp_pose, goal):
-            self.arm.move_to(pose, speed, self.p.acceleration)
-            self.bench.wait("arm: at its target", partial(self._arrived, inwards), 120.0)
-        self.along = along
-
-    def _arrived(self, inwards: bool) -> bool | None:
-        force = 0.0
-        # without a fresh sample the arm waits by itself; when that lasts, `moving` or the watch ends the run
-        with contextlib.suppress(StaleReading):
-            sample = self.force.latest()
-            if sample.zero == self.zero:  # else taken before the zero was set
-                force = math.hypot(*sample.wrench[:3])
-        if inwards and force > self.p.max_force:
-            self.arm.stop()
-            raise TooMuchForce(f"force: {force:.1f} N exceeded max_force {self.p.max_force:g} N; the arm was stopped")
-        return None if self.arm.moving() else True
-
-    def come_back(self, along: float, depth: float) -> None:
-        """After a pause: away from the specimen, then to where it is nearly touched."""
-        self.retreat()
-        self.go(along, depth, self.p.speed)
-
-    def retreat(self) -> None:
-        """Away from the specimen, straight back."""
-        self.go(self.along, -self.stand.standoff, self.p.speed)
-
-    def pushing(self, samples: int = 5) -> float:
-        """Force on the specimen along the push, N: the mean of the next force samples, in the arm's base frame."""
-        since = self.bench.clock.now()
-
-        def mean() -> float | None:
-            newer = self.bench.recorder.buffers.window("/force", since, float("inf"))
-            if len(newer) < samples:
-                return None
-            force = (newer["raw"] - newer["zero"])[:, :3].mean(axis=0)
-            rotation = rotation_from_vector(self.state.latest().tcp_pose[3:])
-            return -float(np.dot(rotation @ force, self.stand.push))
-
-        return self.bench.wait(f"force: {samples} samples", mean, 30.0 + samples / 10)
-
-    def approach(self, along: float) -> tuple[float, float]:
-        """From the standoff in small steps until contact; returns the depth (m) of first contact and the force (N) there."""
-        p = self.p
-        self.go(along, -self.stand.standoff, p.speed)
-        self.zero = self.force.zero(p.zero_samples)
-        depth = -p.radius - p.clearance
-        self.go(along, depth, p.speed)
-        while self.pushing() < p.contact_force:
-            if depth > p.radius:
-                raise NotReached(
-                    f"force: no contact above {p.contact_force:g} N up to {depth * 1e3:.0f} mm past the specimen's axis; "
-                    "check the stand in rig.yaml and that the specimen is mounted"
-                )
-            depth += p.approach_step
-            self.go(along, depth, p.push_speed)
-        return depth, self.pushing(p.min_samples)
-
-
+TOPICS = ("/force", "/arm", "/spine", "/vacuum")
 MIN_POSES = 3
 """Poses of the arm that a reading averages at least."""
-LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
-"""m and rad; a longer way is made in equal parts."""
+PUSHES_BACK = 0.5
+"""Share of the force expected from the states before that a jammed specimen pushes back with at least. Granules that yield lose
+a few percent from one deflection to the next, a spine that goes soft nearly everything."""
+RISES = 5.0
+"""Standard errors by which the force on a jammed specimen must have risen at the last deflection."""
 
 
-def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]]:
-    """Poses (m, rotation vector rad) from start to goal in parts short enough for the arm's limits; the last is goal."""
-    first = rotation_from_vector(start[3:])
-    turn = vector_from_rotation(rotation_from_vector(goal[3:]) @ first.T)
-    way = np.subtract(goal[:3], start[:3])
-    parts = max(1, math.ceil(np.linalg.norm(way) / LONGEST_MOVE), math.ceil(np.linalg.norm(turn) / LARGEST_TURN))
-    shares = [i / parts for i in range(1, parts)]
-    between = [
-        [*(start[:3] + way * x), *vector_from_rotation(rotation_from_vector((turn * x).tolist()) @ first)]
-        for x in shares
-    ]
-    return [*between, list(goal)]
+@dataclass
+class Pushing:
+    """One trial's work: the probe, where along the specimen it pushes (m), and how the specimen is jammed anew."""
+
+    probe: ProbeMotion
+    length: float
+    jam: Callable[[], object]
+    soft: bool = False
+    """The specimen was felt to be soft, whatever the gauge shows."""
+
+    def come_back(self, depth: float) -> None:
+        """After a pause: away from the specimen, and to where it is nearly touched. Raises JamLost where it was soft."""
+        self.probe.retreat()
+        if self.soft or jam_lost(self.probe.bench):
+            self.jam()
+            self.soft = False
+            raise JamLost("the spine was jammed anew")
+        self.probe.come_back(self.length, depth)
 
 
-def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, probe: ProbeMotion, length: float) -> None:
-    """Approach, then step the deflection and read force at each."""
-    contact, touching = through_pauses(bench, partial(probe.approach, length))
+def _push_until_done(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing) -> None:
+    """The states of a trial; where its spine was soft, all of them are read again with the spine jammed anew."""
+    for again in reversed(range(TRIES + 1)):
+        try:
+            _push(bench, p, trial, trials, work)
+            return
+        except JamLost as e:
+            if not again:
+                raise NotReached(
+                    f"{e} {TRIES} times in trial {trial.number}; check pump, valve, hoses and gauge"
+                ) from e
+            bench.say(f"{e}: trial {trial.number} begins again")
+            trials.begin_again(trial)
+
+
+def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing) -> None:
+    """Approach, step the deflection and read force at each, retreat."""
+    probe, length = work.probe, work.length
+    contact = through_pauses(bench, partial(probe.approach, length), partial(work.come_back, probe.near))
     trials.step_done()
     tcp = probe.state.latest().tcp_pose
     # Deflection counts from here, so force does: how far the last step went past the first touch is in both.
-    origin = Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2]), force_offset=touching)
+    origin = Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2]), force_offset=contact.offset)
     trial = with_probe(trial, origin)
     average = max(p.average, p.min_samples / _sample_rate(bench), (MIN_POSES + 1) * _longest_gap(bench))
+    row: TrialRow | None = None
     for i in range(1, p.steps + 1):
-        depth = contact + p.deflection_ratio * length * i / p.steps
+        way = p.deflection_ratio * length * i / p.steps
+        expected = contact.force + _expected_rise(row, way)
 
-        def deflect(depth: float = depth) -> TrialRow:
-            probe.go(length, depth, p.push_speed)
-            at_rest = bench.clock.now()
-            return trials.read(
-                trial, Window(p.dwell, average, MIN_POSES), branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0,
-                targets=(), topics=TOPICS, wait=p.dwell + average + 20.0, repeatable=True,
-            )  # fmt: skip
-
+        deflect = partial(_deflect, bench, p, trial, trials, work, contact, way, expected, average)
         try:
-            row = through_pauses(bench, deflect, partial(probe.come_back, length, contact - p.clearance))
+            row = through_pauses(bench, deflect, partial(work.come_back, contact.depth - p.clearance))
         except TooMuchForce as e:
             bench.say(f"{e}: no further deflection at this length")
-            return
+            break
         trials.step_done()
-        force = touching + (row.force or 0.0)
+        force = contact.offset + (row.force or 0.0)
         if force > p.max_force:
             bench.say(f"Force {force:.1f} N is above {p.max_force:g} N: no further deflection at this length")
-            return
+            break
+    through_pauses(
+        bench, partial(_retreat, bench, trial, trials, work, contact), partial(work.come_back, -probe.stand.standoff)
+    )
+
+
+def _deflect(
+    bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing, contact: Contact, way: float, expected: float,
+    average: float,
+) -> TrialRow:  # fmt: skip
+    """Read the state at one deflection (`way`, m from the first contact); `expected`: N with which it should push back."""
+    depth = contact.depth + way
+
+    def read(least: float | None) -> TrialRow:
+        work.probe.go(work.length, depth, p.push_speed)
+        at_rest = bench.clock.now()
+        return trials.read(
+            trial, Window(p.dwell, average, MIN_POSES), branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0,
+            targets=(), topics=TOPICS, wait=p.dwell + average + 20.0, repeatable=True, least_force=least,
+        )  # fmt: skip
+
+    if bench.jammed is None:
+        return read(None)
+    least = PUSHES_BACK * expected
+    try:
+        return read(least - contact.force)
+    except NotPushing as e:
+        _feel(trial, trials, work, depth, least, e)
+        return read(None)
+
+
+def _expected_rise(row: TrialRow | None, way: float) -> float:
+    """N above the first contact at a deflection of `way` (m), in proportion to the state before; 0 where there is none."""
+    if row is None or not row.deflection or not row.force:
+        return 0.0
+    return max(0.0, row.force * way / row.deflection)
+
+
+def _feel(trial: Trial, trials: Trials, work: Pushing, depth: float, least: float, why: NotPushing) -> None:
+    """Find out whether a jammed specimen is soft, or the sensor has drifted: what the probe feels going back tells.
+
+    Raises Suspended when the specimen pushes back with less than `least` (N).
+    """
+    held = work.probe.held(work.length, depth)
+    if held >= least:
+        work.probe.bench.say(
+            f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again"
+        )
+        return
+    _suspend_soft(trial, trials, work, f"it pushes back with {held:.2f} N, expected are {least:.2f} N or more")
+
+
+def _suspend_soft(trial: Trial, trials: Trials, work: Pushing, seen: str) -> None:
+    """The specimen is soft although the gauge shows a vacuum: marked, and a person is asked."""
+    work.soft = True
+    text = f"trial {trial.number}: the jammed specimen is soft although the gauge shows its vacuum: {seen}"
+    trials.mark(trial, "soft", text)
+    raise Suspended(DeviceFault("gauge", f"{text}; check gauge, hoses and membrane, and how the specimen is mounted"))
+
+
+def _retreat(bench: Bench, trial: Trial, trials: Trials, work: Pushing, contact: Contact) -> None:
+    """Away from the specimen, where the sensor's zero is read again. Raises Suspended where the force hardly rose."""
+    probe = work.probe
+    probe.retreat()
+    before, start, end = probe.before, contact.zero, probe.read_unloaded()
+    moved = drift(before.read, start.read, end.read)
+    zeros = Zeros(trial.number, probe.stand.push, before.span, start.span, end.span, contact.at)
+    trials.zero(zeros, moved)
+    last = trials.rows[-1] if trials.rows else None
+    if bench.jammed is None or last is None or last.trial != trial.number or last.force is None or last.doubt:
+        return
+    if last.force < (least := RISES * math.hypot(start.read.error, end.read.error)):
+        _suspend_soft(
+            trial, trials, work, f"the force rose by {last.force:.2f} N, expected are more than {least:.2f} N"
+        )
 
 
 def _longest_gap(bench: Bench) -> float:

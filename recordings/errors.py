@@ -11,6 +11,9 @@
     |-- BadMessage       (ValueError)      a message or state that does not fit its definition; it was not recorded
     |-- WriteFailed      (OSError)         the file can no longer be written
     |-- NotSettled       (TimeoutError)    a state that never met the rule by which it was to be read
+    |   |-- TooFewSamples                  its window holds fewer samples than it needs
+    |   |-- VacuumLost                     the jammed spine did not keep its vacuum
+    |   `-- NoResistance                   the jammed specimen hardly pushed back
     |-- BadTable         (ValueError)      a table of trials that cannot be right
     |-- BadJournal       (ValueError)      a journal that does not tell what is finished
     `-- MissingPackage   (ImportError)     an optional package that is not installed
@@ -67,6 +70,14 @@ class NotSettled(RecordingError, TimeoutError):
 
 class TooFewSamples(NotSettled):
     """A state whose window holds fewer samples than it needs: a stream paused."""
+
+
+class VacuumLost(NotSettled):
+    """A state of a jammed spine that did not keep its vacuum."""
+
+
+class NoResistance(NotSettled):
+    """A state of a jammed specimen that hardly pushed back."""
 
 
 class BadTable(RecordingError, ValueError):

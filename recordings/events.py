@@ -2,15 +2,19 @@
 plan is done), /request (what people asked of it), /log; and those for viewers.
 
 They hold text, so their layout is not fixed and the protobuf runtime encodes them. On /state and /trial the flat
-fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back, with `clipped`
-and `repeats` (the number of the state that was read again, 0 where none was).
+fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back, with what came
+later: `clipped`, `repeats` (the number of the state that was read again, 0 where none was), and on /state the vacuum that
+the spine must keep (`vacuum_since`, `vacuum_lowest`, `vacuum_highest`) and `least_force`, where they were demanded.
+
+What is only known at the end of a trial, or later than a row, is an event of its own, which tables apply to the rows: /zero
+(how the force sensor's zero moved during a trial) and /mark (why the states of a trial up to then are in doubt).
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -26,6 +30,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from .messages import PACKAGE, SCHEMA_VERSION
 from .states.rules import State
+from .states.zeros import Drift, Zeros
 from .trials import TrialRow
 
 CONFIRMED, UNCONFIRMED = "confirmed", "not confirmed"
@@ -55,6 +60,10 @@ _STATE = (
     ("json", _STRING, _OPTIONAL, ""),
     ("clipped", _BOOL, _OPTIONAL, ""),
     ("repeats", _INT64, _OPTIONAL, ""),
+    ("vacuum_since", _DOUBLE, _OPTIONAL, "s"),
+    ("vacuum_lowest", _DOUBLE, _OPTIONAL, "Pa"),
+    ("vacuum_highest", _DOUBLE, _OPTIONAL, "Pa"),
+    ("least_force", _DOUBLE, _OPTIONAL, "N"),
 )
 _TRIAL = (
     ("t", _DOUBLE, _OPTIONAL, "s"),
@@ -77,6 +86,24 @@ _REQUEST = (
     ("done", _BOOL, _OPTIONAL, ""),
     ("trial", _INT64, _OPTIONAL, ""),
     ("step", _INT64, _OPTIONAL, ""),
+)
+_ZERO = (
+    ("t", _DOUBLE, _OPTIONAL, "s"),
+    ("trial", _INT64, _OPTIONAL, ""),
+    ("direction", _DOUBLE, _REPEATED, ""),
+    ("before", _DOUBLE, _REPEATED, "s"),
+    ("start", _DOUBLE, _REPEATED, "s"),
+    ("end", _DOUBLE, _REPEATED, "s"),
+    ("offset_at", _DOUBLE, _OPTIONAL, "s"),
+    ("drift", _DOUBLE, _OPTIONAL, "N"),
+    ("rate", _DOUBLE, _OPTIONAL, "N/s"),
+    ("linear", _BOOL, _OPTIONAL, ""),
+)
+_MARK = (
+    ("t", _DOUBLE, _OPTIONAL, "s"),
+    ("trial", _INT64, _OPTIONAL, ""),
+    ("doubt", _STRING, _OPTIONAL, ""),
+    ("text", _STRING, _OPTIONAL, ""),
 )
 _PROGRESS = (
     ("t", _DOUBLE, _OPTIONAL, "s"),
@@ -132,13 +159,15 @@ STATE = _ours("State", "/state", _STATE)
 TRIAL = _ours("Trial", "/trial", _TRIAL)
 PROGRESS = _ours("Progress", "/progress", _PROGRESS)
 REQUEST = _ours("Request", "/request", _REQUEST)
+ZERO = _ours("Zero", "/zero", _ZERO)
+MARK = _ours("Mark", "/mark", _MARK)
 LOG = _foreign("/log", Log)
 POSE = _foreign("/tip/pose", PoseInFrame)
 POSES = _foreign("/tip/markers", PosesInFrame)
 JOINTS = _foreign("/arm/joints", JointStates)
 
 EVENTS: dict[str, EventType] = {
-    event.topic: event for event in (STATE, TRIAL, LOG, POSE, POSES, JOINTS, PROGRESS, REQUEST)
+    event.topic: event for event in (STATE, TRIAL, LOG, POSE, POSES, JOINTS, PROGRESS, REQUEST, ZERO, MARK)
 }
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
@@ -175,6 +204,36 @@ def encode_request(request: Request) -> bytes:
     return bytes(message.SerializeToString())
 
 
+@dataclass(frozen=True)
+class Mark:
+    """The states of a trial that were read before rig time `t` (s) are in doubt."""
+
+    t: float
+    trial: int
+    doubt: str
+    """One of `trials.DOUBTS`."""
+    text: str
+    """What was seen, for people."""
+
+
+def marked(rows: Iterable[TrialRow], marks: Sequence[Mark]) -> list[TrialRow]:
+    """Rows with the doubts that are recorded about them."""
+    return [
+        next((replace(row, doubt=m.doubt) for m in marks if m.trial == row.trial and row.t < m.t), row) for row in rows
+    ]
+
+
+def encode_zero(t: float, zeros: Zeros, drift: Drift) -> bytes:
+    """A message of /zero."""
+    message = ZERO.message_class(t=t, drift=drift.force, rate=drift.rate, linear=drift.linear, **asdict(zeros))
+    return bytes(message.SerializeToString())
+
+
+def encode_mark(mark: Mark) -> bytes:
+    """A message of /mark."""
+    return bytes(MARK.message_class(**asdict(mark) | {"text": bounded(mark.text)}).SerializeToString())
+
+
 def encode_state(t: float, number: int, state: State, repeats: int = 0) -> bytes:
     """`number` counts the states of a recording; the row that comes of it carries the same number."""
     message = STATE.message_class(
@@ -193,6 +252,8 @@ def encode_state(t: float, number: int, state: State, repeats: int = 0) -> bytes
         json=state.to_json(),
         clipped=state.clipped,
         repeats=repeats,
+        least_force=state.least_force,
+        **({} if state.vacuum is None else {f"vacuum_{name}": x for name, x in asdict(state.vacuum).items()}),
     )
     return bytes(message.SerializeToString())
 

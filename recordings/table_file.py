@@ -15,7 +15,7 @@ from .bounded import read_bounded
 from .errors import BadTable
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
-from .trials import INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
+from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
 
@@ -34,7 +34,7 @@ SMALLEST_PRESSURE_SPAN = 1000.0
 """Pa: a whole campaign that stays below was probably written in kPa."""
 
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
-_CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS}
+_CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS, "doubt": DOUBTS}
 
 
 def write_csv(table: Table, path: str | os.PathLike[str]) -> None:

@@ -3,12 +3,16 @@
 Columns, in this order (SI; a column that was never measured is absent, a cell that was not measured is empty):
 
     trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg force_x force_y force_z p1..pN x y z
-    qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped  sensor_<name>_<quantity> ..  sd_<column> ..
+    qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped force_drift doubt  sensor_<name>_<quantity> ..  sd_<column> ..
 
 `t` s, middle of the time that was averaged; `rate` Pa/s of the ramp that led here; `hold` s from the ramp's end to the
 reading, 0 when read while ramping; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame;
 `force_x` .. a known force on the tip, N, base frame;
-`clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty; `sensor_` what sensors of the
+`clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty;
+`force_drift` N by which the zero of the force sensor moved over the trial along the push (above 0: the sensor reads more in
+the end), empty where it was not read again; it is removed from `force` as a line in time unless `doubt` is "drift";
+`doubt` why a state is not to be relied on, else empty: "soft", the jammed spine did not push back, or its shape showed that it
+was soft; "drift", the force sensor's zero moved by `force_drift`, and not at a constant pace; `sensor_` what sensors of the
 lab's own measured, in their units; `sd_` the standard deviation of
 the samples that were averaged (not of their mean).
 """
@@ -35,10 +39,14 @@ Vector3 = tuple[float, float, float]
 HEAD: tuple[str, ...] = ("trial", "step", "protocol", "repeat", "branch", "t", "rate", "hold", "spine_length", "vacuum")
 HEAD += ("tip_mass", "roll_deg", "force_x", "force_y", "force_z")
 INTEGERS = frozenset({"trial", "step", "repeat"})
-TEXTS = frozenset({"protocol", "branch", "specimen"})
+TEXTS = frozenset({"protocol", "branch", "specimen", "doubt"})
+DOUBTS = ("soft", "drift")
+"""Why a state is not to be relied on; the first that holds counts."""
 TIP = ("x", "y", "z")
 ORIENTATION = ("qw", "qx", "qy", "qz")
-TAIL = ("specimen", "force", "deflection", "clipped")
+TAIL = ("specimen", "force", "deflection", "clipped", "force_drift", "doubt")
+BESIDE_JSON = ("clipped", "force_drift", "doubt")
+"""Columns that came after rows were first read cell by cell."""
 
 _PRESSURE = re.compile(r"p([1-9][0-9]?)")
 _MARKER = re.compile(r"m([1-9][0-9]?)([xyz])")
@@ -77,6 +85,7 @@ UNITS = {
     "tip_mass": "kg",
     "roll_deg": "deg",
     "force": "N",
+    "force_drift": "N",
 }
 """Of columns; pressures are in Pa, lengths and positions in m, quaternions and numbers of trials in 1."""
 
@@ -126,6 +135,10 @@ class TrialRow:
     deflection: float | None = None
     clipped: bool = False
     """The rig's limits clipped set-points on the way here."""
+    force_drift: float | None = None
+    """N, by which the force sensor's zero moved over the trial; removed from `force` unless `doubt` is "drift"."""
+    doubt: str | None = None
+    """One of `DOUBTS`."""
     sensors: Mapping[str, float] = field(default_factory=dict)
     """What sensors of the lab's own measured, by column."""
     sd: Mapping[str, float] = field(default_factory=dict)
@@ -181,8 +194,8 @@ class TrialRow:
         )
 
     def to_json(self) -> str:
-        """The cells but `clipped`, exactly: equal text means equal to the last bit. Older readers know no further cell."""
-        return json.dumps({name: value for name, value in self.cells().items() if name != "clipped"})
+        """The cells but `BESIDE_JSON`, exactly: equal text means equal to the last bit. Older readers know no further cell."""
+        return json.dumps({name: value for name, value in self.cells().items() if name not in BESIDE_JSON})
 
     @classmethod
     def from_json(cls, text: str) -> TrialRow:
@@ -240,6 +253,11 @@ class Table:
     def clipped(self) -> tuple[TrialRow, ...]:
         """The rows on whose way the rig's limits clipped set-points."""
         return tuple(row for row in self.rows if row.clipped)
+
+    @property
+    def doubtful(self) -> tuple[TrialRow, ...]:
+        """The rows that are not to be relied on; `doubt` says why."""
+        return tuple(row for row in self.rows if row.doubt)
 
     def __iter__(self) -> Iterator[TrialRow]:
         return iter(self.rows)

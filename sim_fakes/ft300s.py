@@ -13,6 +13,7 @@ Faults of its own, in `faults.extra`:
     over_range  axis 0..5 that reads beyond its range
     drop        n: every n-th frame of the stream is left out
     drip        s of host time: no frame of the stream comes sooner after the last one
+    drift       fx, fy, fz in N/s of rig time by which the zero moves while the fault lasts; what has moved stays
 The back door `device` gives the sensor's state: device id, tool load, lever arm, noise, `streaming` (a host that died).
 """
 
@@ -132,6 +133,11 @@ class Ft300sFake(PtyFake):
         self.sent = 0
         """Frames of the stream that left, for tests."""
         self._held: NDArray[np.int16] | None = None
+
+    def process(self, dt: float) -> None:
+        drift = self.faults.extra.get("drift")
+        if isinstance(drift, (list, tuple)):
+            self.device.bias[:3] += np.array(drift, float) * dt
 
     def restart(self) -> None:
         """It wakes up in Modbus mode."""

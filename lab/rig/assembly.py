@@ -164,6 +164,8 @@ class Rig:
             return
         self.vital.errors.pop(name, None)
         self.vital.heard[name] = time.monotonic()
+        if name == "gauge":
+            self.vital.repeats.take(sample.absolute, self.vital.heard[name])
         self._take(name, sample)
 
     def _guard_event(self, event: Event) -> None:

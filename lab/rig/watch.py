@@ -23,6 +23,7 @@ from ..files.rig_file import Limits
 from ..guard.instruments import POLLED
 from ..guard.messages import Event, RigLanded
 from .actuators import Actuators
+from .repeats import Repeats
 
 GRACE = 0.5
 """Host seconds for which a stream may be late, less those for which it was not: a loaded computer must not end a run."""
@@ -33,7 +34,8 @@ OWN_SLEEP, CATCH_UP = 0.5, 0.2
 STANDSTILL = 5.0
 """Host seconds that this program stood still after which the state that it reads is read anew: it has not seen its history."""
 STUCK = 1.0
-"""Host seconds for which all values of a force sensor or of a tracked body may stay the same to the last digit."""
+"""Host seconds for which all values of a force sensor, of a tracked body or of a noisy gauge may stay the same to the last
+digit."""
 HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
 """Safety bits of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
 SLICE = 0.02
@@ -48,6 +50,8 @@ class Vital:
     """Host time of the newest good reading of each polled instrument."""
     errors: dict[str, InstrumentError] = field(default_factory=dict)
     """The error that took the place of the newest reading."""
+    repeats: Repeats = field(default_factory=Repeats)
+    """Of the gauge's readings."""
     landed: Event | None = None
     pause: Event | None = None
 
@@ -101,6 +105,7 @@ class Watch:
         """What was wrong before is over: start anew."""
         self._excuse()
         self._values.clear()
+        self._vital.repeats.forget()
         self._vital.pause = None
         self._began = time.monotonic()
 
@@ -173,6 +178,11 @@ class Watch:
         error = self._vital.errors.get(name)
         if isinstance(error, DeviceFault):
             raise error
+        if name == "gauge" and (stuck := self._vital.repeats.stuck) > STUCK:
+            raise StaleReading(
+                name, f"its reading has been the same to the last digit for {stuck:.1f} s, though it scattered before; "
+                "restart the gauge"
+            )  # fmt: skip
         heard = self._vital.heard.get(name, 0.0)
         if self._excused.get(name, 0.0) <= heard:
             self._excused[name] = self._actuators.last_command.get(name, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +12,11 @@ from numpy.typing import NDArray
 
 from .. import events
 from ..errors import NotSettled, RecordingError
+from ..events import marked
 from ..file.budget import Budget, Cost
 from ..file.reader import Recording
 from ..states.concluding import conclude, of_sensor, sensor_column
+from ..states.zeros import Drift, Zeros, drift, unloaded, without_drift
 from ..trials import Table, TrialRow
 
 
@@ -52,12 +55,18 @@ def table_of(recording: Recording) -> Table:
     1
     """
     recording.need(events.STATE.topic, events.TRIAL.topic)
-    return _table(recording, [(event.number, event.repeats, event.row) for event in recording.trials])
+    drifts = [(event.zeros, event.drift) for event in recording.zeros]
+    return _table(recording, [(event.number, event.repeats, event.row) for event in recording.trials], drifts)
 
 
-def _table(recording: Recording, read: Sequence[tuple[int, int, TrialRow]]) -> Table:
+def _table(
+    recording: Recording, read: Sequence[tuple[int, int, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
+) -> Table:
     """Of all rows that were read, each with the number of its state and of the one that it repeats, those that count: of a
-    state that was read again the last one, and none of a trial that a person left out. The table's warnings say so."""
+    state that was read again the last one, and none of a trial that a person left out. The table's warnings say so.
+
+    Forces are freed from the drift of the sensor's zero, and doubts about rows stand in them.
+    """
     again = {repeats for _, repeats, _ in read if repeats}
     skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
     rows = [(number, row) for number, _, row in read if row.trial not in skipped]
@@ -67,12 +76,12 @@ def _table(recording: Recording, read: Sequence[tuple[int, int, TrialRow]]) -> T
         if (n := sum(row.trial == trial for *_, row in read))
     ]
     doubts += [
-        f"trial {row.trial} step {row.step}: was read again at a person's request; the last reading counts"
+        f"trial {row.trial} step {row.step}: was read again; the last reading counts"
         for number, row in rows
         if number in again
     ]
-    kept = tuple(row for number, row in rows if number not in again)
-    return Table(kept, warnings=tuple(doubts), units=units_of(recording))
+    kept = marked((row for number, row in rows if number not in again), recording.marks)
+    return Table(tuple(without_drift(kept, drifts)), warnings=tuple(doubts), units=units_of(recording))
 
 
 def units_of(recording: Recording) -> dict[str, str]:
@@ -138,7 +147,24 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
     """
     recording = Recording.open(path, truncated=truncated)
     read = replay_states(recording)
-    return _table(recording, [(again.number, again.repeats, again.row) for again in read if again.row is not None])
+    rows = [(again.number, again.repeats, again.row) for again in read if again.row is not None]
+    drifts = [(zeros, moved) for zeros, moved in replay_zeros(recording) if moved is not None]
+    return _table(recording, rows, drifts)
+
+
+def replay_zeros(recording: Recording) -> list[tuple[Zeros, Drift | None]]:
+    """How the force sensor's zero moved during each trial, from the file's samples; None where they do not tell."""
+    out: list[tuple[Zeros, Drift | None]] = []
+    looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
+    for zeros in (event.zeros for event in recording.zeros):
+        moved = None
+        with contextlib.suppress(NotSettled):
+            before, start, end = (
+                unloaded(looked, zeros.direction, span) for span in (zeros.before, zeros.start, zeros.end)
+            )
+            moved = drift(before, start, end) if before and start and end else None
+        out.append((zeros, moved))
+    return out
 
 
 def compare(recording: Recording, states: list[Replayed] | None = None) -> Comparison:
@@ -161,6 +187,11 @@ def compare(recording: Recording, states: list[Replayed] | None = None) -> Compa
             differences.append(f"{name}: no row in replay: {replayed.reason}")
         elif replayed.row.to_json() != event.row.to_json() or replayed.row.clipped != event.row.clipped:
             differences.append(f"{name}: {_first_difference(event.row, replayed.row)}")
+    for event_of_zero, (zeros, moved) in zip(recording.zeros, replay_zeros(recording), strict=True):
+        if moved != event_of_zero.drift:
+            differences.append(
+                f"trial {zeros.trial}: drift of the zero was {event_of_zero.drift} live, is {moved} in replay"
+            )
     numbers = {event.number for event in live}
     rows = [replayed for replayed in again.values() if replayed.row is not None]
     return Comparison(

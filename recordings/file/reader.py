@@ -17,11 +17,13 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import Damaged, Foreign, MissingStream, NotARecording, Truncated
-from ..events import EVENTS, EventType, Request
+from ..errors import BadMessage, Damaged, Foreign, MissingStream, NotARecording, Truncated
+from ..events import EVENTS, EventType, Mark, Request
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
-from ..states.rules import State
-from ..trials import TrialRow
+from ..states.rules import LARGEST, State, checked
+from ..states.vacuum import VacuumBand
+from ..states.zeros import Drift, Zeros
+from ..trials import DOUBTS, TrialRow
 from . import protobuf_runtime
 from .budget import Budget, Cost
 from .container import Contents, walk
@@ -29,7 +31,7 @@ from .gather import find_channels, pick
 from .order import ordered
 from .samples import Samples, check_version, message_of, ours, version_of, written_name
 
-SAID = (events.STATE.topic, events.TRIAL.topic, events.LOG.topic, events.REQUEST.topic)
+SAID = tuple(e.topic for e in (events.STATE, events.TRIAL, events.LOG, events.REQUEST, events.ZERO, events.MARK))
 """Topics whose messages are texts that are taken apart."""
 COUNTERS = ("device_time", "frame")
 """Fields that count up at the instrument until it restarts."""
@@ -62,6 +64,15 @@ class TrialEvent:
     row: TrialRow
     repeats: int = 0
     """Number of the state that was read again; 0: of none."""
+
+
+@dataclass(frozen=True)
+class ZeroEvent:
+    """How the force sensor's zero moved during a trial, as it was concluded live."""
+
+    t: float
+    zeros: Zeros
+    drift: Drift
 
 
 @dataclass(frozen=True)
@@ -354,6 +365,16 @@ class Recording:
         return [request_event(m) for _, m in self.events(events.REQUEST)]
 
     @property
+    def zeros(self) -> list[ZeroEvent]:
+        """How the force sensor's zero moved during trials, in order."""
+        return [zero_event(m) for _, m in self.events(events.ZERO)]
+
+    @property
+    def marks(self) -> list[Mark]:
+        """Which states are in doubt, in order."""
+        return [mark_event(m) for _, m in self.events(events.MARK)]
+
+    @property
     def log(self) -> list[LogLine]:
         """The lines of /log, in order."""
         return [log_line(log_time, m) for log_time, m in self.events(events.LOG)]
@@ -361,7 +382,12 @@ class Recording:
 
 def state_event(m: Any) -> StateEvent:
     """What a message of /state says; raises `BadMessage`, `Damaged`."""
-    return StateEvent(m.t, m.number, replace(State.from_json(_text(m)), clipped=m.clipped), m.repeats)
+    vacuum = None
+    if m.HasField("vacuum_since"):
+        vacuum = checked(VacuumBand(m.vacuum_since, m.vacuum_lowest, m.vacuum_highest))
+    least_force = m.least_force if m.HasField("least_force") else None
+    state = replace(State.from_json(_text(m)), clipped=m.clipped, vacuum=vacuum, least_force=least_force)
+    return StateEvent(m.t, m.number, checked(state), m.repeats)
 
 
 def trial_event(m: Any) -> TrialEvent:
@@ -375,6 +401,29 @@ def request_event(m: Any) -> Request:
         return Request(m.t, m.kind, m.by, m.text, m.done, m.trial, m.step)
     except UnicodeDecodeError as error:
         raise Damaged(f"a message of /request is not text ({error}); run `lab verify`") from error
+
+
+def zero_event(m: Any) -> ZeroEvent:
+    """What a message of /zero says; raises `BadMessage`."""
+    numbers = (*m.direction, *m.before, *m.start, *m.end, m.offset_at, m.drift, m.rate)
+    if tuple(map(len, (m.direction, m.before, m.start, m.end))) != (3, 2, 2, 2) or not all(
+        abs(x) <= LARGEST for x in numbers
+    ):
+        raise BadMessage(f"/zero at {m.t:g} s: is not three spans of time, a direction and a drift")
+    x, y, z = m.direction
+    before, start, end = ((float(a), float(b)) for a, b in (m.before, m.start, m.end))
+    return ZeroEvent(m.t, Zeros(m.trial, (x, y, z), before, start, end, m.offset_at), Drift(m.drift, m.rate, m.linear))
+
+
+def mark_event(m: Any) -> Mark:
+    """What a message of /mark says; raises `BadMessage`, `Damaged`."""
+    try:
+        mark = Mark(m.t, m.trial, m.doubt, m.text)
+    except UnicodeDecodeError as error:
+        raise Damaged(f"a message of /mark is not text ({error}); run `lab verify`") from error
+    if mark.doubt not in DOUBTS:
+        raise BadMessage(f"/mark at {mark.t:g} s: doubt {mark.doubt[:40]!r} is unknown; one of {', '.join(DOUBTS)}")
+    return mark
 
 
 def log_line(log_time: int, m: Any) -> LogLine:

@@ -222,7 +222,7 @@ class Tail:
                 piece.log.append(log_line(log_time, message))
             elif topic == events.REQUEST.topic:
                 piece.requests.append(request_event(message))
-            else:
+            elif topic == events.PROGRESS.topic:
                 piece.progress.append(message)
 
     def close(self) -> None:

@@ -277,7 +277,7 @@ def _contents(path: Path) -> list[str]:
         except RecordingError as error:
             problems.append(f"{topic}: {error}")
     try:
-        _ = recording.states, recording.trials, recording.log
+        _ = recording.states, recording.trials, recording.log, recording.zeros, recording.marks
     except RecordingError as error:
         problems.append(str(error))
     return problems

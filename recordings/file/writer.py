@@ -39,6 +39,7 @@ from ..errors import BadMessage, RecordingError, WriteFailed
 from ..messages import SCHEMA_VERSION, MessageType, streams
 from ..states.buffer import KEEP, Buffers
 from ..states.rules import Crossing, State
+from ..states.zeros import Drift, Zeros
 from ..trials import TrialRow
 from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
@@ -269,6 +270,14 @@ class Recorder:
     def trial(self, t: float, number: int, row: TrialRow, repeats: int = 0) -> None:
         """Record the row that was concluded for state `number`."""
         self._event("/trial", self._nanoseconds("/trial", t), events.encode_trial(t, number, row, repeats))
+
+    def zero(self, t: float, zeros: Zeros, drift: Drift) -> None:
+        """Record how the force sensor's zero moved during a trial."""
+        self._event("/zero", self._nanoseconds("/zero", t), events.encode_zero(t, zeros, drift))
+
+    def mark(self, mark: events.Mark) -> None:
+        """Record why the states that a trial has up to now are in doubt."""
+        self._event("/mark", self._nanoseconds("/mark", mark.t), events.encode_mark(mark))
 
     def request(self, request: events.Request) -> None:
         """Record what somebody asked of the run, or that it was carried out; from any thread."""

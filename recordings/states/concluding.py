@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import NotSettled, TooFewSamples
+from ..errors import NoResistance, NotSettled, TooFewSamples, VacuumLost
 from ..messages import SENSORS
 from ..trials import TrialRow
 from .averaging import (
@@ -16,14 +16,14 @@ from .averaging import (
     Estimator,
     Line,
     Mean,
-    from_rotation_vector,
     line_quaternion,
     mean_quaternion,
-    turned_back,
 )
 from .buffer import Streams
+from .pushing import along_push
 from .rules import LARGEST, Crossing, Probe, Settled, State, Window
 from .settling import Span, crossing_window, fixed_window, settled_window, tracked
+from .vacuum import left_band
 
 Samples = NDArray[np.void]
 
@@ -59,7 +59,8 @@ def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> T
     """Read a state: its row, or None while samples are missing that may still come.
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
-    Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few.
+    Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few, `VacuumLost` as
+    soon as a jammed spine has lost its vacuum, `NoResistance` when it hardly pushes back.
     """
     where = f"trial {state.trial} step {state.step}"
     watermark = min(streams.newest(topic) for topic in state.topics)
@@ -67,6 +68,7 @@ def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> T
         return None
     try:
         span = _span(streams, state, watermark)
+        _demand_vacuum(streams, state, span, watermark)
         return None if span is None else _row(streams, state, span, count)
     except NotSettled as error:
         raise type(error)(f"{where}: {error}") from error
@@ -89,6 +91,23 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
     others = {topic: streams.window(topic, start, until)["t"] for topic in further}
     tip = streams.window("/tip", start, until)
     return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
+
+
+def _demand_vacuum(streams: Streams, state: State, span: Span | None, watermark: float) -> None:
+    """Raises VacuumLost when the vacuum left its band before the window's end, or before `watermark` while it may still come.
+
+    It does not matter how often one asks: a window that is not complete yet ends after `watermark`.
+    """
+    band = state.vacuum
+    if band is None:
+        return
+    if span is None:
+        samples = streams.window("/vacuum", band.begin(watermark), watermark)
+    else:
+        samples = streams.window("/vacuum", band.begin(span.t1), span.t1 + SLOW_OLDEST)
+        samples = samples[: int(np.searchsorted(samples["t"], span.t1, side="right")) + 1]
+    if said := left_band(samples, state.ambient, band):
+        raise VacuumLost(f"{said}; check pump, valve and hoses")
 
 
 def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
@@ -134,6 +153,10 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
     if state.probe is not None:
         force, deflection = _push(estimate, state.probe, samples["/force"], samples["/arm"])
         measured |= {"force": force, "deflection": deflection}
+        if state.least_force is not None and not force.value >= state.least_force:
+            raise NoResistance(
+                f"the force rose by {force.value:.2f} N since the first contact, expected are {state.least_force:.2f} N or more"
+            )
     value = {name: e.value for name, e in measured.items()}
     return TrialRow(
         trial=state.trial,
@@ -203,14 +226,7 @@ def _markers(estimate: Estimator, tip: Samples) -> tuple[tuple[float, float, flo
 
 def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:
     """Force on the specimen along the push (N) and the TCP's way along it from the origin (m)."""
-    try:
-        tcp = mean_quaternion([from_rotation_vector(pose) for pose in arm["tcp_pose"][:, 3:].tolist()])
-    except ValueError as error:
-        raise NotSettled(f"orientation on /arm: {error}; check the network to the arm's controller") from error
-    in_tcp = turned_back(tcp, probe.direction)
-    in_sensor = turned_back(from_rotation_vector(probe.sensor_rotation), in_tcp)
-    wrench = force["raw"] - force["zero"]
-    along = -(wrench[:, 0] * in_sensor[0] + wrench[:, 1] * in_sensor[1] + wrench[:, 2] * in_sensor[2])
+    along = along_push(probe.direction, force["raw"] - force["zero"], arm["tcp_pose"], probe.sensor_rotation)
     pushed = estimate(force["t"], along - probe.force_offset)
     moved = arm["tcp_pose"][:, :3] - np.array(probe.origin)
     way = moved[:, 0] * probe.direction[0] + moved[:, 1] * probe.direction[1] + moved[:, 2] * probe.direction[2]

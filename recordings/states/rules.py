@@ -21,6 +21,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from ..errors import BadMessage
 from ..json_text import read_json
 from ..messages import STREAMS, is_stream
+from .vacuum import VacuumBand
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 PROTOCOL_IS = "must be letters, digits, _ and -, at most 40"
@@ -32,6 +33,8 @@ LARGEST = 1e15
 LARGEST_INTEGER = 2**53
 LONGEST_AVERAGE = 10_000
 """Samples of a moving average."""
+BESIDE_JSON = ("clipped", "vacuum", "least_force")
+"""Fields of a state that came after its JSON text was first read key by key."""
 AMBIENT = 101_325.0
 """Standard atmosphere, Pa."""
 
@@ -121,8 +124,11 @@ class State:
     counts from it; a crossing has hold 0); `rate` (Pa/s): of the ramp that led here; `targets` (Pa): pressures asked
     for, by chamber; `spine_length` (m): length asked for, used when /spine is not among `topics`; `ambient` (Pa
     absolute): what `vacuum` counts from; `topics`: the streams that must reach the end of the window and are averaged
-    into the row; `clipped`: the rig's limits clipped set-points on the way here. That stands beside the JSON text, which
-    older readers take apart key by key.
+    into the row.
+
+    Beside the JSON text, which older readers take apart key by key: `clipped`: the rig's limits clipped set-points on the
+    way here; `vacuum`: what the jammed spine must have kept, None where it is not jammed; `least_force` (N): force on the
+    specimen along the push, in excess of the probe's offset, below which it does not count as jammed.
     """
 
     trial: int
@@ -143,6 +149,8 @@ class State:
     specimen: str | None = None
     probe: Probe | None = None
     clipped: bool = False
+    vacuum: VacuumBand | None = None
+    least_force: float | None = None
 
     def __post_init__(self) -> None:
         if not PROTOCOL.fullmatch(self.protocol):
@@ -159,6 +167,10 @@ class State:
             raise BadMessage(f"state {self.trial}/{self.step}: rule crossing needs /pressure among the topics")
         if self.probe is not None and not {"/force", "/arm"} <= set(self.topics):
             raise BadMessage(f"state {self.trial}/{self.step}: a probe needs /force and /arm among the topics")
+        if self.vacuum is not None and "/vacuum" not in self.topics:
+            raise BadMessage(f"state {self.trial}/{self.step}: a vacuum to keep needs /vacuum among the topics")
+        if self.least_force is not None and self.probe is None:
+            raise BadMessage(f"state {self.trial}/{self.step}: a least force needs a probe")
 
     @property
     def rule_name(self) -> str:
@@ -166,10 +178,9 @@ class State:
         return next(name for name, kind in _RULES.items() if isinstance(self.rule, kind))
 
     def to_json(self) -> str:
-        """Everything but `clipped`, exactly: floats are written so that they read back as the same number."""
+        """Everything but `BESIDE_JSON`, exactly: floats are written so that they read back as the same number."""
         values = asdict(self) | {"rule": {"name": self.rule_name, **asdict(self.rule)}}
-        del values["clipped"]
-        return json.dumps(values)
+        return json.dumps({name: value for name, value in values.items() if name not in BESIDE_JSON})
 
     @classmethod
     def from_json(cls, text: str) -> State:
@@ -190,7 +201,7 @@ def _one_of(what: str, value: str, allowed: tuple[str, ...]) -> None:
         raise BadMessage(f"{what} {value!r} is unknown; one of {', '.join(allowed)}")
 
 
-_T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe)
+_T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe | VacuumBand)
 
 
 def checked(value: _T) -> _T:
@@ -213,7 +224,7 @@ def checked(value: _T) -> _T:
 
 
 _HINTS: dict[object, dict[str, Any]] = {
-    kind: get_type_hints(kind) for kind in (State, Settled, Window, Crossing, Probe)
+    kind: get_type_hints(kind) for kind in (State, Settled, Window, Crossing, Probe, VacuumBand)
 }
 """What the fields are annotated with; finding out takes longer than reading a state."""
 

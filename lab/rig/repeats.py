@@ -1,0 +1,54 @@
+"""Tells a gauge that has frozen from one that is at rest: a noisy gauge does not repeat itself to the last digit for long."""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import pairwise
+from statistics import fmean, stdev
+
+LEARNED = 40
+"""Latest readings before a run of equal ones that tell how noisy the gauge is there; half of them are enough."""
+MOST_EQUAL = 0.25
+"""Share of neighbours that may be equal in a noisy gauge: a noise of one digit or less makes more, and then runs of equal
+readings tell nothing."""
+LEAST_TURNS = 1 / 3
+"""Share of readings that must be above or below both neighbours: noise makes two thirds, a changing pressure none."""
+SAME_LEVEL = 5.0
+"""Standard deviations within which equal readings are at the level that the noise is known for."""
+LONGEST_RUN = 20
+"""Equal readings on end that are no chance: with a quarter of equal neighbours, one series in 10^12."""
+
+
+class Repeats:
+    """Counts the equal readings on end of one gauge."""
+
+    def __init__(self) -> None:
+        self._before: deque[float] = deque(maxlen=LEARNED)
+        self._value = 0.0
+        self._count = 0
+        self._since = self._at = 0.0
+
+    def take(self, value: float, at: float) -> None:
+        """One reading, at host time `at` (s)."""
+        if self._count and value == self._value:
+            self._count += 1
+        else:
+            self._before.extend([self._value] * min(self._count, LEARNED))
+            self._value, self._count, self._since = value, 1, at
+        self._at = at
+
+    def forget(self) -> None:
+        """Start anew."""
+        self._before.clear()
+        self._count = 0
+
+    @property
+    def stuck(self) -> float:
+        """Host seconds for which a gauge has repeated itself that scattered before; 0 for one that may be at rest."""
+        if self._count < LONGEST_RUN or len(self._before) < LEARNED / 2:
+            return 0.0
+        steps = [b - a for a, b in pairwise(self._before)]
+        equal = sum(step == 0 for step in steps) / len(steps)
+        turns = sum(a * b < 0 for a, b in pairwise(steps)) / (len(steps) - 1)
+        near = abs(self._value - fmean(self._before)) <= SAME_LEVEL * stdev(self._before)
+        return self._at - self._since if near and equal <= MOST_EQUAL and turns >= LEAST_TURNS else 0.0

@@ -1,0 +1,207 @@
+"""The arm's probe at the stiffness stand: it moves about the specimen, finds it, and feels what it pushes back with."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivers.errors import DeviceFault, StaleReading
+from drivers.frames import rotation_from_vector, vector_from_rotation
+from recordings.states.zeros import Span, Unloaded, unloaded
+
+from .bench import Bench, StandFrame
+from .errors import NotReached, Suspended, TooMuchForce
+
+if TYPE_CHECKING:
+    from .stiffness import Stiffness
+
+HELD_SAMPLES = 20
+"""Force samples that each reading holds by which the probe feels whether the specimen pushes back: 0.02 N of a noise of 0.1 N."""
+TOUCHES = 0.5
+"""Share of the contact force that must go away with the probe; else the sensor has drifted and nothing was touched."""
+LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
+"""m and rad; a longer way is made in equal parts."""
+
+
+@dataclass(frozen=True)
+class ZeroReading:
+    """The unloaded force sensor: when it was read, and what it showed along the push."""
+
+    span: Span
+    read: Unloaded
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where the probe first touches the specimen, and how."""
+
+    depth: float
+    """m, in the stand's frame."""
+    force: float
+    """N with which the specimen pushes back there."""
+    offset: float
+    """N that the sensor shows there, from which forces count."""
+    at: float
+    """When that was read, rig time s."""
+    zero: ZeroReading
+    """Of the sensor before the approach."""
+
+
+class ProbeMotion:
+    """Moves the probe in the stand's frame: `along` the specimen from the clamp, `depth` along the push from its axis, m."""
+
+    def __init__(self, bench: Bench, p: Stiffness, stand: StandFrame) -> None:
+        self.bench, self.p = bench, p
+        self.arm = bench.need(bench.arm, "arm")
+        self.state = bench.need(bench.arm_state, "arm")
+        self.force = bench.need(bench.force, "force")
+        self.stand = stand
+        self.along = 0.0
+        self.zero: tuple[float, ...] | None = None
+        self.before: ZeroReading
+        """Of the sensor before the specimen was jammed."""
+
+    @property
+    def near(self) -> float:
+        """Depth at which the approach in steps begins: surely off the specimen."""
+        return -self.p.radius - self.p.clearance
+
+    def go(self, along: float, depth: float, speed: float) -> None:
+        """Move there and wait until the arm has come to rest.
+
+        On the way in, once the sensor has its zero, the arm stops where the force passes the limit: TooMuchForce.
+        """
+        inwards = self.zero is not None and depth > -self.stand.standoff
+        s = self.stand
+        point = [o + along * a + depth * d for o, a, d in zip(s.origin, s.axis, s.push, strict=True)]
+        goal = [*point, *s.tool_rotation]
+        for pose in waypoints(self.state.latest().tcp_pose, goal):
+            self.arm.move_to(pose, speed, self.p.acceleration)
+            self.bench.wait("arm: at its target", partial(self._arrived, inwards), 120.0)
+        self.along = along
+
+    def _arrived(self, inwards: bool) -> bool | None:
+        force = 0.0
+        # without a fresh sample the arm waits by itself; when that lasts, `moving` or the watch ends the run
+        with contextlib.suppress(StaleReading):
+            sample = self.force.latest()
+            if sample.zero == self.zero:  # else taken before the zero was set
+                force = math.hypot(*sample.wrench[:3])
+        if inwards and force > self.p.max_force:
+            self.arm.stop()
+            raise TooMuchForce(f"force: {force:.1f} N exceeded max_force {self.p.max_force:g} N; the arm was stopped")
+        return None if self.arm.moving() else True
+
+    def come_back(self, along: float, depth: float) -> None:
+        """After a pause: away from the specimen, then to where it is nearly touched."""
+        self.retreat()
+        self.go(along, depth, self.p.speed)
+
+    def retreat(self) -> None:
+        """Away from the specimen, straight back."""
+        self.go(self.along, -self.stand.standoff, self.p.speed)
+
+    def pushing(self, samples: int = 5) -> float:
+        """Force on the specimen along the push, N, from the sensor's zero: the mean of the next force samples."""
+        return self._sensed(samples)[1]
+
+    def _sensed(self, samples: int) -> tuple[float, float]:
+        """The mean time (s) of the next force samples, and the force on the specimen along the push, N."""
+        since = self.bench.clock.now()
+
+        def mean() -> tuple[float, float] | None:
+            newer = self.bench.recorder.buffers.window("/force", since, float("inf"))
+            if len(newer) < samples:
+                return None
+            force = (newer["raw"] - newer["zero"])[:, :3].mean(axis=0)
+            rotation = rotation_from_vector(self.state.latest().tcp_pose[3:])
+            return float(newer["t"].mean()), -float(np.dot(rotation @ force, self.stand.push))
+
+        return self.bench.wait(f"force: {samples} samples", mean, 30.0 + samples / 10)
+
+    def read_unloaded(self) -> ZeroReading:
+        """Read the sensor where the probe touches nothing."""
+        since, samples = self.bench.clock.now(), self.p.zero_samples
+
+        def come() -> float | None:
+            newer = self.bench.recorder.buffers.window("/force", since, float("inf"))["t"]
+            return float(newer[samples - 1]) if len(newer) >= samples else None
+
+        return self._unloaded((since, self.bench.wait(f"force: {samples} samples", come, 30.0 + samples / 10)))
+
+    def _unloaded(self, span: Span) -> ZeroReading:
+        read = self.bench.wait(
+            "force and arm: the unloaded sensor",
+            lambda: unloaded(self.bench.recorder.buffers, self.stand.push, span),
+            30.0,
+        )
+        return ZeroReading(span, read)
+
+    def approach(self, along: float) -> Contact:
+        """From the standoff in small steps until the specimen pushes back.
+
+        Raises NotReached when it is not there, Suspended when it is a jammed one and does not push back.
+        """
+        p = self.p
+        self.go(along, -self.stand.standoff, p.speed)
+        since = self.bench.clock.now()
+        self.zero = self.force.zero(p.zero_samples)
+        zero = self._unloaded((since, self.bench.clock.now()))
+        depth = self.near
+        self.go(along, depth, p.speed)
+        free = 0.0
+        """What the sensor shows in the air: it may drift."""
+        while True:
+            shown = self.pushing()
+            free = min(free, shown)
+            if shown - free >= p.contact_force:
+                held = self.held(along, depth)
+                if held >= TOUCHES * p.contact_force:
+                    break
+                free = shown
+            if depth > p.radius:
+                self._say_missing(depth)
+            depth += p.approach_step
+            self.go(along, depth, p.push_speed)
+        at, offset = self._sensed(p.min_samples)
+        return Contact(depth, held, offset, at, zero)
+
+    def _say_missing(self, depth: float) -> None:
+        none = (
+            f"no contact above {self.p.contact_force:g} N up to {depth * 1e3:.0f} mm past the specimen's axis; "
+            "check the stand in rig.yaml and that the specimen is mounted"
+        )
+        if self.bench.jammed is None:
+            raise NotReached(f"force: {none}")
+        raise Suspended(DeviceFault("force", f"{none}, and that it is jammed, whatever the gauge shows"))
+
+    def held(self, along: float, depth: float) -> float:
+        """Force (N) with which the specimen pushes back at this depth: what goes away when the probe does.
+
+        It is read before and after the probe was away, so a constant drift of the sensor is not in it.
+        """
+        before = self.pushing(HELD_SAMPLES)
+        self.go(along, self.near, self.p.push_speed)
+        free = self.pushing(HELD_SAMPLES)
+        self.go(along, depth, self.p.push_speed)
+        return (before + self.pushing(HELD_SAMPLES)) / 2 - free
+
+
+def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]]:
+    """Poses (m, rotation vector rad) from start to goal in parts short enough for the arm's limits; the last is goal."""
+    first = rotation_from_vector(start[3:])
+    turn = vector_from_rotation(rotation_from_vector(goal[3:]) @ first.T)
+    way = np.subtract(goal[:3], start[:3])
+    parts = max(1, math.ceil(np.linalg.norm(way) / LONGEST_MOVE), math.ceil(np.linalg.norm(turn) / LARGEST_TURN))
+    shares = [i / parts for i in range(1, parts)]
+    between = [
+        [*(start[:3] + way * x), *vector_from_rotation(rotation_from_vector((turn * x).tolist()) @ first)]
+        for x in shares
+    ]
+    return [*between, list(goal)]

@@ -1,0 +1,114 @@
+"""The force sensor's zero may move during a trial: what is constant drift is removed, anything else marks the trial."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from house import House
+from test_pauses import STIFFNESS, during, lab
+
+from lab.files.inputs import read_case
+from lab.verbs.fakes import PATIENT
+from recordings.campaign.replay import compare, replay, table_of
+from recordings.file.reader import Recording
+from recordings.table_file import read_csv, write_csv
+from recordings.trials import Table
+from sim_fakes.ft300s import Ft300sFake
+
+TRUE_SLOPE = 3 * 1.323e6 * np.pi / 4 * 0.029**4 / 0.1**3
+"""N/m of the spine of 0.1 m (Table II)."""
+ACROSS = np.array([0.0, 0.0, 1.0])
+"""The push as the sensor of the stand's tool sees it; the other axes do not enter."""
+
+
+def sensor(house: House) -> Ft300sFake:
+    part = house.fakes.parts["force"]
+    assert isinstance(part, Ft300sFake)
+    return part
+
+
+@contextmanager
+def drifting(house: House, zero: Callable[[float], float]) -> Iterator[None]:
+    """The sensor's zero moves along the push by `zero` (N) of the host seconds since the begin."""
+    device, ended, begin = sensor(house).device, threading.Event(), time.monotonic()
+    before = device.bias.copy()
+
+    def move() -> None:
+        while not ended.wait(0.005):
+            device.bias[:3] = before[:3] + ACROSS * zero(time.monotonic() - begin)
+
+    thread = threading.Thread(target=move, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        device.bias[:] = before
+
+
+def one(folder: Path) -> Table:
+    (file,) = folder.glob("*.mcap")
+    recording = Recording.open(file)
+    assert compare(recording).equal
+    live = table_of(recording)
+    assert [row.cells() for row in replay(file)] == [row.cells() for row in live]
+    assert [row.cells() for row in read_case([file]).table] == [row.cells() for row in live]
+    write_csv(live, folder / "trials.csv")
+    assert [row.cells() for row in read_csv(folder / "trials.csv")] == [row.cells() for row in live]
+    return live
+
+
+def slope(table: Table) -> float:
+    return float(np.polyfit(table["deflection"], table["force"], 1)[0])
+
+
+@pytest.mark.parametrize("rate", [0.08, -0.08])
+def test_a_constant_drift_is_removed_and_stands_in_the_row(
+    house: House, tmp_path: Path, rate: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("mocap",), safe=PATIENT["safe"])
+    with drifting(house, lambda t: rate * t):
+        assert lab(house, tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3), "".join(capsys.readouterr())
+    table = one(tmp_path)
+    assert len(table) == 6
+    print(table["force"], table["force_drift"], table["deflection"], table["t"], slope(table), TRUE_SLOPE)
+    assert not table.doubtful
+    assert np.all(np.sign(table["force_drift"]) == -np.sign(rate)) and np.all(np.abs(table["force_drift"]) > 0.1)
+    assert slope(table) == pytest.approx(TRUE_SLOPE, rel=0.05)
+
+
+KINDS: dict[str, Callable[[float], float]] = {
+    "step": lambda t: 0.8,
+    "warming up": lambda t: 2.0 * (1.0 - np.exp(-t / 2.0)),
+    "in part of the trial": lambda t: min(0.6, 0.3 * t),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_zero_that_moves_in_another_way_marks_the_trial(
+    house: House, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("mocap",), safe=PATIENT["safe"])
+    plant, begun = house.fakes.plant, []
+    during(lambda: abs(plant.probe_force).max() > 1.0, lambda: begun.append(time.monotonic()))
+    with drifting(house, lambda t: KINDS[kind](time.monotonic() - begun[0]) if begun else 0.0):
+        assert lab(house, tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3), "".join(capsys.readouterr())
+    table = one(tmp_path)
+    assert set(table["doubt"]) == {"drift"} and len(table) == 6
+    assert np.all(table["force_drift"] < -0.3)
+    assert "not at a constant pace" in "".join(capsys.readouterr())
+
+
+def test_without_drift_nothing_is_marked(house: House, tmp_path: Path) -> None:
+    house.change(without=("mocap",), safe=PATIENT["safe"])
+    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3)
+    table = one(tmp_path)
+    assert not table.doubtful and np.all(np.abs(table["force_drift"]) < 0.1)
+    assert slope(table) == pytest.approx(TRUE_SLOPE, rel=0.05)

@@ -1,0 +1,142 @@
+"""A state of a jammed spine counts only if the spine kept its vacuum, or pushes back where the gauge does not tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from house import House
+from test_pauses import BENDING, STIFFNESS, during, lab
+
+from lab.files.inputs import read_case
+from lab.verbs.fakes import PATIENT
+from recordings.campaign.replay import compare, replay, table_of
+from recordings.file.reader import Recording
+
+PLANNED = 80e3
+
+
+def vacuum(house: House, supply: float) -> None:
+    """Set the level of the vacuum supply, Pa below ambient."""
+    with house.fakes.plant.lock:
+        house.fakes.plant.vacuum_supply = supply
+
+
+def one(folder: Path) -> Recording:
+    (file,) = folder.glob("*.mcap")
+    recording = Recording.open(file)
+    assert compare(recording).equal
+    assert [row.cells() for row in replay(file)] == [row.cells() for row in table_of(recording)]
+    return recording
+
+
+@pytest.mark.parametrize("level", [0.0, 60e3, 94e3])
+def test_a_bending_state_is_read_again_with_the_spine_jammed_anew(
+    house: House, tmp_path: Path, level: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    house.fakes.on_confirm = lambda trouble: vacuum(house, PLANNED)
+    plant = house.fakes.plant
+    during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 100e3, lambda: vacuum(house, level))
+    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
+    assert any("gauge" in trouble and "kPa below ambient" in trouble for trouble in house.fakes.troubles)
+    table = table_of(one(tmp_path))
+    assert [row.step for row in table] == [1, 2, 3, 4, 5]
+    assert np.all(np.abs(table["vacuum"] - PLANNED) < 11e3)
+
+
+def test_a_vacuum_that_comes_back_by_itself_between_two_states_is_noticed(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    plant = house.fakes.plant
+
+    def lose() -> None:
+        vacuum(house, 0.0)
+        during(lambda: plant.vacuum_absolute > 90e3, lambda: vacuum(house, PLANNED))
+
+    during(lambda: plant.valve_on and float(plant.regulator.max()) > 70e3, lose)
+    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
+    assert any("gauge" in trouble for trouble in house.fakes.troubles)
+    assert [row.step for row in table_of(one(tmp_path))] == [1, 2, 3, 4, 5]
+
+
+def test_what_is_not_put_right_ends_the_run_without_a_state_of_a_soft_spine(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    plant = house.fakes.plant
+    during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3, lambda: vacuum(house, 0.0))
+    assert lab(house, tmp_path, "bending", *BENDING) == 1
+    assert "spine jammed at 72 kPa" in capsys.readouterr().err
+    assert all(abs((row.vacuum or 0.0) - PLANNED) < 11e3 for row in table_of(one(tmp_path)))
+
+
+def test_a_spine_without_vacuum_is_read_as_planned(house: House, tmp_path: Path) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    assert lab(house, tmp_path, "bending", *BENDING, "--set", "vacuums=[0]") in (0, 3)
+    assert len(read_case(list(tmp_path.glob("*.mcap"))).table) == 5 and not house.fakes.troubles
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(
+    house: House, tmp_path: Path, frozen: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("mocap",), safe=PATIENT["safe"])
+    fakes = house.fakes
+
+    def put_right(trouble: str) -> None:
+        fakes.switch.end()
+        vacuum(house, PLANNED)
+
+    def lose() -> None:
+        if frozen:  # its value stands still, its noise does not
+            fakes.set_faults("gauge", {"freeze": True})
+        vacuum(house, 0.0)
+
+    fakes.on_confirm = put_right
+    during(lambda: abs(fakes.plant.probe_force).max() > 1.5, lose)
+    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
+    assert fakes.troubles and ("soft although the gauge" in fakes.troubles[0]) == frozen
+    recording = one(tmp_path)
+    table = table_of(recording)
+    assert [row.step for row in table] == [1, 2, 3] and not table.doubtful
+    slope = np.polyfit(table["deflection"], table["force"], 1)[0]
+    assert slope == pytest.approx(2200, rel=0.15)
+    assert bool(recording.marks) == frozen
+
+
+def test_a_spine_that_never_was_jammed_asks_for_a_person(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("mocap",), safe=PATIENT["safe"])
+    fakes = house.fakes
+
+    def lose() -> None:
+        fakes.set_faults("gauge", {"freeze": True})
+        vacuum(house, 0.0)
+
+    def put_right(trouble: str) -> None:
+        fakes.switch.end()
+        vacuum(house, PLANNED)
+
+    fakes.on_confirm = put_right
+    during(lambda: fakes.plant.valve_on and fakes.plant.vacuum_absolute < 24e3, lose)
+    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
+    assert fakes.troubles and "jammed" in fakes.troubles[0]
+    assert [row.step for row in table_of(one(tmp_path))] == [1, 2, 3]
+
+
+def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    plant = house.fakes.plant
+    during(
+        lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3,
+        lambda: house.fakes.switch.begin("gauge", "stuck"),
+    )
+    settings = [*BENDING, "--set", "reading=hold", "--set", "hold_times=[100]"]
+    assert lab(house, tmp_path, "bending", *settings) == 1
+    assert "gauge: its reading has been the same to the last digit" in capsys.readouterr().err
