@@ -21,9 +21,24 @@ STOPPED, PLAYING = 1, 2
 """runtime_state"""
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
 """robot_mode"""
-NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP, EMERGENCY_STOP = 1 << 0, 1 << 2, 1 << 4, 1 << 6 | 1 << 7
-"""safety_status_bits: normal; protective stop; safeguard stop; robot emergency stop and any emergency stop"""
-SAFETY_MODE = {NORMAL: 1, PROTECTIVE_STOP: 3, SAFEGUARD_STOP: 5, EMERGENCY_STOP: 7}
+NORMAL, REDUCED, PROTECTIVE_STOP, RECOVERY, SAFEGUARD_STOP = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
+SYSTEM_EMERGENCY_STOP, EMERGENCY_STOP = 1 << 5 | 1 << 7, 1 << 6 | 1 << 7
+VIOLATION, FAULT, THREE_POSITION_STOP = 1 << 8 | 1 << 10, 1 << 9 | 1 << 10, 1 << 10 | 1 << 11
+"""safety_status_bits; the emergency stops also show that there is any, the last three that the safety system stopped it."""
+SAFETY_MODE = {
+    NORMAL: (1, "NORMAL"),
+    REDUCED: (2, "REDUCED"),
+    PROTECTIVE_STOP: (3, "PROTECTIVE_STOP"),
+    RECOVERY: (4, "RECOVERY"),
+    SAFEGUARD_STOP: (5, "SAFEGUARD_STOP"),
+    SYSTEM_EMERGENCY_STOP: (6, "SYSTEM_EMERGENCY_STOP"),
+    EMERGENCY_STOP: (7, "ROBOT_EMERGENCY_STOP"),
+    VIOLATION: (8, "VIOLATION"),
+    FAULT: (9, "FAULT"),
+    THREE_POSITION_STOP: (13, "SYSTEM_THREE_POSITION_ENABLING_STOP"),
+}
+"""safety_status_bits -> safety_mode and the dashboard's name for it."""
+WITHOUT_POWER = (SYSTEM_EMERGENCY_STOP, EMERGENCY_STOP, VIOLATION, FAULT)
 
 ENCODER_NOISE = 1e-5
 """rad, standard deviation."""
@@ -56,6 +71,12 @@ class Controller:
     serial: str = "20183500000"
     wrench: Array = field(default_factory=lambda: np.zeros(6))
     slider: float = 1.0
+    payload: float = 0.8
+    """kg"""
+    payload_centre: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.05]))
+    """m"""
+    remote: bool = True
+    """The pendant is in remote control; a CB3 has no such switch."""
     safety: int = NORMAL
     robot_mode: int = RUNNING
     runtime: int = STOPPED
@@ -141,6 +162,14 @@ class Controller:
         self.safety, self.robot_mode = EMERGENCY_STOP, POWER_OFF
         self.end_program("emergency stop")
 
+    def safety_stop(self, name: str) -> None:
+        """Any state of the safety system, by the dashboard's name. Raises KeyError."""
+        self.safety = {words: bits for bits, (_, words) in SAFETY_MODE.items()}[name]
+        if self.safety in WITHOUT_POWER:
+            self.robot_mode = POWER_OFF
+        if self.safety not in (NORMAL, REDUCED):
+            self.end_program(name.lower().replace("_", " "))
+
     def clear(self) -> None:
         """Somebody at the pendant has cleared the stop, powered on and released the brakes."""
         self.safety, self.robot_mode = NORMAL, RUNNING
@@ -151,8 +180,10 @@ class Controller:
             self.end_program("replaced by another program")
         function = _FUNCTION.match(text)
         name = function[1] if function else "?"
-        if self.safety != NORMAL or self.robot_mode != RUNNING:
+        if self.safety not in (NORMAL, REDUCED) or self.robot_mode != RUNNING:
             self.ended.append(f"{name} not started: the arm is not ready")
+        elif not self.remote:
+            self.ended.append(f"{name} not started: the pendant is in local mode")
         elif name != "rtde_control":
             self.ended.append(f"{name}: only the control script is understood")
         else:
@@ -189,6 +220,10 @@ class Controller:
         """End the program when input int 0 is written less often than `frequency` (Hz, host time)."""
         self._watchdog, self._starving = frequency, 0.0
 
+    def set_payload(self, mass: float, centre: Array) -> None:
+        """What is at the flange: kg, m."""
+        self.payload, self.payload_centre = mass, centre
+
     def note_command(self, name: str, values: list[float]) -> None:
         """Keep a command for the log."""
         self.commands.append(Command(self.t, name, values))
@@ -219,7 +254,9 @@ class Controller:
             "timestamp": self.t,
             "runtime_state": self.runtime,
             "robot_mode": self.robot_mode,
-            "safety_mode": SAFETY_MODE[self.safety],
+            "safety_mode": SAFETY_MODE[self.safety][0],
+            "safety_status": SAFETY_MODE[self.safety][0],
+            "payload": self.payload,
             "safety_status_bits": self.safety,
             "robot_status_bits": (self.robot_mode != POWER_OFF) | (self.runtime == PLAYING) << 1,
             "speed_scaling": self.slider,
@@ -242,6 +279,8 @@ class Controller:
                 return _measured(self._measured_tcp()[1])
             case "actual_TCP_force":
                 return _measured(self.wrench)
+            case "payload_cog":
+                return self.payload_centre
             case "target_q":
                 return self.arm.q
             case "target_qd":

@@ -2,27 +2,11 @@
 
 from __future__ import annotations
 
-from .controller import (
-    EMERGENCY_STOP,
-    IDLE,
-    NORMAL,
-    PLAYING,
-    POWER_OFF,
-    PROTECTIVE_STOP,
-    RUNNING,
-    SAFEGUARD_STOP,
-    Controller,
-)
+from .controller import IDLE, NORMAL, PLAYING, POWER_OFF, PROTECTIVE_STOP, RUNNING, SAFETY_MODE, Controller
 from .wire import Connection
 
 PORT = 29999
 LONGEST_LINE = 1024
-_SAFETY = {
-    NORMAL: "NORMAL",
-    PROTECTIVE_STOP: "PROTECTIVE_STOP",
-    SAFEGUARD_STOP: "SAFEGUARD_STOP",
-    EMERGENCY_STOP: "ROBOT_EMERGENCY_STOP",
-}
 _MODE = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
 _SINCE = {
     "get serial number": ((3, 12), (5, 6)),
@@ -71,14 +55,14 @@ def answer(controller: Controller, request: str) -> str:
     told = {
         "polyscopeversion": "URSoftware {}.{}.{}.{} (Sep 05 2022)".format(*controller.version),
         "robotmode": f"Robotmode: {_MODE[controller.robot_mode]}",
-        "safetymode": f"Safetymode: {_SAFETY[controller.safety]}",
-        "safetystatus": f"Safetystatus: {_SAFETY[controller.safety]}",
+        "safetymode": f"Safetymode: {SAFETY_MODE[controller.safety][1]}",
+        "safetystatus": f"Safetystatus: {SAFETY_MODE[controller.safety][1]}",
         "running": f"Program running: {'true' if running else 'false'}",
         "programstate": "PLAYING rtde_control" if running else "STOPPED null",
         "get loaded program": "No program loaded",
         "get serial number": controller.serial,
         "get robot model": controller.model,
-        "is in remote control": "true",
+        "is in remote control": str(controller.remote).lower(),
         "close popup": "closing popup",
         "close safety popup": "closing safety popup",
     }

@@ -75,11 +75,13 @@ def outputs(version: Version) -> dict[str, str]:
     names |= {"robot_status_bits": UINT32, "safety_status_bits": UINT32}
     names |= {f"output_int_register_{i}": INT32 for i in range(REGISTERS)}
     names |= {f"output_double_register_{i}": DOUBLE for i in range(REGISTERS)}
-    cb3, e_series = version[0] == 3, version[0] == 5
+    cb3, e_series = version[0] == 3, version[0] >= 5
     if (cb3 and version >= (3, 11)) or (e_series and version >= (5, 5, 1)):
         names |= {"payload": DOUBLE, "payload_cog": VECTOR3D}
     if (cb3 and version >= (3, 15)) or (e_series and version >= (5, 11)):
         names["payload_inertia"] = VECTOR6D
+    if (cb3 and version >= (3, 10)) or (e_series and version >= (5, 4)):
+        names["safety_status"] = INT32
     if e_series and version >= (5, 9):
         names["ft_raw_wrench"] = VECTOR6D
     return names
