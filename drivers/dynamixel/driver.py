@@ -255,12 +255,19 @@ class DynamixelSpine:
             )
         name, self._ampere = table.MODELS[model]
         firmware = self._servo.read(table.FIRMWARE)
-        self._check_current_limit()
         self._arm_watchdog()  # clears a trip, which locks some of the settings
+        self._end_motion()  # before anything is refused
         settings.apply(self._servo)
-        if self._servo.read(table.TORQUE):
-            self._set_goal(self._servo.read(table.PRESENT_POSITION), self._config.max_speed)
+        self._check_current_limit()
         return Identity("ROBOTIS", name, firmware=str(firmware))
+
+    def _end_motion(self) -> None:
+        """Hold, or let go in a mode in which the servo cannot hold."""
+        if self._servo.read(table.TORQUE):
+            if self._servo.read(table.OPERATING_MODE) == table.CURRENT_BASED_POSITION:
+                self._set_goal(self._servo.read(table.PRESENT_POSITION), self._config.max_speed)
+            else:
+                self._servo.write(table.TORQUE, 0)
 
     def _check_current_limit(self) -> None:
         allowed = self._servo.read(table.CURRENT_LIMIT) * self._ampere

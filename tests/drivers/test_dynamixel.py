@@ -17,7 +17,7 @@ from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
 
 Make = Callable[..., tuple[DynamixelSpine, DynamixelFake]]
-TORQUE, WATCHDOG, MODE = 64, 98, 11
+TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
 
 
 @pytest.fixture
@@ -124,6 +124,19 @@ def test_settings_that_only_a_person_may_change_are_refused(make: Make, address:
     with pytest.raises(NotReady, match=message):
         spine.open()
     assert servo.motor.get(address) == left
+
+
+def test_a_motion_left_over_ends_also_where_a_setting_is_refused(make: Make) -> None:
+    spine, servo = make()
+    homed(spine)
+    spine.move_to(0.3, 0.02)
+    persistent(servo, 36, 200)
+    other = DynamixelSpine("spine", Config(port=servo.port, metres_per_turn=0.1, timeout=1.0), servo.clock)
+    spine._servo.close()  # the program has died
+    with pytest.raises(NotReady, match="PWM limit"):
+        other.open()
+    assert servo.motor.length < 0.25
+    assert servo.motor.get(GOAL) == pytest.approx(servo.motor.counts, abs=200)
 
 
 @pytest.mark.parametrize(("address", "value"), [(12, 3), (20, 100), (63, 4), (100, 80), (84, 0)])
