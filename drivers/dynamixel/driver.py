@@ -109,8 +109,8 @@ class DynamixelSpine:
     def open(self) -> Identity:
         """Connect, check the model and its settings, set the watchdog; a motion left over from before is stopped.
 
-        Raises `Unreachable` when nobody answers, `WrongDevice` for a servo without current-based position mode, `NotReady`
-        for a setting that only a person may change, `LimitExceeded` for a current limit below `current_limit`.
+        Raises `Unreachable` when nobody answers, `WrongDevice` for a servo without current-based position mode and for a
+        setting that only a person may change, `LimitExceeded` for a current limit below `current_limit`.
         """
         with self._lock:
             if not self._servo.is_open:
@@ -125,7 +125,7 @@ class DynamixelSpine:
                 raise
 
     def confirm_settings(self) -> None:
-        """Ask for the settings once more. Raises `NotReady` or `LimitExceeded` when another host has changed one."""
+        """Ask for the settings once more. Raises `WrongDevice` or `LimitExceeded` when another host has changed one."""
         with self._lock:
             self._check_current_limit()
             settings.confirm(self._servo)

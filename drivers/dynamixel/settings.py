@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..errors import BadReply, DeviceFault, NotReady
+from ..errors import BadReply, DeviceFault, WrongDevice
 from .bus import ANSWER_ALL, STATUS_RETURN_LEVEL, Register, Servo
 from .table import (
     CURRENT_BASED_POSITION,
@@ -94,7 +94,7 @@ SETTINGS = (
 
 
 def apply(servo: Servo) -> None:
-    """Write what differs and read it back. Raises `NotReady` for what is refused, `DeviceFault` for what is not taken."""
+    """Write what differs and read it back. Raises `WrongDevice` for what is refused, `DeviceFault` for what is not taken."""
     for setting, found, needed in _differing(servo):
         if not setting.written:
             raise _refused(servo, setting, found, needed)
@@ -110,7 +110,7 @@ def apply(servo: Servo) -> None:
 
 
 def confirm(servo: Servo) -> None:
-    """Raise `NotReady` when a setting has changed since `apply`."""
+    """Raise `WrongDevice` when a setting has changed since `apply`."""
     for setting, found, needed in _differing(servo):
         raise _refused(servo, setting, found, needed)
 
@@ -130,9 +130,9 @@ def _differing(servo: Servo) -> list[tuple[Setting, int, int]]:
     return differing
 
 
-def _refused(servo: Servo, setting: Setting, found: int, needed: int) -> NotReady:
+def _refused(servo: Servo, setting: Setting, found: int, needed: int) -> WrongDevice:
     remedy = "open the unit again" if setting.written else "set it with the maker's DYNAMIXEL Wizard"
-    return NotReady(
+    return WrongDevice(
         servo.name,
         f"{setting.name} (register {setting.register.address}) is {found}, needed {needed}: {setting.why}; {remedy}, and "
         "keep other hosts off the servo",

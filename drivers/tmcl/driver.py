@@ -95,8 +95,8 @@ class TmclSpine:
     def open(self) -> Identity:
         """Connect, check module and settings, switch deviation stop and heartbeat on; a motion left over is stopped.
 
-        Raises `Unreachable` when nobody answers, `WrongDevice` for another module, `NotReady` for a setting that only a
-        person may change.
+        Raises `Unreachable` when nobody answers, `WrongDevice` for another module and for a setting that only a person may
+        change.
         """
         with self._lock:
             if not self._axis.is_open:
@@ -114,7 +114,7 @@ class TmclSpine:
                 raise
 
     def confirm_settings(self) -> None:
-        """Ask for the settings once more. Raises `NotReady` when another host has changed one."""
+        """Ask for the settings once more. Raises `WrongDevice` when another host has changed one."""
         with self._lock:
             settings.confirm(self._axis, self._needs)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..errors import DeviceFault, NotReady
+from ..errors import DeviceFault, WrongDevice
 from .bus import Axis
 
 ACCELERATION, DECELERATION, MAX_CURRENT, STANDBY_CURRENT = 5, 17, 6, 7
@@ -89,7 +89,7 @@ def settings(needs: Needs) -> list[Setting]:
 
 
 def apply(axis: Axis, needs: Needs) -> None:
-    """Write what differs and read it back. Raises `NotReady` for what is refused, `DeviceFault` for what is not taken."""
+    """Write what differs and read it back. Raises `WrongDevice` for what is refused, `DeviceFault` for what is not taken."""
     _check_resolution(axis, needs)
     for setting in settings(needs):
         found = _read(axis, setting)
@@ -111,7 +111,7 @@ def apply(axis: Axis, needs: Needs) -> None:
 
 
 def confirm(axis: Axis, needs: Needs) -> None:
-    """Raise `NotReady` when a setting has changed since `apply`."""
+    """Raise `WrongDevice` when a setting has changed since `apply`."""
     _check_resolution(axis, needs)
     for setting in settings(needs):
         found = _read(axis, setting)
@@ -126,7 +126,7 @@ def _read(axis: Axis, setting: Setting) -> int:
 def _check_resolution(axis: Axis, needs: Needs) -> None:
     full, micro = axis.get(FULLSTEPS), axis.get(MICROSTEPS)
     if full << micro != needs.microsteps_per_turn:
-        raise NotReady(
+        raise WrongDevice(
             axis.name,
             f"resolution (axis parameters {FULLSTEPS} and {MICROSTEPS}) is {full} x 2^{micro} = {full << micro} microsteps "
             f"per turn, needed {needs.microsteps_per_turn}: lengths would be wrong; set it with the maker's TMCL-IDE, or "
@@ -134,9 +134,9 @@ def _check_resolution(axis: Axis, needs: Needs) -> None:
         )
 
 
-def _refused(axis: Axis, setting: Setting, found: int, needed: int) -> NotReady:
+def _refused(axis: Axis, setting: Setting, found: int, needed: int) -> WrongDevice:
     remedy = "open the unit again" if setting.written else "set it with the maker's TMCL-IDE"
-    return NotReady(
+    return WrongDevice(
         axis.name,
         f"{setting.where} is {found}, needed {needed}: {setting.why}; {remedy}, and keep other hosts off the module",
     )

@@ -110,8 +110,8 @@ class UR5:
     def open(self) -> Identity:
         """Connect, check arm and state, take control, check the pendant's settings, start the watchdog.
 
-        Raises Unreachable, WrongDevice, DeviceFault (stopped), NotReady (powered off, local mode, another in control, speed
-        slider too low, another payload).
+        Raises Unreachable, WrongDevice (also for another payload), DeviceFault (stopped), NotReady (powered off, local mode,
+        another in control, speed slider too low).
         """
         if self._control is not None and self._control.alive:
             raise NotReady(
@@ -140,7 +140,8 @@ class UR5:
     def confirm_settings(self) -> None:
         """Ask the controller what the pendant can change: remote control, speed slider, payload, TCP, safety state.
 
-        Raises NotReady or DeviceFault, naming the setting, when it is not as at `open` or as rig.yaml has it.
+        Raises WrongDevice when payload or TCP are not as at `open` or as rig.yaml has them, NotReady or DeviceFault for what a
+        person sets right without opening the arm again.
         """
         control = self._opened()
         seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)

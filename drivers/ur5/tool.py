@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..errors import NotReady
+from ..errors import WrongDevice
 from .motion import distance_between, turn_between
 
 PAYLOAD_TOLERANCE, CENTRE_TOLERANCE = 0.01, 1e-3
@@ -23,9 +23,9 @@ class Tool:
     tcp: Sequence[float]
 
     def check(self, name: str, at_open: Tool, wanted: float | None) -> None:
-        """Raise NotReady when the payload is not the one wanted (kg), or anything not as it was at `open`."""
+        """Raise WrongDevice when the payload is not the one wanted (kg), or anything not as it was at `open`."""
         if wanted is not None and self.payload is not None and abs(self.payload - wanted) > PAYLOAD_TOLERANCE:
-            raise NotReady(
+            raise WrongDevice(
                 name,
                 f"the payload is set to {self.payload:.3f} kg, needed {wanted:.3f} kg; set it in the installation at the "
                 "pendant, or correct payload in rig.yaml",
@@ -42,7 +42,7 @@ class Tool:
     @staticmethod
     def _demand(same: bool, name: str, what: str, now: str, then: str) -> None:
         if not same:
-            raise NotReady(
+            raise WrongDevice(
                 name,
                 f"the {what} is now {now}, needed as at open {then}; set it back at the pendant, or close and open the arm",
             )

@@ -121,7 +121,7 @@ def test_settings_that_an_earlier_program_left_are_written_at_open(
 def test_settings_that_only_a_person_may_change_are_refused(make: Make, address: int, left: int, message: str) -> None:
     spine, servo = make()
     servo.motor.put(address, left)
-    with pytest.raises(NotReady, match=message):
+    with pytest.raises(WrongDevice, match=message):
         spine.open()
     assert servo.motor.get(address) == left
 
@@ -133,7 +133,7 @@ def test_a_motion_left_over_ends_also_where_a_setting_is_refused(make: Make) -> 
     persistent(servo, 36, 200)
     other = DynamixelSpine("spine", Config(port=servo.port, metres_per_turn=0.1, timeout=1.0), servo.clock)
     spine._servo.close()  # the program has died
-    with pytest.raises(NotReady, match="PWM limit"):
+    with pytest.raises(WrongDevice, match="PWM limit"):
         other.open()
     assert servo.motor.length < 0.25
     assert servo.motor.get(GOAL) == pytest.approx(servo.motor.counts, abs=200)
@@ -145,7 +145,7 @@ def test_a_setting_that_another_host_changed_is_named_before_a_trial(make: Make,
     spine.open()
     spine.confirm_settings()
     servo.motor.put(address, value)
-    with pytest.raises(NotReady, match=rf"\(register {address}\) is {value}, needed \d+: .*; "):
+    with pytest.raises(WrongDevice, match=rf"\(register {address}\) is {value}, needed \d+: .*; "):
         spine.confirm_settings()
 
 

@@ -113,7 +113,7 @@ def test_settings_that_an_earlier_program_left_are_written_at_open_and_watched(
     assert held(spine, name, number) == needed
     spine.confirm_settings()
     left(module, name, number, value)
-    with pytest.raises(NotReady, match=rf"\({name} parameter {number}\) is {value}, needed {needed}: .*; open"):
+    with pytest.raises(WrongDevice, match=rf"\({name} parameter {number}\) is {value}, needed {needed}: .*; open"):
         spine.confirm_settings()
 
 
@@ -139,10 +139,10 @@ def test_settings_that_only_a_person_may_change_are_refused(make: Make, number: 
     spine, module = make()
     spine.open()
     module.drum.parameters[number] = value
-    with pytest.raises(NotReady, match=message):
+    with pytest.raises(WrongDevice, match=message):
         spine.confirm_settings()
     spine.close()
-    with pytest.raises(NotReady, match=message):
+    with pytest.raises(WrongDevice, match=message):
         spine.open()
     assert module.drum.parameters[number] == value
 
