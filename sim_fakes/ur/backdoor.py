@@ -106,7 +106,7 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
         case "dashboard":
             hub.dashboard_silent = bool(request["silent"])
         case "power":
-            controller.end_program("power switched")
+            controller.power(on=False)
             controller.robot_mode = RUNNING if request["on"] else POWER_OFF
         case "stuck":
             held = request["variables"]

@@ -19,8 +19,12 @@ from .script import ControlScript
 
 STOPPED, PLAYING = 1, 2
 """runtime_state"""
-POWER_OFF, IDLE, RUNNING = 3, 5, 7
+POWER_OFF, POWER_ON, IDLE, RUNNING = 3, 4, 5, 7
 """robot_mode"""
+POWERING, RELEASING = 4.0, 2.0
+"""s that the joints take to start, and the brakes to be released."""
+INSPECTED = 5.0
+"""s after a protective stop before which it cannot be unlocked."""
 NORMAL, REDUCED, PROTECTIVE_STOP, RECOVERY, SAFEGUARD_STOP = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
 SYSTEM_EMERGENCY_STOP, EMERGENCY_STOP = 1 << 5 | 1 << 7, 1 << 6 | 1 << 7
 VIOLATION, FAULT, THREE_POSITION_STOP = 1 << 8 | 1 << 10, 1 << 9 | 1 << 10, 1 << 10 | 1 << 11
@@ -75,6 +79,7 @@ class Controller:
     """kg"""
     payload_centre: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.05]))
     """m"""
+    operational_mode: str = "NONE"
     remote: bool = True
     """The pendant is in remote control; a CB3 has no such switch."""
     safety: int = NORMAL
@@ -101,6 +106,9 @@ class Controller:
         }
         self.out_int = [0] * variables.REGISTERS
         self.out_double = [0.0] * variables.REGISTERS
+        self._steps: list[tuple[float, int]] = []
+        """Times (s of its own clock) and the robot modes that begin then."""
+        self._stopped_at = -math.inf
         self._program: ControlScript | None = None
         self._watchdog: float | None = None
         self._starving = 0.0
@@ -114,6 +122,8 @@ class Controller:
             return
         dt = self.period * self.speed
         self.t += dt * self.skew
+        while self._steps and self._steps[0][0] <= self.t:
+            self.robot_mode = self._steps.pop(0)[1]
         try:
             if self._program is not None and not self._program.cycle(dt * self.slider):
                 self.end_program("stopped by the client")
@@ -149,7 +159,7 @@ class Controller:
     # -- safety and program
     def protective_stop(self, reason: str) -> None:
         """The safety system stops the arm; the program is gone."""
-        self.safety = PROTECTIVE_STOP
+        self.safety, self._stopped_at = PROTECTIVE_STOP, self.t
         self.end_program(f"protective stop: {reason}")
 
     def safeguard_stop(self) -> None:
@@ -159,19 +169,46 @@ class Controller:
 
     def emergency_stop(self) -> None:
         """Somebody pressed the button: power is cut."""
-        self.safety, self.robot_mode = EMERGENCY_STOP, POWER_OFF
-        self.end_program("emergency stop")
+        self.safety_stop("ROBOT_EMERGENCY_STOP")
 
     def safety_stop(self, name: str) -> None:
         """Any state of the safety system, by the dashboard's name. Raises KeyError."""
         self.safety = {words: bits for bits, (_, words) in SAFETY_MODE.items()}[name]
         if self.safety in WITHOUT_POWER:
+            self._steps.clear()
             self.robot_mode = POWER_OFF
         if self.safety not in (NORMAL, REDUCED):
             self.end_program(name.lower().replace("_", " "))
 
+    def power(self, on: bool, release: bool = False) -> bool:
+        """Switch the joints on, which takes seconds, or off; `release` the brakes too. False where safety forbids it."""
+        self._steps.clear()
+        if not on:
+            self.end_program("powered off")
+            self.robot_mode = POWER_OFF
+            return True
+        if self.safety not in (NORMAL, REDUCED):
+            return False
+        at = self.t
+        if self.robot_mode in (POWER_OFF, POWER_ON):
+            at += POWERING
+            self.robot_mode = POWER_ON
+            self._steps.append((at, IDLE))
+        if release and self.robot_mode != RUNNING:
+            self._steps.append((at + RELEASING, RUNNING))
+        return True
+
+    def unlock(self) -> bool:
+        """Enable the arm again after a protective stop; False where nobody can have looked at it yet."""
+        if self.safety == PROTECTIVE_STOP and self.t - self._stopped_at < INSPECTED:
+            return False
+        if self.safety == PROTECTIVE_STOP:
+            self.clear()
+        return True
+
     def clear(self) -> None:
         """Somebody at the pendant has cleared the stop, powered on and released the brakes."""
+        self._steps.clear()
         self.safety, self.robot_mode = NORMAL, RUNNING
 
     def load(self, text: str) -> None:
@@ -245,6 +282,8 @@ class Controller:
             return self.out_int[int(name.rsplit("_", 1)[1])]
         if name.startswith("output_double_register_"):
             return self.out_double[int(name.rsplit("_", 1)[1])]
+        if name in self.inputs and name.startswith("input_"):
+            return self.inputs[name]
         if name in variables.CONSTANT:
             return variables.CONSTANT[name]
         vector = self._vectors(name)
