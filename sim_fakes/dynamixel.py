@@ -1,7 +1,7 @@
 """Fake Dynamixel X servo (Protocol 2.0) that winds the spine's cord on a drum.
 
-Stricter than the device: registers are read and written whole, undefined addresses are refused, EEPROM is locked while
-torque is on, values are checked against their ranges.
+Stricter than the device: registers are written whole, EEPROM is locked while torque is on, values are checked against
+their ranges. Its firmware is old: a bus watchdog that trips forgets the homing offset and moves the shaft by it.
 
 Faults by name in `faults.extra`:
 - "stuck" (bool): the shaft does not turn and draws no current, as with a broken gear.
@@ -25,6 +25,13 @@ from .punctual import Silence
 
 HEADER = b"\xff\xff\xfd\x00"
 PING, READ, WRITE, REBOOT, STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
+SYNC_READ, SYNC_WRITE, BULK_READ, BULK_WRITE = 0x82, 0x83, 0x92, 0x93
+BROADCAST, LAST_ID = 254, 252
+PROTOCOL = 2
+ANSWER_READS, ANSWER_ALL = 1, 2
+"""Status return levels from which on reads and everything else are answered; a ping always is."""
+TABLE_END = 662
+"""First address beyond the control table; what is undefined inside reads as 0."""
 INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = 2, 3, 4, 5, 6, 7
 ALERT = 0x80
 OVERLOAD = 1 << 5
@@ -39,7 +46,12 @@ NO_LOAD_SPEED = 46.0
 FRICTION = 25.0
 """Raw current that turning alone takes."""
 STIFFNESS = 0.9
-"""Raw current per count of position error."""
+"""Raw current per count of position error, at the position P gain that it has from the factory,"""
+P_GAIN = 900
+STALL_CURRENT = 2.3 / AMPERE
+"""Raw current of the blocked motor at the full supply voltage,"""
+FULL_PWM = 885
+"""which is this PWM."""
 LAG = 0.02
 """Time by which the shaft follows its trajectory, s."""
 STEP = 0.005
@@ -61,11 +73,13 @@ class Register:
 REGISTERS = {
     0: Register(2), 2: Register(4), 6: Register(1), 7: Register(1, 0, 252), 8: Register(1, 0, 7),
     9: Register(1, 0, 254), 10: Register(1, 0, 13), 11: Register(1, 0, 16),
-    20: Register(4, -1044479, 1044479), 24: Register(4, 0, 1023),
+    12: Register(1, 0, 255), 13: Register(1, 1, 2), 20: Register(4, -1044479, 1044479), 24: Register(4, 0, 1023),
     31: Register(1, 0, 100), 32: Register(2, 95, 160), 34: Register(2, 95, 160), 36: Register(2, 0, 885),
     38: Register(2, 0, 1193), 44: Register(4, 0, 1023), 48: Register(4, 0, 4095), 52: Register(4, 0, 4095),
-    63: Register(1, 0, 255), 64: Register(1, 0, 1), 65: Register(1, 0, 1), 68: Register(1, 0, 2), 69: Register(1),
-    70: Register(1), 98: Register(1, 0, 127), 100: Register(2, -885, 885), 102: Register(2, -1193, 1193),
+    60: Register(1, 0, 3), 63: Register(1, 0, 255), 64: Register(1, 0, 1), 65: Register(1, 0, 1), 68: Register(1, 0, 2),
+    69: Register(1), 70: Register(1), 76: Register(2, 0, 16383), 78: Register(2, 0, 16383), 80: Register(2, 0, 16383),
+    82: Register(2, 0, 16383), 84: Register(2, 0, 16383), 88: Register(2, 0, 16383), 90: Register(2, 0, 16383),
+    98: Register(1, 0, 127), 100: Register(2, -885, 885), 102: Register(2, -1193, 1193),
     104: Register(4, -1023, 1023), 108: Register(4, 0, 32767), 112: Register(4, 0, 32767),
     116: Register(4, -1048575, 1048575), 120: Register(2), 122: Register(1), 123: Register(1), 124: Register(2),
     126: Register(2), 128: Register(4), 132: Register(4), 136: Register(4), 140: Register(4), 144: Register(2),
@@ -116,18 +130,18 @@ class DrumMotor(Device):
         self.stuck = False
         self._counts_per_metre = direction * COUNTS / metres_per_turn
         self._offset = 1234 - round(start_length * self._counts_per_metre)
+        self.table = bytearray(TABLE_END)
         self._trajectory = float(self.counts)
         self._overloaded_for = 0.0
         self._tick = 0.0
         self.silence = Silence()
-        self.table = bytearray(147)
         self._defaults(model)
         plant.spine_drive = start_length
 
     @property
     def counts(self) -> int:
-        """Present position as the encoder counts it."""
-        return self._offset + round(self.length * self._counts_per_metre)
+        """Present position: what the encoder counts, and the homing offset."""
+        return self._offset + round(self.length * self._counts_per_metre) + self.get(20)
 
     def place(self, counts: int) -> None:
         """Back door: let the encoder count from somewhere else (standing still)."""
@@ -150,18 +164,24 @@ class DrumMotor(Device):
             self._trajectory = float(self.counts)
         if address == 11:
             self.put(102, self.get(38))
+        if address == 20:
+            self._hold()
 
     def fail(self, bits: int) -> None:
-        """Set hardware error bits; the shutdown drops the torque."""
+        """Set hardware error bits; those that the shutdown names drop the torque."""
         self.put(70, self.get(70) | bits)
-        self.put(64, 0)
+        if bits & self.table[63]:
+            self.put(64, 0)
 
     def restart(self) -> None:
         """Volatile registers back to their start values; the encoder knows the angle within a turn only."""
         self._offset -= self.counts // COUNTS * COUNTS
         for address in (64, 70, 98, 104, 108, 112):
             self.put(address, 0)
-        self.put(100, 885)
+        self.put(64, self.table[60] & 1)
+        self.put(68, 2)
+        self.put(84, P_GAIN)
+        self.put(100, self.get(36))
         self.put(102, self.get(38))
         self._overloaded_for = 0.0
         self._hold()
@@ -192,15 +212,17 @@ class DrumMotor(Device):
         profile = self.get(112) or round(NO_LOAD_SPEED / RPM)
         reach = min(profile * RPM, NO_LOAD_SPEED) / 60 * COUNTS * dt
         self._trajectory += min(max(self.get(116) - self._trajectory, -reach), reach)
-        position = self._offset + self.length * self._counts_per_metre
+        position = self._offset + self.length * self._counts_per_metre + self.get(20)
         error = self._trajectory - position
         fastest = NO_LOAD_SPEED / 60 * COUNTS
         velocity = min(max(error / LAG, -fastest), fastest)
         if not (self.stuck or self.plant.spine_blocked):
             moved = self.length + velocity * dt / self._counts_per_metre
             self.length = min(max(moved, 0.0), self.mechanical_length)
-        allowed = min(abs(self.get(102)), self.get(38))
-        push = 0.0 if self.stuck or abs(error) < 2 else STIFFNESS * error + (FRICTION if error > 0 else -FRICTION)
+        pwm = min(abs(self.get(100)), self.get(36))
+        allowed = min(abs(self.get(102)), self.get(38), STALL_CURRENT * pwm / FULL_PWM)
+        stiffness = STIFFNESS * self.get(84) / P_GAIN
+        push = 0.0 if self.stuck or abs(error) < 2 else stiffness * error + (FRICTION if error > 0 else -FRICTION)
         current = min(max(push, -allowed), allowed)
         self.put(126, round(current))
         self._overloaded_for = self._overloaded_for + dt if abs(current) >= OVERLOAD_CURRENT else 0.0
@@ -212,6 +234,7 @@ class DrumMotor(Device):
         if self.get(64) and 1 <= limit <= 127 and silent > 0.02 * limit:
             self.table[98] = 0xFF
             self._hold()
+            self.put(116, self.counts - self.get(20))
 
     def _hold(self) -> None:
         self.put(132, self.counts)
@@ -219,15 +242,16 @@ class DrumMotor(Device):
         self._trajectory = float(self.counts)
 
     def _defaults(self, model: int) -> None:
-        factory = {0: model, 6: 45, 7: 1, 8: 1, 9: 250, 11: 3, 24: 10, 31: 80, 32: 160, 34: 95, 36: 885, 38: 1193,
-                   44: 200, 48: 4095, 63: 52, 68: 2, 100: 885, 102: 1193, 144: 120, 146: 31}  # fmt: skip
+        factory = {0: model, 6: 45, 7: 1, 8: 1, 9: 250, 11: 3, 12: 255, 13: 2, 24: 10, 31: 80, 32: 160, 34: 95,
+                   36: FULL_PWM, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: P_GAIN,
+                   100: FULL_PWM, 102: 1193, 144: 120, 146: 31}  # fmt: skip
         for address, value in factory.items():
             self.put(address, value)
         self._hold()
 
 
 class DynamixelFake(PtyFake):
-    """The servo's wire: Protocol 2.0 packets for one id; other ids meet silence."""
+    """The servo's wire: Protocol 2.0 packets for its id, its secondary id and everybody; other ids meet silence."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
         "wrong_id": ("wrong_id", True),
@@ -286,34 +310,80 @@ class DynamixelFake(PtyFake):
             return False
         packet, self.buffer = packet[:end], packet[end:]
         self.requests.append(packet)
-        if packet[4] != self.motor.table[7]:
+        table = self.motor.table
+        receiver, own = packet[4], packet[4] == table[7]
+        secondary = receiver == table[12] and receiver <= LAST_ID
+        if table[13] != PROTOCOL or not (own or secondary or receiver == BROADCAST):
             return True
         if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
-            self._status(CRC_ERROR)
+            if own:
+                self._status(CRC_ERROR)
             return True
         self.motor.silence.heard()
         body = unstuffed(packet[7:-2])
-        self._answer(body[0], body[1:])
+        if receiver == BROADCAST:
+            self._answer_broadcast(body[0], body[1:])
+        else:
+            self._answer(body[0], body[1:], own)
         return True
 
     def _number(self, fault: str) -> int:
         value = self.faults.extra.get(fault)
         return value if isinstance(value, int) else 0
 
-    def _answer(self, instruction: int, params: bytes) -> None:
+    def _answer(self, instruction: int, params: bytes, own: bool) -> None:
+        """`own`: by its own id; nothing is said to its secondary one."""
+        level = self.motor.table[68] if own else -1
         if instruction == PING and not params:
-            self._status(0, bytes(self.motor.table[0:2]) + bytes(self.motor.table[6:7]))
+            if own:
+                self._status(0, bytes(self.motor.table[0:2]) + bytes(self.motor.table[6:7]))
         elif instruction == READ and len(params) == 4:
-            address, size = struct.unpack("<HH", params)
-            error = 0 if self._registers(address, size) else ACCESS_ERROR
-            self._status(error, bytes(self.motor.table[address : address + size]) if not error else b"")
+            if level >= ANSWER_READS:
+                self._tell(*struct.unpack("<HH", params))
         elif instruction == WRITE and len(params) > 2:
-            self._status(self._write(int.from_bytes(params[:2], "little"), params[2:]))
+            error = self._write(int.from_bytes(params[:2], "little"), params[2:])
+            if level >= ANSWER_ALL:
+                self._status(error)
         elif instruction == REBOOT and not params:
-            self._status(0)
+            if level >= ANSWER_ALL:
+                self._status(0)
             self.motor.restart()
-        else:
+        elif level >= ANSWER_ALL:
             self._status(INSTRUCTION_ERROR)
+
+    def _answer_broadcast(self, instruction: int, params: bytes) -> None:
+        """Only a ping and what asks for it by its id is answered."""
+        me, reads = self.motor.table[7], self.motor.table[68] >= ANSWER_READS
+        if instruction == PING and not params:
+            self._answer(PING, params, True)
+        elif instruction in (WRITE, REBOOT):
+            self._answer(instruction, params, False)
+        elif instruction == SYNC_READ and len(params) > 4:
+            if reads and me in params[4:]:
+                self._tell(*struct.unpack("<HH", params[:4]))
+        elif instruction == BULK_READ and params and len(params) % 5 == 0:
+            for i in range(0, len(params), 5):
+                if reads and params[i] == me:
+                    self._tell(*struct.unpack("<HH", params[i + 1 : i + 5]))
+        elif instruction == SYNC_WRITE and len(params) > 4:
+            address, size = struct.unpack("<HH", params[:4])
+            for i in range(4, len(params) - size, size + 1):
+                if params[i] == me:
+                    self._write(address, params[i + 1 : i + 1 + size])
+        elif instruction == BULK_WRITE:
+            i = 0
+            while i + 5 <= len(params):
+                address, size = struct.unpack("<HH", params[i + 1 : i + 5])
+                if params[i] == me and i + 5 + size <= len(params):
+                    self._write(address, params[i + 5 : i + 5 + size])
+                i += 5 + size
+
+    def _tell(self, address: int, size: int) -> None:
+        """Send what stands there, undefined addresses as 0."""
+        if size < 1 or address + size > TABLE_END:
+            self._status(ACCESS_ERROR)
+        else:
+            self._status(0, bytes(self.motor.table[address : address + size]))
 
     def _registers(self, address: int, size: int) -> list[int]:
         """Addresses of the whole registers that fill this range exactly; empty when something in it is undefined."""

@@ -25,13 +25,21 @@ from .pty_fake import Device, PtyFake
 from .punctual import Silence
 
 FRAME = struct.Struct(">BBBBi")
-MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 3, 4, 5, 6, 9, 10, 13, 136
+ROR, ROL, MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 9, 10, 13, 136
+STAP, RSAP, STOP_PROGRAM, RUN_PROGRAM = 7, 8, 128, 129
+ABSOLUTE, RELATIVE = 0, 1
+"""Types of MVP."""
 OK, CHECKSUM, COMMAND, TYPE, VALUE = 100, 1, 2, 3, 4
 TARGET, ACTUAL, TARGET_SPEED, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 2, 3, 4, 5
+MAX_CURRENT, STANDBY_CURRENT = 6, 7
 REACHED, HOME_SWITCH, RIGHT_SWITCH, LEFT_SWITCH = 8, 9, 10, 11
+RIGHT_OFF, LEFT_OFF, DECELERATION, SOFT_STOP = 12, 13, 17, 26
+RESOLUTION, RAMP_DIVISOR, PULSE_DIVISOR, FULLSTEPS, FREEWHEELING = 140, 153, 154, 202, 204
+STEP_DIRECTION, UNITS = 254, 255
 SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
 ERRORS, DRIVER, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
 SERIAL_ADDRESS, HEARTBEAT, HOST_ADDRESS, TICK_TIMER = 66, 68, 76, 132
+AUTO_START, SECONDARY_ADDRESS, PROGRAM = 77, 87, 128
 DEVIATED = 2
 STANDSTILL = 1 << 7
 MICROSTEPS = 51200
@@ -43,9 +51,16 @@ GAP_TIME = 0.05
 WRITABLE = {
     TARGET: (-(2**31), 2**31 - 1), ACTUAL: (-(2**31), 2**31 - 1), MAX_SPEED: (0, FASTEST), ACCELERATION: (0, FASTEST),
     SEARCH_MODE: (1, 255), SEARCH_SPEED: (0, FASTEST), SWITCH_SPEED: (0, FASTEST), ENCODER: (-(2**31), 2**31 - 1),
-    MAX_DEVIATION: (0, 2**31 - 1),
+    MAX_DEVIATION: (0, 2**31 - 1), MAX_CURRENT: (0, 255), STANDBY_CURRENT: (0, 255), RIGHT_OFF: (0, 1), LEFT_OFF: (0, 1),
+    DECELERATION: (0, FASTEST), SOFT_STOP: (0, 1), RESOLUTION: (0, 8), RAMP_DIVISOR: (0, 13), PULSE_DIVISOR: (0, 13),
+    FULLSTEPS: (1, 65535), FREEWHEELING: (0, 3), STEP_DIRECTION: (0, 5), UNITS: (0, 1),
 }  # fmt: skip
-START = {MAX_SPEED: 51200, ACCELERATION: 51200, SEARCH_MODE: 1, SEARCH_SPEED: 1000, SWITCH_SPEED: 100, MAX_DEVIATION: 0}
+START = {
+    MAX_SPEED: 51200, ACCELERATION: 51200, SEARCH_MODE: 1, SEARCH_SPEED: 1000, SWITCH_SPEED: 100, MAX_DEVIATION: 0,
+    MAX_CURRENT: 128, STANDBY_CURRENT: 8, RIGHT_OFF: 0, LEFT_OFF: 0, DECELERATION: 51200, SOFT_STOP: 0, RESOLUTION: 8,
+    RAMP_DIVISOR: 7, PULSE_DIVISOR: 3, FULLSTEPS: 200, FREEWHEELING: 0, STEP_DIRECTION: 0, UNITS: 1,
+}  # fmt: skip
+"""As it comes from the factory; what was stored replaces these at every start."""
 
 FAR_AWAY = 20_000_000
 """Counts by which the encoder jumps as a fault."""
@@ -63,6 +78,12 @@ class StepperDrum(Device):
         self.mechanical_length = mechanical_length
         self.stuck = False
         self.no_switch = False
+        self.stored: dict[int, int] = {}
+        """Axis parameters that outlast a power cut."""
+        self.auto_start = False
+        """Whether the stored program starts with the module; it turns the motor for ever."""
+        self.program = False
+        """Whether that program runs."""
         self.parameters = dict(START)
         self.errors = 0
         self.searching = False
@@ -77,6 +98,8 @@ class StepperDrum(Device):
         self.steps = 0.0
         self.target = 0.0
         self._moving = False
+        self._rotation = 0.0
+        """Speed of a motion without a target, microsteps/s."""
         self.speed = 0.0
         plant.spine_drive = start_length
 
@@ -94,24 +117,43 @@ class StepperDrum(Device):
         """Whether the switch at the retracted end is closed."""
         return self.length <= 0 and not self.no_switch
 
+    @property
+    def _stopped_by_switch(self) -> bool:
+        """Whether it is closed and may stop the motor."""
+        return self.at_switch and not self.parameters[LEFT_OFF if self._direction > 0 else RIGHT_OFF]
+
     def go(self, target: float) -> None:
         """Start moving to a position, microsteps."""
         self.target = target
         self._moving = True
+        self._rotation = 0.0
+
+    def rotate(self, speed: float) -> None:
+        """Turn at a speed, microsteps/s, until something stops it."""
+        self.searching = self._moving = False
+        self._rotation = speed
+
+    def run(self) -> None:
+        """Start the stored program."""
+        self.program = True
+        self.rotate(self._direction * self.parameters[MAX_SPEED])
 
     def halt(self) -> None:
         """Stop; also ends a search."""
         self._moving = self.searching = False
-        self.speed = 0.0
+        self._rotation = self.speed = 0.0
 
     def restart(self) -> None:
         """Everything volatile back to its start value."""
         self.halt()
-        self.parameters = dict(START)
+        self.program = False
+        self.parameters = START | self.stored
         self.errors = 0
         self.heartbeat = self.ticks = 0.0
         self.steps = self.target = 0.0
         self.set_encoder(0)
+        if self.auto_start:
+            self.run()
 
     def process(self, dt: float) -> None:
         """Advance by dt seconds of rig time; the heartbeat looks at host time."""
@@ -135,13 +177,15 @@ class StepperDrum(Device):
             reach = self.parameters[MAX_SPEED] * dt
             self.steps += min(max(self.target - self.steps, -reach), reach)
             self._moving = self.steps != self.target
+        else:
+            self.steps += self._rotation * dt
         moved = self.steps - before
-        if self.at_switch and moved * self._direction < 0:
+        if self._stopped_by_switch and moved * self._direction < 0:
             self.steps = before
             moved = 0.0
             self.halt()
         self.speed = moved / dt
-        if not (self.stuck or self.plant.spine_blocked):
+        if not (self.stuck or self.plant.spine_blocked or self.parameters[MAX_CURRENT] == 0):
             self.length = min(max(self.length + moved / self._per_metre, 0.0), self.mechanical_length)
         limit = self.parameters[MAX_DEVIATION]
         if limit and abs(self.steps - self.encoder) > limit:
@@ -151,7 +195,7 @@ class StepperDrum(Device):
     def _home_reached(self) -> bool:
         """At the switch that the search mode names, steps and encoder start from 0."""
         right = bool(self.parameters[SEARCH_MODE] & 64)
-        if not self.at_switch or right != (self._direction < 0):
+        if not self._stopped_by_switch or right != (self._direction < 0):
             return False
         self.halt()
         self.steps = self.target = 0.0
@@ -187,6 +231,8 @@ class TmclFake(PtyFake):
         self.drum = StepperDrum(plant, metres_per_turn, direction, start_length, mechanical_length)
         self.module = module
         self.address, self.host = address, host
+        self.secondary_address = 0
+        """Another address that it obeys; 0 for none."""
         self._heard = time.monotonic()
 
     def process(self, dt: float) -> None:
@@ -220,7 +266,7 @@ class TmclFake(PtyFake):
         frame, self.buffer = self.buffer[:9], self.buffer[9:]
         self.requests.append(frame)
         address, command, kind, motor, value = FRAME.unpack(frame[:8])
-        if address != self.address:
+        if address != self.address and (address != self.secondary_address or not address):
             return True
         self.drum.silence.heard()
         nak = self.faults.extra.get("nak")
@@ -250,8 +296,20 @@ class TmclFake(PtyFake):
             return VALUE, value
         if command == MST:
             drum.halt()
-        elif command == MVP and kind == 0:
+        elif command == MVP and kind == ABSOLUTE:
             drum.go(value)
+        elif command == MVP and kind == RELATIVE:
+            drum.go(drum.target + value)
+        elif command in (ROR, ROL):
+            drum.rotate(value if command == ROR else -value)
+        elif command in (STOP_PROGRAM, RUN_PROGRAM):
+            drum.program = False
+            if command == RUN_PROGRAM:
+                drum.run()
+        elif command in (STAP, RSAP) and kind in drum.parameters:
+            if command == STAP:
+                drum.stored[kind] = drum.parameters[kind]
+            drum.parameters[kind] = (START | drum.stored)[kind]
         elif command == SAP:
             return self._set(kind, value)
         elif command == GAP:
@@ -262,22 +320,34 @@ class TmclFake(PtyFake):
             drum.halt()
             drum.searching = kind == 0
         else:
-            return (TYPE if command in (MVP, RFS, VERSION) else COMMAND), value
+            return (TYPE if command in (MVP, RFS, VERSION, STAP, RSAP) else COMMAND), value
         return OK, value
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
-        fixed = {SERIAL_ADDRESS: self.address, HOST_ADDRESS: self.host}
-        if bank != 0 or kind not in (HEARTBEAT, TICK_TIMER, *fixed):
+        drum = self.drum
+        held = {
+            SERIAL_ADDRESS: self.address,
+            HOST_ADDRESS: self.host,
+            HEARTBEAT: round(1000 * drum.heartbeat),
+            TICK_TIMER: int(drum.ticks) & 0x7FFFFFFF,
+            AUTO_START: int(drum.auto_start),
+            SECONDARY_ADDRESS: self.secondary_address,
+            PROGRAM: int(drum.program),
+        }
+        if bank != 0 or kind not in held:
             return TYPE, value
-        if kind == TICK_TIMER:
-            if command == SGP:
-                self.drum.ticks = float(value)
-            return OK, int(self.drum.ticks) & 0x7FFFFFFF
         if command == GGP:
-            return OK, fixed.get(kind, round(1000 * self.drum.heartbeat))
-        if kind != HEARTBEAT or not 0 <= value <= 65535:
+            return OK, held[kind]
+        if kind == TICK_TIMER:
+            drum.ticks = float(value)
+        elif kind == HEARTBEAT and 0 <= value <= 65535:
+            drum.heartbeat = value / 1000
+        elif kind == AUTO_START and value in (0, 1):
+            drum.auto_start = bool(value)
+        elif kind == SECONDARY_ADDRESS and 0 <= value <= 255:
+            self.secondary_address = value
+        else:
             return VALUE, value
-        self.drum.heartbeat = value / 1000
         return OK, value
 
     def _set(self, kind: int, value: int) -> tuple[int, int]:

@@ -56,6 +56,11 @@ class Register(NamedTuple):
     signed: bool = False
 
 
+STATUS_RETURN_LEVEL = Register(68, 1)
+ANSWER_ALL = 2
+"""Its value at which the servo answers every instruction; at 1 it answers reads and pings, at 0 only pings."""
+
+
 class _Port(PortHandler):  # type: ignore[misc]
     """The SDK's port with a time-out of our own (s), monotonic time, waits instead of spinning, and one owner."""
 
@@ -122,8 +127,25 @@ class Servo:
                 port.closePort()
 
     def ping(self) -> int:
-        """The model number. Raises `NoReply` when nobody with this id answers."""
+        """The model number. Raises `NoReply` when nobody with this id answers.
+
+        A servo whose status return level has it answer less than everything is set to answer everything.
+        """
+        with self._guarded() as port:
+            if self._behind and not self._catch_up(port):
+                port.is_using = False
+                _, result, _ = self._packets.ping(port, self.id)
+                if result != COMM_SUCCESS:
+                    raise self._no_reply("ping", result)
+                self._answer_all(port)
+            elif self.read(STATUS_RETURN_LEVEL) != ANSWER_ALL:
+                self._answer_all(port)
         return self._exchange("ping", lambda port: self._packets.ping(port, self.id))
+
+    def _answer_all(self, port: _Port) -> None:
+        """Set the status return level, for which no answer can be expected."""
+        self._packets.write1ByteTxOnly(port, self.id, STATUS_RETURN_LEVEL.address, ANSWER_ALL)
+        self._behind = True
 
     def read(self, register: Register) -> int:
         """Value of a register, signed where it is defined so."""
@@ -175,20 +197,28 @@ class Servo:
                 self._behind = True
                 time.sleep(self._timeout)
                 port.clearPort()
-        where = f"id {self.id} on {self._path} at {self.baud} Bd"
+        where = self._where
         if result == COMM_RX_CORRUPT:
             raise BadReply(
                 self.name, f"damaged answer from {where} to a {what}, {attempts} times; check cable and baud rate"
             )
         if result != COMM_SUCCESS:
-            reason = self._packets.getTxRxResult(result)
-            raise NoReply(
-                self.name, f"no answer from {where} to a {what} ({reason}); check the servo's power, id and baud rate"
-            )
+            raise self._no_reply(what, result)
         self.alert = bool(error & ALERT)
         if refusal := error & ~ALERT:
             raise BadReply(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
         return value  # type: ignore[return-value]
+
+    @property
+    def _where(self) -> str:
+        return f"id {self.id} on {self._path} at {self.baud} Bd"
+
+    def _no_reply(self, what: str, result: int) -> NoReply:
+        return NoReply(
+            self.name,
+            f"no answer from {self._where} to a {what} ({self._packets.getTxRxResult(result)}); check the servo's power, id, "
+            "baud rate and protocol (2.0, register 13)",
+        )
 
     def _catch_up(self, port: _Port) -> bool:
         """Throw away what comes late; True once the answer to the question asked last has come."""

@@ -28,7 +28,7 @@ from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoRe
 from ..interfaces import Clock, Identity, SpineSample
 from ..spec import Driver
 from ..stall import StallWatch
-from . import table
+from . import settings, table
 from .bus import Servo
 
 RESTARTED = "the servo has restarted (power failure?) and lost its position; check its supply, then home()"
@@ -107,9 +107,10 @@ class DynamixelSpine:
         self._lost = False
 
     def open(self) -> Identity:
-        """Connect, check the model, set mode and watchdog; a motion left over from before is stopped.
+        """Connect, check the model and its settings, set the watchdog; a motion left over from before is stopped.
 
-        Raises `Unreachable` when nobody answers, `WrongDevice` for a servo without current-based position mode.
+        Raises `Unreachable` when nobody answers, `WrongDevice` for a servo without current-based position mode and for a
+        setting that only a person may change, `LimitExceeded` for a current limit below `current_limit`.
         """
         with self._lock:
             if not self._servo.is_open:
@@ -122,6 +123,12 @@ class DynamixelSpine:
             except BaseException:
                 self._servo.close()
                 raise
+
+    def confirm_settings(self) -> None:
+        """Ask for the settings once more. Raises `WrongDevice` or `LimitExceeded` when another host has changed one."""
+        with self._lock:
+            self._check_current_limit()
+            settings.confirm(self._servo)
 
     def close(self) -> None:
         """Stop, release the torque if so configured, disconnect; the watchdog goes off, as holding is meant to last."""
@@ -248,28 +255,28 @@ class DynamixelSpine:
             )
         name, self._ampere = table.MODELS[model]
         firmware = self._servo.read(table.FIRMWARE)
+        self._arm_watchdog()  # clears a trip, which locks some of the settings
+        self._end_motion()  # before anything is refused
+        settings.apply(self._servo)
+        self._check_current_limit()
+        return Identity("ROBOTIS", name, firmware=str(firmware))
+
+    def _end_motion(self) -> None:
+        """Hold, or let go in a mode in which the servo cannot hold."""
+        if self._servo.read(table.TORQUE):
+            if self._servo.read(table.OPERATING_MODE) == table.CURRENT_BASED_POSITION:
+                self._set_goal(self._servo.read(table.PRESENT_POSITION), self._config.max_speed)
+            else:
+                self._servo.write(table.TORQUE, 0)
+
+    def _check_current_limit(self) -> None:
         allowed = self._servo.read(table.CURRENT_LIMIT) * self._ampere
         if self._config.current_limit > allowed:
             raise LimitExceeded(
                 self.name,
-                f"current_limit {self._config.current_limit} A is above the {allowed:.2f} A the servo allows (register "
-                "38); lower it in rig.yaml",
+                f"current_limit {self._config.current_limit} A is above the {allowed:.2f} A that the servo allows (current "
+                "limit, register 38); lower it in rig.yaml",
             )
-        self._apply_modes()
-        self._arm_watchdog()
-        if self._servo.read(table.TORQUE):
-            self._set_goal(self._servo.read(table.PRESENT_POSITION), self._config.max_speed)
-        return Identity("ROBOTIS", name, firmware=str(firmware))
-
-    def _apply_modes(self) -> None:
-        """Modes live in EEPROM, which the servo locks while torque is on; written only when they differ."""
-        for register, value in (
-            (table.OPERATING_MODE, table.CURRENT_BASED_POSITION),
-            (table.DRIVE_MODE, table.PLAIN_DRIVE),
-        ):
-            if self._servo.read(register) != value:
-                self._servo.write(table.TORQUE, 0)
-                self._servo.write(register, value)
 
     def _arm_watchdog(self) -> None:
         """Clear a trip (0 does it) and set the time anew."""
@@ -333,7 +340,7 @@ class DynamixelSpine:
                 self.name,
                 f"hardware error persists after a restart: {table.hardware_errors(bits)}; check supply and motor",
             )
-        self._apply_modes()
+        settings.apply(self._servo)
         self._lost = False
 
     # -- judging what was read

@@ -9,11 +9,21 @@ from .bus import Register
 FIRMWARE = Register(6, 1)
 DRIVE_MODE = Register(10, 1)
 OPERATING_MODE = Register(11, 1)
+SECONDARY_ID = Register(12, 1)
+HOMING_OFFSET = Register(20, 4, signed=True)
+PWM_LIMIT = Register(36, 2)
 CURRENT_LIMIT = Register(38, 2)
+STARTUP = Register(60, 1)
+SHUTDOWN = Register(63, 1)
+EEPROM_END = 64
+"""First address of what is not kept without power."""
 TORQUE = Register(64, 1)
 HARDWARE_ERROR = Register(70, 1)
+POSITION_P_GAIN = Register(84, 2)
 WATCHDOG = Register(98, 1)
+GOAL_PWM = Register(100, 2, signed=True)
 GOAL_CURRENT = Register(102, 2, signed=True)
+PROFILE_ACCELERATION = Register(108, 4)
 PROFILE_AND_GOAL = struct.Struct("<Ii")
 PROFILE_VELOCITY = 112
 """Followed at once by the goal position: both are written and read back with one instruction."""

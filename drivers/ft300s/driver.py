@@ -23,6 +23,7 @@ from ..errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, Stal
 from ..interfaces import Clock, Identity, Sink, Vector6, WrenchSample
 from ..serial_line import SerialLine, show
 from ..spec import Driver
+from .rest import AXES, unrest
 from .stream import PERIOD, FrameParser, GapCounter
 
 BAUD = 19200
@@ -38,7 +39,6 @@ FIRST_FRAME_WITHIN = 1.0
 """s from the start of the stream to its first frame."""
 # pymodbus logs each failure that it also raises; without a handler of its own that would end on the console
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
-AXES = (("fx", "N"), ("fy", "N"), ("fz", "N"), ("mx", "N m"), ("my", "N m"), ("mz", "N m"))
 
 
 class Config(ForceConfig):
@@ -138,7 +138,8 @@ class FT300S:
     def zero(self, samples: int) -> Vector6:
         """Average the next `samples` raw readings and subtract them from now on; returns the new zero (N, N m).
 
-        Raises `StaleReading` when they do not come within twice their time plus one second.
+        Raises `StaleReading` when they do not come within twice their time plus one second, `NotReady` when force or moment
+        changes meanwhile by more than the sensor's noise; the zero stays as it was then.
         """
         if samples < 1:
             raise LimitExceeded(self.name, f"a zero from {samples} samples; give 1 or more, 100 take one second")
@@ -158,7 +159,14 @@ class FT300S:
                     f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; check power and "
                     "cable, then open the sensor again",
                 )
-            mean = [sum(axis) / samples for axis in zip(*readings[:samples], strict=True)]
+            taken = readings[:samples]
+            if change := unrest(taken):
+                raise NotReady(
+                    self.name,
+                    f"no zero taken, because the load changed meanwhile: {change}, in {samples * PERIOD:g} s; let the tool "
+                    "hang free and still, wait until the sensor has warmed up, then take the zero again",
+                )
+            mean = [sum(axis) / samples for axis in zip(*taken, strict=True)]
             self._zero = (mean[0], mean[1], mean[2], mean[3], mean[4], mean[5])
             return self._zero
 

@@ -110,6 +110,14 @@ class Axis:
         """Set a parameter of the module (bank 0)."""
         self._send(TMCLCommand.SGP, parameter, value, bank=0)
 
+    def get_global(self, parameter: int) -> int:
+        """Parameter of the module (bank 0)."""
+        return self._send(TMCLCommand.GGP, parameter, 0, bank=0)
+
+    def stop_program(self) -> None:
+        """Stop the program that is stored in the module."""
+        self._send(TMCLCommand.STOP_APPLICATION, 0, 0)
+
     def set_tick(self) -> None:
         """Give the tick timer a new value; from now on `restarted` knows."""
         self._tick = random.randrange(FIRST_TICK, LAST_TICK)

@@ -27,6 +27,7 @@ from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, SpineSample
 from ..spec import Driver
+from . import settings
 from .bus import Axis
 
 MODULE = 1260
@@ -34,8 +35,6 @@ RESTARTED = "the module has restarted (power failure?) and lost its position; ch
 TARGET_POSITION, ACTUAL_POSITION, ACTUAL_SPEED, MAX_SPEED = 0, 1, 3, 4
 SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
 ERROR_FLAGS, DRIVER_STATUS, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
-HEARTBEAT = 68
-"""Global parameter: ms of silence on the serial line after which the motor stops; 0 = never."""
 SEARCH_LEFT_SWITCH, SEARCH_RIGHT_SWITCH = 1, 65
 STALLED, DEVIATED = 1, 2
 """Bits of ERROR_FLAGS; some firmware clears them when they are read, hence the latch here."""
@@ -94,9 +93,10 @@ class TmclSpine:
         self._fault = ""
 
     def open(self) -> Identity:
-        """Connect, check the module, switch deviation stop and heartbeat on; a motion left over is stopped.
+        """Connect, check module and settings, switch deviation stop and heartbeat on; a motion left over is stopped.
 
-        Raises `Unreachable` when nobody answers, `WrongDevice` for another module.
+        Raises `Unreachable` when nobody answers, `WrongDevice` for another module and for a setting that only a person may
+        change.
         """
         with self._lock:
             if not self._axis.is_open:
@@ -112,6 +112,11 @@ class TmclSpine:
             except InstrumentError:
                 self._axis.close()
                 raise
+
+    def confirm_settings(self) -> None:
+        """Ask for the settings once more. Raises `WrongDevice` when another host has changed one."""
+        with self._lock:
+            settings.confirm(self._axis, self._needs)
 
     def close(self) -> None:
         """Stop and disconnect; the motor holds with its standby current."""
@@ -218,6 +223,16 @@ class TmclSpine:
         return self._config.direction * microsteps / self._per_metre
 
     # -- talking to the module
+    @property
+    def _needs(self) -> settings.Needs:
+        config = self._config
+        return settings.Needs(
+            self._microsteps(config.max_speed),
+            config.microsteps_per_turn,
+            config.direction > 0,
+            round(1000 * config.heartbeat) if config.heartbeat else None,
+        )
+
     def _meet(self) -> Identity:
         module, firmware = self._axis.version()
         if module != MODULE:
@@ -226,8 +241,10 @@ class TmclSpine:
                 f"module {self._config.address} on {self._config.port} is a TMCM-{module}; this driver supports the "
                 f"TMCM-{MODULE} only",
             )
-        self._prepare()
         self._axis.stop()
+        settings.apply(self._axis, self._needs)
+        self._prepare()
+        self._axis.stop()  # a stored program may have moved it until now
         self._follow_encoder()
         return Identity("Trinamic", f"TMCM-{module}", firmware=firmware)
 
@@ -235,8 +252,8 @@ class TmclSpine:
         """What a restarted module has forgotten."""
         self._axis.put(MAX_DEVIATION, self._microsteps(self._config.max_deviation))
         self._axis.set_tick()
-        if self._config.heartbeat:
-            self._axis.put_global(HEARTBEAT, round(1000 * self._config.heartbeat))
+        if self._needs.heartbeat is not None:
+            self._axis.put_global(settings.HEARTBEAT, self._needs.heartbeat)
         self._axis.get(ERROR_FLAGS)  # clears what was flagged before
 
     def _follow_encoder(self) -> None:

@@ -24,20 +24,20 @@ from . import motion as ur5_motion
 from . import wire as ur5_wire
 from .control import ControlThread
 from .motion import Deadline
+from .safety import stop_text
 from .state import Config as StateConfig
 from .state import UR5State
+from .tool import Tool, millimetres, same_pose
 
 RUNNING = 7
 """robot_mode of an arm that is powered with its brakes released."""
-PROTECTIVE_STOP, SAFEGUARD_STOP = 1 << 2, 1 << 4
-EMERGENCY_STOP = 1 << 5 | 1 << 6 | 1 << 7
-SAFETY_FAULT = 1 << 8 | 1 << 9 | 1 << 10
-"""Bits of safety_status_bits: violation, fault, stopped due to safety."""
 STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
 """m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
 STILL_SAMPLES = 3
 DEADLINE_FACTOR = 2.0
-"""A motion may take this many times as long as computed: the speed slider may stand at 50 %."""
+"""A motion may take this many times as long as computed."""
+LEAST_SLIDER = 1 / DEADLINE_FACTOR
+"""The speed slider (0..1) at which motions still end in time."""
 STOP_ALLOWANCE = 0.2
 """s the arm may take to stop beyond speed/deceleration."""
 STATE_LAG = 0.1
@@ -68,6 +68,8 @@ class Config(ArmConfig):
     """and how near in orientation."""
     tcp: Vector6 | None = None
     """TCP in the flange frame (m, rotation vector rad), set at `open`; when not given, the pendant's setting holds."""
+    payload: float | None = Field(None, ge=0, le=20, json_schema_extra={"unit": "kg"})
+    """Mass at the flange that the pendant must be set to; when not given, any mass that stays as it was at `open`."""
     watchdog_frequency: float = Field(5.0, ge=2.0, le=50.0, json_schema_extra={"unit": "Hz"})
     """The controller ends the motion when it hears from this driver less often, host time."""
     timeout: float = Field(1.0, ge=0.2, le=10, json_schema_extra={"unit": "s"})
@@ -102,11 +104,14 @@ class UR5:
         self._state = UR5State(name, state, clock, lambda sample: None)
         self._control: ControlThread | None = None
         self._move: _Move | None = None
+        self._tool: Tool | None = None
+        """What the controller took to be at the flange at `open`."""
 
     def open(self) -> Identity:
-        """Connect, check arm and state, take control, start the watchdog.
+        """Connect, check arm and state, take control, check the pendant's settings, start the watchdog.
 
-        Raises Unreachable, WrongDevice, DeviceFault (stopped), NotReady (powered off, local mode, another in control).
+        Raises Unreachable, WrongDevice (also for another payload), DeviceFault (stopped), NotReady (powered off, local mode,
+        another in control, speed slider too low).
         """
         if self._control is not None and self._control.alive:
             raise NotReady(
@@ -114,18 +119,16 @@ class UR5:
             )
         config = self.config
         seen = ur5_wire.snapshot(self.name, config.host, config.timeout)
-        identity = ur5_wire.identify(self.name, config.host, config.timeout)
+        identity = ur5_wire.identify(self.name, config.host, config.timeout, seen)
         self._check_identity(identity)
-        self._check_safety(seen.safety_bits)
-        if seen.robot_mode != RUNNING:
-            raise NotReady(
-                self.name, f"robot mode {seen.robot_mode}; power the arm on at the pendant and release its brakes"
-            )
+        self._check_ready(seen)
         try:
             self._state.open()
             self._control = ControlThread(self.name, config.host, config.timeout)
             self._control.start()
             self._set_tcp(self._control)
+            self._tool = None
+            self.confirm_settings()
             if not self._control.watch(config.watchdog_frequency):
                 raise BadReply(self.name, "the controller refused the watchdog; see the log on the pendant")
             self._await_program(self._control)
@@ -133,6 +136,27 @@ class UR5:
             self.close()
             raise
         return identity
+
+    def confirm_settings(self) -> None:
+        """Ask the controller what the pendant can change: remote control, speed slider, payload, TCP, safety state.
+
+        Raises WrongDevice when payload or TCP are not as at `open` or as rig.yaml has them, NotReady or DeviceFault for what a
+        person sets right without opening the arm again.
+        """
+        control = self._opened()
+        seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
+        self._check_ready(seen)
+        if not ur5_wire.in_remote_control(self.name, self.config.host, self.config.timeout, seen):
+            raise NotReady(self.name, "the pendant is in local mode, needed: remote control; switch it there")
+        if seen.speed_slider < LEAST_SLIDER:
+            raise NotReady(
+                self.name,
+                f"the speed slider is at {seen.speed_slider:.0%}, needed at least {LEAST_SLIDER:.0%}: motions would not end in "
+                "time; set it to 100 % at the pendant",
+            )
+        found = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
+        self._tool = self._tool or found
+        found.check(self.name, self._tool, self.config.payload)
 
     def close(self) -> None:
         """Stop the arm, end the program, disconnect. Bounded in time also when the controller is gone."""
@@ -154,12 +178,16 @@ class UR5:
         control = self._opened()
         here = self._healthy(control).tcp_pose
         ur5_motion.check_step(self.name, self.config, here, goal)
+        if self._state.speed_slider <= 0:
+            raise NotReady(
+                self.name, "the speed slider is at 0 %: the arm would not move; set it to 100 % at the pendant"
+            )
         if self._move is not None and self.moving():
             raise NotReady(self.name, "still moving; wait until moving() is False, or call stop()")
         before = control.operation().number
         if not control.call(lambda library: library.moveL(list(goal), speed, acceleration, True)):
             self._raise_cause(control)
-            raise BadReply(self.name, f"the controller refused {_millimetres(goal)}; see the log on the pendant")
+            raise BadReply(self.name, f"the controller refused {millimetres(goal)}; see the log on the pendant")
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
         self._move = _Move(goal, self._started(control, before), deadline)
@@ -196,7 +224,7 @@ class UR5:
             self._move = None
             raise DeviceFault(
                 self.name,
-                f"motion ended {off * 1e3:.2f} mm and {turned:.4f} rad from its target {_millimetres(move.goal)}, "
+                f"motion ended {off * 1e3:.2f} mm and {turned:.4f} rad from its target {millimetres(move.goal)}, "
                 f"tolerance {self.config.position_tolerance * 1e3:g} mm and {self.config.turn_tolerance:g} rad; "
                 "was the arm stopped or pushed?",
             )
@@ -210,7 +238,7 @@ class UR5:
         control = self._opened()
         sample = self._fresh(control)
         self._move = None
-        if sample.program_running and not self._fault(sample.safety_bits):
+        if sample.program_running and not self._stopped(sample.safety_bits):
             # Asynchronous, because only then does the program decelerate along the straight line.
             control.call(lambda library: library.stopL(self.config.stop_deceleration, True))
         travel = self.config.max_speed / self.config.stop_deceleration + STOP_ALLOWANCE
@@ -260,22 +288,18 @@ class UR5:
                     f"{what} at {self.config.host} is {found!r}, not {wanted!r}; check address and configuration",
                 )
 
-    def _fault(self, bits: int) -> str:
-        """What the safety bits say, and what to do; empty when there is no fault."""
-        if bits & EMERGENCY_STOP:
-            return "emergency stop; make the rig safe, release the button, power on, then close and open the arm again"
-        if bits & PROTECTIVE_STOP:
-            return "protective stop; clear what was hit, enable the robot at the pendant, close and open the arm"
-        if bits & SAFEGUARD_STOP:
-            return "safeguard stop; close the guard and reset it, then close and open the arm"
-        if bits & SAFETY_FAULT:
-            return f"safety fault (bits {bits:#x}); see the log on the pendant, restart the controller"
-        return ""
+    def _stopped(self, bits: int) -> str:
+        """The stop that the newest state shows, and its remedy; empty when there is none."""
+        return stop_text(bits, self._state.safety_mode)
 
-    def _check_safety(self, bits: int) -> None:
-        fault = self._fault(bits)
-        if fault:
-            raise DeviceFault(self.name, fault)
+    def _check_ready(self, seen: ur5_wire.Snapshot) -> None:
+        """Raises DeviceFault for a stop, NotReady for an arm without power or with its brakes on."""
+        if stop := stop_text(seen.safety_bits, seen.safety_mode):
+            raise DeviceFault(self.name, stop)
+        if seen.robot_mode != RUNNING:
+            raise NotReady(
+                self.name, f"robot mode {seen.robot_mode}; power the arm on at the pendant and release its brakes"
+            )
 
     def _fresh(self, control: ControlThread) -> ArmSample:
         """The newest state; NoReply when there is none, or when the connection was lost, which no program survives."""
@@ -289,9 +313,9 @@ class UR5:
     def _healthy(self, control: ControlThread) -> ArmSample:
         """The newest state, of an arm that can go on moving."""
         sample = self._fresh(control)
-        if self._fault(sample.safety_bits):
+        if stop := self._stopped(sample.safety_bits):
             self._move = None
-        self._check_safety(sample.safety_bits)
+            raise DeviceFault(self.name, stop)
         if not sample.program_running:
             self._move = None
             raise DeviceFault(
@@ -322,7 +346,7 @@ class UR5:
         if not control.call(lambda library: library.setTcp(list(tcp))):
             raise BadReply(self.name, f"the controller refused the TCP {tcp}; see the log on the pendant")
         found = control.call(lambda library: library.getTCPOffset())
-        if ur5_motion.distance_between(found, tcp) > 1e-6 or ur5_motion.turn_between(found, tcp) > 1e-6:
+        if not same_pose(found, tcp):
             raise BadReply(self.name, f"TCP read back as {found} instead of {tcp}; see the log on the pendant")
 
     def _started(self, control: ControlThread, before: int) -> int:
@@ -338,12 +362,13 @@ class UR5:
         return number
 
     def _take_too_long(self, move: _Move) -> None:
+        slider = self._state.speed_slider
         with contextlib.suppress(DeviceFault):
             self.stop()
         raise DeviceFault(
             self.name,
-            f"motion to {_millimetres(move.goal)} not finished after {move.deadline.rig_allowed:.1f} s and was stopped; "
-            "is the speed slider at 100 %?",
+            f"motion to {millimetres(move.goal)} not finished after {move.deadline.rig_allowed:.1f} s and was stopped; the "
+            f"speed slider is at {slider:.0%}, set it to 100 % at the pendant",
         )
 
 
@@ -354,10 +379,6 @@ def _still(sample: ArmSample) -> bool:
 def _slow(speed: Vector6) -> bool:
     """A number that is none is not slow."""
     return all(abs(v) < STILL_SPEED for v in speed[:3]) and all(abs(v) < STILL_TURNING for v in speed[3:])
-
-
-def _millimetres(pose: Vector6) -> str:
-    return "(" + ", ".join(f"{x * 1e3:.1f}" for x in pose[:3]) + ") mm"
 
 
 def _state(name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> UR5State:

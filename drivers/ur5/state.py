@@ -18,7 +18,16 @@ from ..errors import BadReply, InstrumentError, NotReady, StaleReading, Unreacha
 from ..interfaces import ArmSample, Clock, Identity, Sink, Vector6
 from . import wire as ur5_wire
 
-VARIABLES = ["timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_speed", "safety_status_bits", "robot_status_bits"]
+VARIABLES = [
+    "timestamp",
+    "actual_q",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "safety_status_bits",
+    "safety_mode",
+    "robot_status_bits",
+    "target_speed_fraction",
+]
 PROGRAM_RUNNING = 1 << 1
 """Bit of robot_status_bits."""
 RETRY_INTERVAL = 0.5
@@ -89,6 +98,10 @@ class UR5State:
         self._identity: Identity | None = None
         self._counter = CycleCounter()
         self._newest: tuple[float, ArmSample] | None = None
+        self.safety_mode = 0
+        """As RTDE defines it, of the newest sample; some stops show here only."""
+        self.speed_slider = 1.0
+        """0..1, of the newest sample."""
         self._receive: Any = None
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
@@ -105,8 +118,8 @@ class UR5State:
             if self._identity is not None and not self._stopping.is_set():
                 return self._identity
             raise NotReady(self.name, "the library has not released the last connection; restart the program")
-        ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
-        identity = ur5_wire.identify(self.name, self.config.host, self.config.timeout)
+        seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
+        identity = ur5_wire.identify(self.name, self.config.host, self.config.timeout, seen)
         try:
             self._receive = rtde_receive.RTDEReceiveInterface(self.config.host, -1.0, VARIABLES)
         except RuntimeError as error:
@@ -168,6 +181,7 @@ class UR5State:
             stamp: float = receive.getTimestamp()
             joints, pose, speed = receive.getActualQ(), receive.getActualTCPPose(), receive.getActualTCPSpeed()
             safety, status = receive.getSafetyStatusBits(), receive.getRobotStatus()
+            mode, slider = receive.getSafetyMode(), receive.getTargetSpeedFraction()
             if receive.getTimestamp() == stamp:
                 break  # otherwise the next package came in between
         sample = ArmSample(
@@ -180,6 +194,7 @@ class UR5State:
             program_running=bool(status & PROGRAM_RUNNING),
         )
         self.lost += self._counter.add(stamp)
+        self.safety_mode, self.speed_slider = int(mode), float(slider)
         self._newest = time.monotonic(), sample
         self._first.set()
         self._sink(sample)

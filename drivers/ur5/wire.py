@@ -1,4 +1,4 @@
-"""First questions to a Universal Robots controller, on throw-away sockets with time-outs of their own.
+"""Questions to a Universal Robots controller on throw-away sockets with time-outs of their own.
 
 The constructors of ur_rtde wait for the controller without a time-out and hold the interpreter's lock meanwhile; so who
 answers, and whether it streams at all, is found out here first. Its dashboard client also asks no CB3 for its serial
@@ -10,28 +10,47 @@ from __future__ import annotations
 import re
 import socket
 import struct
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
-from ..errors import Unreachable, WrongDevice
-from ..interfaces import Identity, Vector6
+from ..errors import InstrumentError, Unreachable, WrongDevice
+from ..interfaces import Identity, Vector3, Vector6
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
 _VERSION, _CONTROLLER, _OUTPUTS, _START, _TEXT, _DATA = b"VvOSMU"
 _RATE = 10.0
 """Hz, of the one package that is waited for."""
 _HEADER = struct.Struct(">HB")
-_FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I", "VECTOR6D": "6d"}
+_FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I", "VECTOR6D": "6d", "VECTOR3D": "3d"}
+_ASKED = ("robot_mode", "safety_status_bits", "safety_mode", "target_speed_fraction", "actual_TCP_speed")
+_PAYLOAD = ("payload", "payload_cog")
+"""Offered since PolyScope 3.11 and 5.5.1."""
+POLYSCOPE_X = 10
+"""First major version without a dashboard server."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What the controller said of itself: PolyScope version, robot mode and safety bits as RTDE defines them, and the
-    speed of the TCP (m/s, rad/s)."""
+    """What the controller said of itself: PolyScope version, and as RTDE defines them robot mode, safety bits and mode."""
 
     version: tuple[int, int, int, int]
     robot_mode: int
     safety_bits: int
+    safety_mode: int
+    speed_slider: float
+    """0..1"""
     tcp_speed: Vector6
+    """m/s, rad/s"""
+    payload: float | None = None
+    """kg; None where this version does not tell."""
+    centre_of_gravity: Vector3 | None = None
+    """Of the payload in the flange frame, m."""
+
+    @property
+    def polyscope(self) -> str:
+        """The version in words."""
+        return f"PolyScope {'X ' if self.version[0] >= POLYSCOPE_X else ''}{'.'.join(map(str, self.version[:3]))}"
 
 
 def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
@@ -50,16 +69,20 @@ def snapshot(name: str, host: str, timeout: float) -> Snapshot:
 
     `timeout` is for each answer, s of host time. Raises Unreachable, WrongDevice.
     """
-    names = ("robot_mode", "safety_status_bits", "actual_TCP_speed")
     with connect(name, host, RTDE_PORT, timeout) as line:
         rtde = _Rtde(name, f"{host}:{RTDE_PORT}", line)
         if rtde.ask(_VERSION, struct.pack(">H", 2), 1) != b"\x01":
             raise WrongDevice(name, f"{host}:{RTDE_PORT} refuses RTDE version 2; PolyScope 3.4 or newer is needed")
         version = struct.unpack(">4I", rtde.ask(_CONTROLLER, b"", 16))
-        types = rtde.ask(_OUTPUTS, struct.pack(">d", _RATE) + ",".join(names).encode())[1:].decode("ascii", "replace")
-        kinds = types.split(",")
+        names: tuple[str, ...] = _ASKED + _PAYLOAD
+        kinds = rtde.subscribe(names)
+        if len(kinds) == len(names) and "NOT_FOUND" in kinds[len(_ASKED) :]:
+            names = _ASKED
+            kinds = rtde.subscribe(names)
         if len(kinds) != len(names) or not set(kinds) <= set(_FORMATS):
-            raise WrongDevice(name, f"{host}:{RTDE_PORT} does not offer {', '.join(names)} (it says {types!r})")
+            raise WrongDevice(
+                name, f"{host}:{RTDE_PORT} does not offer {', '.join(names)} (it says {','.join(kinds)!r})"
+            )
         if rtde.ask(_START, b"", 1) != b"\x01":
             raise WrongDevice(name, f"{host}:{RTDE_PORT} does not start its stream; restart the controller")
         layout, data = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in kinds)), rtde.receive(_DATA)
@@ -68,8 +91,17 @@ def snapshot(name: str, host: str, timeout: float) -> Snapshot:
                 name, f"{host}:{RTDE_PORT} sends {len(data)} bytes of data instead of {layout.size}; check the line"
             )
         values = layout.unpack(data)
-    speed = (values[3], values[4], values[5], values[6], values[7], values[8])
-    return Snapshot((version[0], version[1], version[2], version[3]), int(values[1]), int(values[2]), speed)
+    found = Snapshot(
+        (version[0], version[1], version[2], version[3]),
+        robot_mode=int(values[1]),
+        safety_bits=int(values[2]),
+        safety_mode=int(values[3]),
+        speed_slider=values[4],
+        tcp_speed=(values[5], values[6], values[7], values[8], values[9], values[10]),
+    )
+    if len(values) == 11:
+        return found
+    return replace(found, payload=values[11], centre_of_gravity=(values[12], values[13], values[14]))
 
 
 class _Rtde:
@@ -85,6 +117,11 @@ class _Rtde:
         if length is not None and len(answer) != length:
             raise self._wrong(f"an answer of {len(answer)} bytes instead of {length}")
         return answer
+
+    def subscribe(self, names: Sequence[str]) -> list[str]:
+        """Ask for output variables; returns their types, `NOT_FOUND` for what is not offered."""
+        answer = self.ask(_OUTPUTS, struct.pack(">d", _RATE) + ",".join(names).encode())
+        return answer[1:].decode("ascii", "replace").split(",")
 
     def receive(self, kind: int) -> bytes:
         """The next packet of a kind; text messages in between are skipped."""
@@ -118,13 +155,32 @@ class _Rtde:
         return WrongDevice(self.name, f"{self.where} is not an RTDE server: it sent {instead}; check the address")
 
 
-def identify(name: str, host: str, timeout: float) -> Identity:
+def identify(name: str, host: str, timeout: float, seen: Snapshot) -> Identity:
     """Ask the dashboard for model, serial number and PolyScope version; what this version cannot tell stays empty.
 
     `timeout` is for each answer, s of host time. Raises Unreachable, WrongDevice.
     """
+    with _dashboard(name, host, timeout, seen) as ask:
+        version = re.search(r"\d+\.\d+\.\d+(\.\d+)?", ask("PolyscopeVersion"))
+        model, serial = ask("get robot model"), ask("get serial number")
+    return Identity("Universal Robots", model, serial, version[0] if version else "")
+
+
+def in_remote_control(name: str, host: str, timeout: float, seen: Snapshot) -> bool:
+    """Whether the pendant lets other computers command the arm; also True where it has no such switch (CB3)."""
+    with _dashboard(name, host, timeout, seen) as ask:
+        return ask("is in remote control").lower() in ("true", "")
+
+
+@contextmanager
+def _dashboard(name: str, host: str, timeout: float, seen: Snapshot) -> Iterator[Callable[[str], str]]:
+    """How to ask the dashboard server one question; the answer is empty where it does not understand."""
     where = f"{host}:{DASHBOARD_PORT}"
-    with connect(name, host, DASHBOARD_PORT, timeout) as line, line.makefile("rb") as answers:
+    try:
+        line = connect(name, host, DASHBOARD_PORT, timeout)
+    except Unreachable as error:
+        raise _without_dashboard(name, where, seen) from error
+    with line, line.makefile("rb") as answers:
 
         def hear() -> str:
             try:
@@ -145,6 +201,19 @@ def identify(name: str, host: str, timeout: float) -> Identity:
         banner = hear()
         if "universal robots" not in banner.lower():
             raise WrongDevice(name, f"{where} greets with {banner!r} and not as a Universal Robots dashboard")
-        version = re.search(r"\d+\.\d+\.\d+(\.\d+)?", ask("PolyscopeVersion"))
-        model, serial = ask("get robot model"), ask("get serial number")
-    return Identity("Universal Robots", model, serial, version[0] if version else "")
+        yield ask
+
+
+def _without_dashboard(name: str, where: str, seen: Snapshot) -> InstrumentError:
+    """A controller that is on, and streams, but has no dashboard server or has it switched off."""
+    if seen.version[0] >= POLYSCOPE_X:
+        return WrongDevice(
+            name,
+            f"the arm is on, but runs {seen.polyscope}, which has no dashboard server at {where}: model and remote control "
+            "cannot be checked there; use an arm with PolyScope 3 or 5",
+        )
+    return Unreachable(
+        name,
+        f"the arm is on ({seen.polyscope}), but its dashboard server at {where} does not answer; enable it at the pendant "
+        "(Settings, Security, Services), and let the network pass that port",
+    )

@@ -70,6 +70,11 @@ class Hosted:
         """See UR5.standing."""
         return bool(self._ask("standing", (), CALL_WITHIN))
 
+    def confirm_settings(self) -> None:
+        """See `drivers.interfaces`; not every driver has it."""
+        if hasattr(self._outside, "confirm_settings"):
+            self._ask("confirm_settings", (), CALL_WITHIN)
+
     def glance(self) -> bool:
         """See UR5.glance."""
         return bool(self._outside.glance())

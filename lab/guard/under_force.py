@@ -104,6 +104,11 @@ class UnderForce:
         """See UR5.standing."""
         return bool(self._arm.standing())
 
+    def confirm_settings(self) -> None:
+        """See `drivers.interfaces`; not every driver has it."""
+        if (confirm := getattr(self._arm, "confirm_settings", None)) is not None:
+            confirm()
+
     def glance(self) -> bool:
         """See UR5.glance."""
         return bool(self._arm.glance())

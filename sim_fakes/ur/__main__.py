@@ -18,10 +18,10 @@ from .variables import Version
 
 
 def version(text: str) -> Version:
-    """Four numbers joined by dots; CB3 (3.x) or e-Series (5.x)."""
+    """Four numbers joined by dots; CB3 (3.x), e-Series (5.x) or PolyScope X (10.x)."""
     major, minor, bugfix, build = (int(part) for part in text.split("."))
-    if major not in (3, 5):
-        raise ValueError("major version 3 (CB3) or 5 (e-Series)")
+    if major not in (3, 5, 10):
+        raise ValueError("major version 3 (CB3), 5 (e-Series) or 10 (PolyScope X)")
     return major, minor, bugfix, build
 
 
@@ -56,6 +56,7 @@ def main() -> None:
         "--pose-to", type=address, metavar="HOST:PORT", help="send the TCP pose there by UDP each cycle"
     )
     parser.add_argument("--clock-start", type=float, help="host monotonic time (s) of rig time 0; now when not given")
+    parser.add_argument("--no-dashboard", action="store_true", help="the dashboard server is switched off")
     parser.add_argument("--seed", type=int, default=0, help="of the measurement noise")
     parser.add_argument("--die-with-parent", action="store_true", help="end when standard input closes")
     arguments = parser.parse_args()
@@ -64,7 +65,7 @@ def main() -> None:
     punctual()
     controller = Controller(arguments.version, arguments.speed, arguments.seed)
     start = time.monotonic() if arguments.clock_start is None else arguments.clock_start
-    server = Server(controller, arguments.host, start)
+    server = Server(controller, arguments.host, start, dashboard=not arguments.no_dashboard)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(server.run(arguments.backdoor, arguments.pose_to, lambda: print("ready", flush=True)))
 

@@ -2,9 +2,11 @@
 Unix socket, so that only its own user can reach it.
 
 Requests, `do` and its other keys:
-- state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1); forget (empties the logs)
+- state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1, payload [kg], payload_centre [m],
+  tcp [m, rotation vector]); forget (empties the logs)
 - protective_stop; emergency_stop; clear; power (on)
-- safeguard_stop (somebody opens the cell); serial (text)
+- safeguard_stop (somebody opens the cell); safety (name: any state, as the dashboard calls it); serial (text)
+- remote (on: the pendant is in remote control)
 - drop (cuts all connections); freeze (seconds, 0 ends it); dashboard (silent); halt (on: no cycle passes)
 - stuck (variables: names whose values stay, or a table of names and values)
 - lag (seconds); mangle (how: half, split, garbage, flip, replay or ""); skew (factor of the controller's own time)
@@ -79,6 +81,10 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
             controller.emergency_stop()
         case "safeguard_stop":
             controller.safeguard_stop()
+        case "safety":
+            controller.safety_stop(str(request["name"]))
+        case "remote":
+            controller.remote = bool(request["on"])
         case "serial":
             controller.serial = str(request["text"])
         case "halt":
@@ -100,7 +106,7 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
         case "dashboard":
             hub.dashboard_silent = bool(request["silent"])
         case "power":
-            controller.end_program("power switched")
+            controller.power(on=False)
             controller.robot_mode = RUNNING if request["on"] else POWER_OFF
         case "stuck":
             held = request["variables"]
@@ -114,11 +120,17 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
 
 
 def _set(controller: Controller, request: dict[str, Any]) -> None:
-    unknown = set(request) - {"do", "q", "pose", "wrench", "slider"}
+    unknown = set(request) - {"do", "q", "pose", "wrench", "slider", "payload", "payload_centre", "tcp"}
     if unknown:
         raise ValueError(f"unknown keys {sorted(unknown)}")
     if "slider" in request:
         controller.slider = min(1.0, max(0.0, float(request["slider"])))
+    if "payload" in request:
+        controller.payload = float(request["payload"])
+    if "payload_centre" in request:
+        controller.payload_centre = np.asarray(request["payload_centre"], float)
+    if "tcp" in request:
+        controller.arm.tool = pose_matrix(_six(request["tcp"]))
     if "wrench" in request:
         controller.wrench = _six(request["wrench"])
     if "q" in request or "pose" in request:

@@ -19,11 +19,30 @@ from .script import ControlScript
 
 STOPPED, PLAYING = 1, 2
 """runtime_state"""
-POWER_OFF, IDLE, RUNNING = 3, 5, 7
+POWER_OFF, POWER_ON, IDLE, RUNNING = 3, 4, 5, 7
 """robot_mode"""
-NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP, EMERGENCY_STOP = 1 << 0, 1 << 2, 1 << 4, 1 << 6 | 1 << 7
-"""safety_status_bits: normal; protective stop; safeguard stop; robot emergency stop and any emergency stop"""
-SAFETY_MODE = {NORMAL: 1, PROTECTIVE_STOP: 3, SAFEGUARD_STOP: 5, EMERGENCY_STOP: 7}
+POWERING, RELEASING = 4.0, 2.0
+"""s that the joints take to start, and the brakes to be released."""
+INSPECTED = 5.0
+"""s after a protective stop before which it cannot be unlocked."""
+NORMAL, REDUCED, PROTECTIVE_STOP, RECOVERY, SAFEGUARD_STOP = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
+SYSTEM_EMERGENCY_STOP, EMERGENCY_STOP = 1 << 5 | 1 << 7, 1 << 6 | 1 << 7
+VIOLATION, FAULT, THREE_POSITION_STOP = 1 << 8 | 1 << 10, 1 << 9 | 1 << 10, 1 << 10 | 1 << 11
+"""safety_status_bits; the emergency stops also show that there is any, the last three that the safety system stopped it."""
+SAFETY_MODE = {
+    NORMAL: (1, "NORMAL"),
+    REDUCED: (2, "REDUCED"),
+    PROTECTIVE_STOP: (3, "PROTECTIVE_STOP"),
+    RECOVERY: (4, "RECOVERY"),
+    SAFEGUARD_STOP: (5, "SAFEGUARD_STOP"),
+    SYSTEM_EMERGENCY_STOP: (6, "SYSTEM_EMERGENCY_STOP"),
+    EMERGENCY_STOP: (7, "ROBOT_EMERGENCY_STOP"),
+    VIOLATION: (8, "VIOLATION"),
+    FAULT: (9, "FAULT"),
+    THREE_POSITION_STOP: (13, "SYSTEM_THREE_POSITION_ENABLING_STOP"),
+}
+"""safety_status_bits -> safety_mode and the dashboard's name for it."""
+WITHOUT_POWER = (SYSTEM_EMERGENCY_STOP, EMERGENCY_STOP, VIOLATION, FAULT)
 
 ENCODER_NOISE = 1e-5
 """rad, standard deviation."""
@@ -56,6 +75,13 @@ class Controller:
     serial: str = "20183500000"
     wrench: Array = field(default_factory=lambda: np.zeros(6))
     slider: float = 1.0
+    payload: float = 0.8
+    """kg"""
+    payload_centre: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.05]))
+    """m"""
+    operational_mode: str = "NONE"
+    remote: bool = True
+    """The pendant is in remote control; a CB3 has no such switch."""
     safety: int = NORMAL
     robot_mode: int = RUNNING
     runtime: int = STOPPED
@@ -80,6 +106,9 @@ class Controller:
         }
         self.out_int = [0] * variables.REGISTERS
         self.out_double = [0.0] * variables.REGISTERS
+        self._steps: list[tuple[float, int]] = []
+        """Times (s of its own clock) and the robot modes that begin then."""
+        self._stopped_at = -math.inf
         self._program: ControlScript | None = None
         self._watchdog: float | None = None
         self._starving = 0.0
@@ -93,6 +122,8 @@ class Controller:
             return
         dt = self.period * self.speed
         self.t += dt * self.skew
+        while self._steps and self._steps[0][0] <= self.t:
+            self.robot_mode = self._steps.pop(0)[1]
         try:
             if self._program is not None and not self._program.cycle(dt * self.slider):
                 self.end_program("stopped by the client")
@@ -128,7 +159,7 @@ class Controller:
     # -- safety and program
     def protective_stop(self, reason: str) -> None:
         """The safety system stops the arm; the program is gone."""
-        self.safety = PROTECTIVE_STOP
+        self.safety, self._stopped_at = PROTECTIVE_STOP, self.t
         self.end_program(f"protective stop: {reason}")
 
     def safeguard_stop(self) -> None:
@@ -138,11 +169,46 @@ class Controller:
 
     def emergency_stop(self) -> None:
         """Somebody pressed the button: power is cut."""
-        self.safety, self.robot_mode = EMERGENCY_STOP, POWER_OFF
-        self.end_program("emergency stop")
+        self.safety_stop("ROBOT_EMERGENCY_STOP")
+
+    def safety_stop(self, name: str) -> None:
+        """Any state of the safety system, by the dashboard's name. Raises KeyError."""
+        self.safety = {words: bits for bits, (_, words) in SAFETY_MODE.items()}[name]
+        if self.safety in WITHOUT_POWER:
+            self._steps.clear()
+            self.robot_mode = POWER_OFF
+        if self.safety not in (NORMAL, REDUCED):
+            self.end_program(name.lower().replace("_", " "))
+
+    def power(self, on: bool, release: bool = False) -> bool:
+        """Switch the joints on, which takes seconds, or off; `release` the brakes too. False where safety forbids it."""
+        self._steps.clear()
+        if not on:
+            self.end_program("powered off")
+            self.robot_mode = POWER_OFF
+            return True
+        if self.safety not in (NORMAL, REDUCED):
+            return False
+        at = self.t
+        if self.robot_mode in (POWER_OFF, POWER_ON):
+            at += POWERING
+            self.robot_mode = POWER_ON
+            self._steps.append((at, IDLE))
+        if release and self.robot_mode != RUNNING:
+            self._steps.append((at + RELEASING, RUNNING))
+        return True
+
+    def unlock(self) -> bool:
+        """Enable the arm again after a protective stop; False where nobody can have looked at it yet."""
+        if self.safety == PROTECTIVE_STOP and self.t - self._stopped_at < INSPECTED:
+            return False
+        if self.safety == PROTECTIVE_STOP:
+            self.clear()
+        return True
 
     def clear(self) -> None:
         """Somebody at the pendant has cleared the stop, powered on and released the brakes."""
+        self._steps.clear()
         self.safety, self.robot_mode = NORMAL, RUNNING
 
     def load(self, text: str) -> None:
@@ -151,8 +217,10 @@ class Controller:
             self.end_program("replaced by another program")
         function = _FUNCTION.match(text)
         name = function[1] if function else "?"
-        if self.safety != NORMAL or self.robot_mode != RUNNING:
+        if self.safety not in (NORMAL, REDUCED) or self.robot_mode != RUNNING:
             self.ended.append(f"{name} not started: the arm is not ready")
+        elif not self.remote:
+            self.ended.append(f"{name} not started: the pendant is in local mode")
         elif name != "rtde_control":
             self.ended.append(f"{name}: only the control script is understood")
         else:
@@ -189,6 +257,10 @@ class Controller:
         """End the program when input int 0 is written less often than `frequency` (Hz, host time)."""
         self._watchdog, self._starving = frequency, 0.0
 
+    def set_payload(self, mass: float, centre: Array) -> None:
+        """What is at the flange: kg, m."""
+        self.payload, self.payload_centre = mass, centre
+
     def note_command(self, name: str, values: list[float]) -> None:
         """Keep a command for the log."""
         self.commands.append(Command(self.t, name, values))
@@ -210,6 +282,8 @@ class Controller:
             return self.out_int[int(name.rsplit("_", 1)[1])]
         if name.startswith("output_double_register_"):
             return self.out_double[int(name.rsplit("_", 1)[1])]
+        if name in self.inputs and name.startswith("input_"):
+            return self.inputs[name]
         if name in variables.CONSTANT:
             return variables.CONSTANT[name]
         vector = self._vectors(name)
@@ -219,7 +293,9 @@ class Controller:
             "timestamp": self.t,
             "runtime_state": self.runtime,
             "robot_mode": self.robot_mode,
-            "safety_mode": SAFETY_MODE[self.safety],
+            "safety_mode": SAFETY_MODE[self.safety][0],
+            "safety_status": SAFETY_MODE[self.safety][0],
+            "payload": self.payload,
             "safety_status_bits": self.safety,
             "robot_status_bits": (self.robot_mode != POWER_OFF) | (self.runtime == PLAYING) << 1,
             "speed_scaling": self.slider,
@@ -242,6 +318,8 @@ class Controller:
                 return _measured(self._measured_tcp()[1])
             case "actual_TCP_force":
                 return _measured(self.wrench)
+            case "payload_cog":
+                return self.payload_centre
             case "target_q":
                 return self.arm.q
             case "target_qd":

@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-from .controller import (
-    EMERGENCY_STOP,
-    IDLE,
-    NORMAL,
-    PLAYING,
-    POWER_OFF,
-    PROTECTIVE_STOP,
-    RUNNING,
-    SAFEGUARD_STOP,
-    Controller,
-)
+from .controller import IDLE, NORMAL, PLAYING, POWER_OFF, POWER_ON, RUNNING, SAFETY_MODE, Controller
 from .wire import Connection
 
 PORT = 29999
 LONGEST_LINE = 1024
-_SAFETY = {
-    NORMAL: "NORMAL",
-    PROTECTIVE_STOP: "PROTECTIVE_STOP",
-    SAFEGUARD_STOP: "SAFEGUARD_STOP",
-    EMERGENCY_STOP: "ROBOT_EMERGENCY_STOP",
-}
-_MODE = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
+CB3 = 3
+ROLES = ("programmer", "operator", "none", "locked", "restricted")
+UNLOCKED_TOO_SOON = (
+    "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+)
+_MODE = {POWER_OFF: "POWER_OFF", POWER_ON: "POWER_ON", IDLE: "IDLE", RUNNING: "RUNNING"}
 _SINCE = {
     "get serial number": ((3, 12), (5, 6)),
     "get robot model": ((3, 12), (5, 6)),
     "is in remote control": ((9, 9), (5, 6)),
     "safetystatus": ((3, 11), (5, 4)),
+    "get operational mode": ((9, 9), (5, 6)),
+    "clear operational mode": ((9, 9), (5, 0)),
 }
 """The PolyScope versions (CB3, e-Series) a request came with, from memory of the maker's table."""
 
@@ -71,14 +62,18 @@ def answer(controller: Controller, request: str) -> str:
     told = {
         "polyscopeversion": "URSoftware {}.{}.{}.{} (Sep 05 2022)".format(*controller.version),
         "robotmode": f"Robotmode: {_MODE[controller.robot_mode]}",
-        "safetymode": f"Safetymode: {_SAFETY[controller.safety]}",
-        "safetystatus": f"Safetystatus: {_SAFETY[controller.safety]}",
+        "safetymode": f"Safetymode: {SAFETY_MODE[controller.safety][1]}",
+        "safetystatus": f"Safetystatus: {SAFETY_MODE[controller.safety][1]}",
         "running": f"Program running: {'true' if running else 'false'}",
         "programstate": "PLAYING rtde_control" if running else "STOPPED null",
         "get loaded program": "No program loaded",
         "get serial number": controller.serial,
         "get robot model": controller.model,
-        "is in remote control": "true",
+        "is in remote control": str(controller.remote).lower(),
+        "get operational mode": controller.operational_mode,
+        "isprogramsaved": "true null",
+        "getuserrole": "PROGRAMMER",
+        "generate flight report": "Flight Report generated with id: 0",
         "close popup": "closing popup",
         "close safety popup": "closing safety popup",
     }
@@ -86,22 +81,51 @@ def answer(controller: Controller, request: str) -> str:
 
 
 def _act(controller: Controller, request: str, key: str) -> str:
+    verb, _, rest = request.partition(" ")
     match key:
         case "stop":
+            if controller.runtime != PLAYING:
+                return "Failed to execute: stop"
             controller.end_program("stopped at the dashboard")
             return "Stopped"
+        case "play" | "pause":  # a program that came over a network has no file to be played from
+            return f"Failed to execute: {key}"
         case "unlock protective stop":
-            if controller.safety == PROTECTIVE_STOP:
-                controller.clear()
-            return "Protective stop releasing"
+            return "Protective stop releasing" if controller.unlock() else UNLOCKED_TOO_SOON
         case "power on":
-            controller.robot_mode = IDLE if controller.safety == NORMAL else controller.robot_mode
+            controller.power(on=True)
             return "Powering on"
-        case "power off":
-            controller.end_program("powered off")
-            controller.robot_mode = POWER_OFF
-            return "Powering off"
+        case "power off" | "shutdown":
+            controller.power(on=False)
+            return "Powering off" if key == "power off" else "Shutting down"
         case "brake release":
-            controller.robot_mode = RUNNING if controller.safety == NORMAL else controller.robot_mode
+            controller.power(on=True, release=True)
             return "Brake releasing"
+        case "restart safety":
+            controller.power(on=False)
+            controller.safety = NORMAL
+            return "Restarting safety"
+        case "clear operational mode":
+            controller.operational_mode = "NONE"
+            return "No longer controlling the operational mode. Current operational mode: 'NONE'."
+    return _with_argument(controller, request, verb.lower(), rest.strip())
+
+
+def _with_argument(controller: Controller, request: str, verb: str, rest: str) -> str:
+    """Requests that carry a text."""
+    if verb == "load" and rest:
+        kind, _, name = rest.partition(" ")
+        return f"File not found: {name.strip() if kind.lower() == 'installation' else rest}"
+    if verb == "popup":
+        return "showing popup"
+    if verb == "addtolog":
+        return "Added log message" if rest else "No log message to add"
+    if verb == "setuserrole":
+        return f"Setting user role: {rest.lower()}" if rest.lower() in ROLES else f"Failed setting user role: {rest}"
+    mode = rest.lower().removeprefix("operational mode ")
+    if verb == "set" and rest.lower().startswith("operational mode ") and controller.version[0] > CB3:
+        if mode not in ("manual", "automatic"):
+            return "Failed setting operational mode"
+        controller.operational_mode = mode.upper()
+        return f"Setting operational mode: {mode.upper()}"
     return f"could not understand: '{request}'"

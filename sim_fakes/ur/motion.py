@@ -62,7 +62,10 @@ class Arm:
         return inverse(self.geometry, target, self.q if start is None else start, self.tool)
 
     def place(self, q: Array, dt: float) -> None:
-        """Go to joint angles within dt (s); raises JointOverspeed."""
+        """Go to joint angles within dt (s), with the speed slider at 0 not at all; raises JointOverspeed."""
+        if dt == 0:
+            self.halt()
+            return
         speed = (q - self.q) / dt
         if float(np.max(np.abs(speed))) > JOINT_SPEED_LIMIT:
             raise JointOverspeed(f"joint speed {np.max(np.abs(speed)):.2f} rad/s above {JOINT_SPEED_LIMIT:.2f} rad/s")

@@ -52,6 +52,7 @@ class UrProcess:
         version: str = "3.15.8.106339",
         pose_to: tuple[str, int] | None = None,
         clock_start: float | None = None,
+        dashboard: bool = True,
         seed: int = 0,
     ) -> None:
         """Start and wait until it accepts clients. Raises RuntimeError when it does not within START_TIMEOUT."""
@@ -63,6 +64,8 @@ class UrProcess:
         command += ["--backdoor", str(self.door)]
         if pose_to is not None:
             command += ["--pose-to", f"{pose_to[0]}:{pose_to[1]}"]
+        if not dashboard:
+            command.append("--no-dashboard")
         if clock_start is not None:
             command += ["--clock-start", repr(clock_start)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)

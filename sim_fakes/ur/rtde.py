@@ -1,11 +1,12 @@
 """RTDE, port 30004: packets of u16 length (header included), u8 type and a body, big-endian.
 
-Protocol version 2 only. Stricter than the device: lengths, recipe ids, register ownership, the order of requests and
-the frequency are all checked, and every breach is noted.
+Protocol versions 1 (outputs at the full rate, no recipe numbers for them) and 2. Stricter than the device: lengths,
+recipe numbers, register ownership, the order of requests and the frequency are all checked, and every breach is noted.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 
@@ -15,6 +16,11 @@ from .wire import Connection, Hub
 PORT = 30004
 VERSION, CONTROLLER_VERSION, OUTPUTS, INPUTS, START, PAUSE, DATA = b"VvOISPU"
 LARGEST_PACKET = 4096
+LONGEST_NAMES = 2048
+"""Bytes of a list of names; a longer one is refused."""
+SLOWEST = 1.0
+"""Hz"""
+V1, V2 = 1, 2
 SPLIT_PAUSE = 0.003
 """s between the pieces of a package."""
 _BACKLOG = 200_000
@@ -23,11 +29,12 @@ _BACKLOG = 200_000
 
 @dataclass
 class Subscription:
-    """What one client is sent: names, package layout, and each how many cycles."""
+    """What one client is sent: names, package layout, and each how many cycles; `head` goes in front of the values."""
 
     names: list[str]
     layout: str
     every: int
+    head: tuple[int, ...]
     cycle: int = 0
 
 
@@ -44,9 +51,12 @@ class RtdeConnection(Connection):
 
     def __init__(self, hub: Hub) -> None:
         super().__init__(hub)
-        self.recipes: list[list[tuple[str, str]]] = []
+        self.recipes: list[list[tuple[str, str]] | None] = []
+        """Inputs in the order in which they were set up; None for one that was rejected, which keeps its number."""
         self.subscription: Subscription | None = None
-        self.started = self.negotiated = False
+        self.started = False
+        self.version = 0
+        """Of the protocol; 0 until it is agreed."""
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
@@ -62,7 +72,7 @@ class RtdeConnection(Connection):
         if len(self.buffer) < size:
             return False
         body, self.buffer = self.buffer[3:size], self.buffer[size:]
-        if not self.negotiated and kind != VERSION:
+        if not self.version and kind != VERSION:
             self._reject(f"packet {chr(kind)!r} before the protocol version was agreed")
             return False
         return self._answer(kind, body)
@@ -96,10 +106,13 @@ class RtdeConnection(Connection):
 
     def _answer(self, kind: int, body: bytes) -> bool:
         if kind == VERSION and len(body) == 2:
-            self.negotiated = struct.unpack(">H", body)[0] == 2
-            self._send(kind, bytes([self.negotiated]))
+            asked = struct.unpack(">H", body)[0]
+            self.version = asked if asked in (V1, V2) else self.version
+            self._send(kind, bytes([asked in (V1, V2)]))
         elif kind == CONTROLLER_VERSION and not body:
             self._send(kind, struct.pack(">4I", *self.hub.controller.version))
+        elif kind == OUTPUTS and self.version == V1 and body:
+            self._set_outputs(1 / self.hub.controller.period, body)
         elif kind == OUTPUTS and len(body) > 8:
             self._set_outputs(struct.unpack(">d", body[:8])[0], body[8:])
         elif kind == INPUTS and body:
@@ -122,13 +135,19 @@ class RtdeConnection(Connection):
         wanted = [name for name in names.decode("ascii", "replace").split(",") if name]
         types = [controller.outputs.get(name, "NOT_FOUND") for name in wanted]
         fastest = 1 / controller.period
-        accepted = "NOT_FOUND" not in types and 0 < frequency <= fastest
-        if not 0 < frequency <= fastest:
-            self.hub.violation(f"rtde: frequency {frequency:g} Hz, fastest is {fastest:g} Hz")
+        # not exactly: a division of rounded numbers may come out below a whole one
+        every = math.floor(fastest / frequency + 1e-9) if SLOWEST <= frequency <= fastest else 0
+        if not every:
+            self.hub.violation(f"rtde: frequency {frequency:g} Hz, possible are {SLOWEST:g} to {fastest:g} Hz")
+        if len(names) > LONGEST_NAMES:
+            self.hub.violation(f"rtde: {len(names)} bytes of names, at most {LONGEST_NAMES}")
+            every, types = 0, []
+        accepted = every > 0 and "NOT_FOUND" not in types
+        head = (1,) if self.version == V2 else ()
         if accepted:
-            layout = ">B" + "".join(variables.FORMAT[kind] for kind in types)
-            self.subscription = Subscription(wanted, layout, max(1, round(fastest / frequency)))
-        self._send(OUTPUTS, bytes([accepted]) + ",".join(types).encode())
+            layout = ">" + "B" * len(head) + "".join(variables.FORMAT[kind] for kind in types)
+            self.subscription = Subscription(wanted, layout, every, head)
+        self._send(OUTPUTS, bytes([accepted] * len(head)) + ",".join(types).encode())
 
     def _set_inputs(self, names: bytes) -> None:
         known = variables.inputs()
@@ -138,8 +157,11 @@ class RtdeConnection(Connection):
             "IN_USE" if self.hub.owner.get(name, self) is not self else kind
             for name, kind in zip(wanted, types, strict=True)
         ]
-        if {"NOT_FOUND", "IN_USE"} & set(types):
-            # A rejected recipe gets no number; what a real controller does is not known.
+        if len(names) > LONGEST_NAMES:
+            self.hub.violation(f"rtde: {len(names)} bytes of names, at most {LONGEST_NAMES}")
+            types = []
+        if not types or {"NOT_FOUND", "IN_USE"} & set(types):
+            self.recipes.append(None)
             self._send(INPUTS, b"\x00" + ",".join(types).encode())
             return
         self.hub.owner |= dict.fromkeys(wanted, self)
@@ -148,10 +170,10 @@ class RtdeConnection(Connection):
 
     def _write(self, number: int, body: bytes) -> None:
         """A data package: recipe number and values. A bad one is noted and ignored, as its sender cannot be told."""
-        if not 1 <= number <= len(self.recipes):
+        recipe = self.recipes[number - 1] if 1 <= number <= len(self.recipes) else None
+        if recipe is None:
             self.hub.violation(f"rtde: data for recipe {number} of {len(self.recipes)}")
             return
-        recipe = self.recipes[number - 1]
         layout = ">" + "".join(variables.FORMAT[kind] for _, kind in recipe)
         if struct.calcsize(layout) != len(body):
             self.hub.violation(f"rtde: recipe {number} with {len(body)} bytes instead of {struct.calcsize(layout)}")
@@ -176,4 +198,4 @@ class RtdeConnection(Connection):
                 value = self.hub.controller.value(name)
                 values[name] = value if isinstance(value, list) else [value]
             package += values[name]
-        self._send(DATA, struct.pack(want.layout, 1, *package))
+        self._send(DATA, struct.pack(want.layout, *want.head, *package))

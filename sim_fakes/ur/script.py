@@ -50,6 +50,9 @@ class Host(Protocol):
     def note_command(self, name: str, values: list[float]) -> None:
         """Keep a command for the log."""
 
+    def set_payload(self, mass: float, centre: Array) -> None:
+        """Take this mass (kg) and its centre (m) to be at the flange."""
+
 
 class ControlScript:
     """One run of the script, from its upload until it ends."""
@@ -191,6 +194,10 @@ class ControlScript:
             raise ProgramError("set_tcp while the arm moves")
         self.arm.tool = pose_matrix(self._vector())
 
+    def _set_payload(self, name: str) -> None:
+        self.host.note_command(name, self._vector(0, 4).tolist())
+        self.host.set_payload(self._double(0), self._vector(1, 3))
+
     def _watchdog(self, name: str) -> None:
         self.host.note_command(name, [self._double(0)])
         if not self._double(0) > 0:
@@ -209,7 +216,7 @@ class ControlScript:
         3: ("movel", _motion),
         4: ("movel_fk", _motion),
         8: ("zero_ftsensor", _accepted),
-        17: ("set_payload", _accepted),
+        17: ("set_payload", _set_payload),
         29: ("set_tcp", _set_tcp),
         30: ("get_inverse_kin", lambda s, name: s._answer(s._solve(s._vector(), name, s._vector(6)))),
         31: ("protective_stop", lambda s, name: s.host.protective_stop("asked for by the client")),

@@ -23,8 +23,10 @@ LONGEST_BACKLOG = 0.25
 class Server:
     """One controller on one loopback address."""
 
-    def __init__(self, controller: Controller, host: str, clock_start: float) -> None:
+    def __init__(self, controller: Controller, host: str, clock_start: float, dashboard: bool = True) -> None:
+        """`dashboard` False: that server is switched off; PolyScope X has none."""
         self.controller, self.host = controller, host
+        self.dashboard = dashboard and controller.version[0] < 10
         self.hub = Hub(controller)
         self.clock_start = clock_start
         """Host monotonic time (s) at which the rig's time was 0."""
@@ -33,7 +35,8 @@ class Server:
         """Listen on all ports and at the back door (a Unix socket), call `ready`, and run cycles for ever."""
         hub = self.hub
         await self._listen(rtde.PORT, lambda: rtde.RtdeConnection(hub))
-        await self._listen(dashboard.PORT, lambda: dashboard.DashboardConnection(hub))
+        if self.dashboard:
+            await self._listen(dashboard.PORT, lambda: dashboard.DashboardConnection(hub))
         for port in upload.PORTS:
             await self._listen(port, lambda: upload.UploadConnection(hub))
         own = Hub(self.controller)

@@ -6,7 +6,7 @@ Names and types as in the RTDE guide of Universal Robots; `outputs` decides what
 from __future__ import annotations
 
 DOUBLE, VECTOR6D, VECTOR3D = "DOUBLE", "VECTOR6D", "VECTOR3D"
-INT32, UINT32, UINT64, VECTOR6INT32, UINT8 = "INT32", "UINT32", "UINT64", "VECTOR6INT32", "UINT8"
+INT32, UINT32, UINT64, VECTOR6INT32, UINT8, BOOL = "INT32", "UINT32", "UINT64", "VECTOR6INT32", "UINT8", "BOOL"
 
 FORMAT = {
     DOUBLE: "d",
@@ -17,6 +17,7 @@ FORMAT = {
     UINT64: "Q",
     VECTOR6INT32: "6i",
     UINT8: "B",
+    BOOL: "?",
 }
 COUNT = {VECTOR6D: 6, VECTOR3D: 3, VECTOR6INT32: 6}
 """Values in one variable; 1 where absent."""
@@ -55,7 +56,28 @@ _DOUBLES = [
     "standard_analog_input1",
     "standard_analog_output0",
     "standard_analog_output1",
+    "io_current",
+    "euromap67_24V_voltage",
+    "euromap67_24V_current",
+    "tool_analog_input0",
+    "tool_analog_input1",
+    "tool_output_current",
+    "tool_temperature",
+    "tcp_force_scalar",
 ]
+_INTEGERS = {
+    "analog_io_types": UINT32,
+    "euromap67_input_bits": UINT32,
+    "euromap67_output_bits": UINT32,
+    "tool_mode": UINT32,
+    "tool_analog_input_types": UINT32,
+    "tool_output_voltage": INT32,
+    "output_bit_registers0_to_31": UINT32,
+    "output_bit_registers32_to_63": UINT32,
+    "input_bit_registers0_to_31": UINT32,
+    "input_bit_registers32_to_63": UINT32,
+}
+"""With the above all that the maker's example of a recording asks for; what nobody here moves is sent as 0."""
 
 CONSTANT: dict[str, float | list[float]] = {
     "joint_temperatures": [30.0] * 6,
@@ -69,17 +91,24 @@ CONSTANT: dict[str, float | list[float]] = {
 def outputs(version: Version) -> dict[str, str]:
     """Name -> type of everything a client may ask to be sent, for a PolyScope version."""
     names = dict.fromkeys(_VECTORS, VECTOR6D) | dict.fromkeys(_DOUBLES, DOUBLE)
+    names |= _INTEGERS
+    names |= {"elbow_position": VECTOR3D, "elbow_velocity": VECTOR3D}
+    names |= {f"input_int_register_{i}": INT32 for i in range(REGISTERS)}
+    names |= {f"input_double_register_{i}": DOUBLE for i in range(REGISTERS)}
+    names |= {f"output_bit_register_{i}": BOOL for i in range(64, 128)}
     names |= {"actual_digital_input_bits": UINT64, "actual_digital_output_bits": UINT64}
     names |= {"robot_mode": INT32, "safety_mode": INT32, "joint_mode": VECTOR6INT32}
     names |= {"actual_tool_accelerometer": VECTOR3D, "runtime_state": UINT32}
     names |= {"robot_status_bits": UINT32, "safety_status_bits": UINT32}
     names |= {f"output_int_register_{i}": INT32 for i in range(REGISTERS)}
     names |= {f"output_double_register_{i}": DOUBLE for i in range(REGISTERS)}
-    cb3, e_series = version[0] == 3, version[0] == 5
+    cb3, e_series = version[0] == 3, version[0] >= 5
     if (cb3 and version >= (3, 11)) or (e_series and version >= (5, 5, 1)):
         names |= {"payload": DOUBLE, "payload_cog": VECTOR3D}
     if (cb3 and version >= (3, 15)) or (e_series and version >= (5, 11)):
         names["payload_inertia"] = VECTOR6D
+    if (cb3 and version >= (3, 10)) or (e_series and version >= (5, 4)):
+        names["safety_status"] = INT32
     if e_series and version >= (5, 9):
         names["ft_raw_wrench"] = VECTOR6D
     return names

@@ -17,7 +17,7 @@ from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
 
 Make = Callable[..., tuple[DynamixelSpine, DynamixelFake]]
-TORQUE, WATCHDOG, MODE = 64, 98, 11
+TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
 
 
 @pytest.fixture
@@ -83,6 +83,88 @@ def test_a_servo_already_in_its_mode_keeps_its_torque_at_open(make: Make) -> Non
     servo.motor.put(TORQUE, 1)
     spine.open()
     assert servo.motor.get(TORQUE) == 1
+
+
+def persistent(servo: DynamixelFake, address: int, value: int) -> None:
+    """Set a register as an earlier program has left it."""
+    servo.motor.put(address, value)
+    servo.motor.wrote(address)
+
+
+@pytest.mark.parametrize(
+    ("address", "left", "needed"),
+    [(10, 8, 0), (11, 3, 5), (12, 7, 255), (20, 1024, 0), (20, -4096, 0), (60, 3, 0), (63, 0, 52), (63, 1, 53), (68, 0, 2),
+     (68, 1, 2), (100, 50, 885), (108, 1, 0)],
+)  # fmt: skip
+def test_settings_that_an_earlier_program_left_are_written_at_open(
+    make: Make, address: int, left: int, needed: int
+) -> None:
+    spine, servo = make()
+    persistent(servo, address, left)
+    spine.open()
+    assert servo.motor.get(address) == needed
+    spine.confirm_settings()
+    spine.close()
+    persistent(servo, address, left)
+    persistent(servo, 64, 1)
+    spine.open()
+    assert servo.motor.get(address) == needed
+
+
+@pytest.mark.parametrize(
+    ("address", "left", "message"),
+    [
+        (36, 200, r"PWM limit \(register 36\) is 200, needed 885: .* Wizard"),
+        (84, 0, r"position P gain \(register 84\) is 0, needed 1: the motor would not hold; .* Wizard"),
+    ],
+)
+def test_settings_that_only_a_person_may_change_are_refused(make: Make, address: int, left: int, message: str) -> None:
+    spine, servo = make()
+    servo.motor.put(address, left)
+    with pytest.raises(WrongDevice, match=message):
+        spine.open()
+    assert servo.motor.get(address) == left
+
+
+def test_a_motion_left_over_ends_also_where_a_setting_is_refused(make: Make) -> None:
+    spine, servo = make()
+    homed(spine)
+    spine.move_to(0.3, 0.02)
+    persistent(servo, 36, 200)
+    other = DynamixelSpine("spine", Config(port=servo.port, metres_per_turn=0.1, timeout=1.0), servo.clock)
+    spine._servo.close()  # the program has died
+    with pytest.raises(WrongDevice, match="PWM limit"):
+        other.open()
+    assert servo.motor.length < 0.25
+    assert servo.motor.get(GOAL) == pytest.approx(servo.motor.counts, abs=200)
+
+
+@pytest.mark.parametrize(("address", "value"), [(12, 3), (20, 100), (63, 4), (100, 80), (84, 0)])
+def test_a_setting_that_another_host_changed_is_named_before_a_trial(make: Make, address: int, value: int) -> None:
+    spine, servo = make()
+    spine.open()
+    spine.confirm_settings()
+    servo.motor.put(address, value)
+    with pytest.raises(WrongDevice, match=rf"\(register {address}\) is {value}, needed \d+: .*; "):
+        spine.confirm_settings()
+
+
+def test_a_watchdog_that_trips_holds_the_cord_whatever_homing_offset_was_left(make: Make) -> None:
+    spine, servo = make(watchdog=0.5)
+    persistent(servo, 20, 1024)
+    homed(spine)
+    spine.move_to(0.1, 0.05)
+    watch(spine, lambda s: not s.moving)
+    bitten(servo)
+    time.sleep(0.05)  # one second of the rig, in which a motor that moves comes far
+    assert servo.motor.length == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_servo_of_protocol_1_is_unreachable_and_its_register_is_named(make: Make) -> None:
+    spine, servo = make(timeout=0.05)
+    servo.motor.put(13, 1)
+    with pytest.raises(Unreachable, match=r"protocol \(2\.0, register 13\)"):
+        spine.open()
 
 
 def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: Make) -> None:

@@ -72,6 +72,92 @@ def test_open_names_the_module_and_switches_the_deviation_stop_on(make: Make) ->
     assert module.drum.heartbeat == 2.0
 
 
+def left(module: TmclFake, name: str, number: int, value: int) -> None:
+    """Give the module a setting as an earlier program has left it."""
+    if name == "axis":
+        module.drum.parameters[number] = value
+    elif number == 77:
+        module.drum.auto_start = bool(value)
+    elif number == 87:
+        module.secondary_address = value
+    elif number == 128:
+        module.drum.run()
+    else:
+        module.drum.heartbeat = value / 1000
+
+
+def held(spine: TmclSpine, name: str, number: int) -> int:
+    return spine._axis.get(number) if name == "axis" else spine._axis.get_global(number)
+
+
+WRITTEN = [
+    ("axis", 13, 1, 0),
+    ("axis", 26, 1, 0),
+    ("axis", 204, 1, 0),
+    ("axis", 254, 2, 0),
+    ("axis", 255, 0, 1),
+    ("global", 68, 0, 2000),
+    ("global", 77, 1, 0),
+    ("global", 87, 3, 0),
+    ("global", 128, 1, 0),
+]
+
+
+@pytest.mark.parametrize(("name", "number", "value", "needed"), WRITTEN)
+def test_settings_that_an_earlier_program_left_are_written_at_open_and_watched(
+    make: Make, name: str, number: int, value: int, needed: int
+) -> None:
+    spine, module = make()
+    left(module, name, number, value)
+    spine.open()
+    assert held(spine, name, number) == needed
+    spine.confirm_settings()
+    left(module, name, number, value)
+    with pytest.raises(WrongDevice, match=rf"\({name} parameter {number}\) is {value}, needed {needed}: .*; open"):
+        spine.confirm_settings()
+
+
+def test_the_right_switch_is_the_one_that_must_be_on_for_a_spine_that_grows_backwards(make: Make) -> None:
+    spine, module = make({"direction": -1}, direction=-1)
+    module.drum.parameters |= {12: 1, 13: 1}
+    spine.open()
+    assert (module.drum.parameters[12], module.drum.parameters[13]) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "message"),
+    [
+        (6, 0, r"maximum current \(axis parameter 6\) is 0, needed 1: .*TMCL-IDE"),
+        (7, 0, r"standby current \(axis parameter 7\) is 0, needed 1: the motor would not hold; .*TMCL-IDE"),
+        (5, 100, r"acceleration \(axis parameter 5\) is 100, needed 25600: a stop would take longer than 1 s"),
+        (17, 100, r"deceleration \(axis parameter 17\) is 100, needed 25600"),
+        (140, 7, r"resolution .* is 200 x 2\^7 = 25600 microsteps per turn, needed 51200: lengths would be wrong"),
+        (202, 400, r"resolution .* is 400 x 2\^8 = 102400 microsteps per turn, needed 51200"),
+    ],
+)
+def test_settings_that_only_a_person_may_change_are_refused(make: Make, number: int, value: int, message: str) -> None:
+    spine, module = make()
+    spine.open()
+    module.drum.parameters[number] = value
+    with pytest.raises(WrongDevice, match=message):
+        spine.confirm_settings()
+    spine.close()
+    with pytest.raises(WrongDevice, match=message):
+        spine.open()
+    assert module.drum.parameters[number] == value
+
+
+def test_a_stored_program_that_turns_the_motor_stands_after_open(make: Make) -> None:
+    spine, module = make()
+    module.drum.auto_start = True
+    module.restart()
+    assert module.drum.program
+    spine.open()
+    assert not module.drum.program and spine.read().speed == 0
+    module.restart()
+    assert not module.drum.program
+
+
 def test_another_module_is_the_wrong_device(make: Make) -> None:
     spine, _ = make({"module": 1140})
     with pytest.raises(WrongDevice, match="TMCM-1140"):

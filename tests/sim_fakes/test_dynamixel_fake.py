@@ -4,6 +4,7 @@ import struct
 import time
 from collections.abc import Iterator
 
+import dynamixel_sdk
 import pytest
 import serial
 
@@ -118,8 +119,77 @@ def test_eeprom_is_locked_while_torque_is_on(wire: Wire) -> None:
     assert wire.write(11, b"\4") == ACCESS
 
 
-def test_reading_an_undefined_register_is_refused(wire: Wire) -> None:
-    assert wire.ask(2, struct.pack("<HH", 64, 6)) == (ACCESS, b"")
+def test_what_is_undefined_reads_as_zero_and_beyond_the_table_is_refused(wire: Wire) -> None:
+    assert wire.ask(2, struct.pack("<HH", 64, 6)) == (0, b"\0\0\0\0\2\0")
+    assert wire.ask(2, struct.pack("<HH", 140, 40)) is not None
+    assert wire.ask(2, struct.pack("<HH", 660, 4)) == (ACCESS, b"")
+
+
+def test_a_broadcast_ping_finds_the_servo(wire: Wire) -> None:
+    assert wire.ask(1, servo=254) == (0, struct.pack("<HB", 1020, 45))
+
+
+def test_sync_and_bulk_instructions_reach_the_servo_among_others(wire: Wire) -> None:
+    goal_current, led = struct.pack("<h", 321), b"\1"
+    assert wire.ask(0x83, struct.pack("<HH", GOAL_CURRENT, 2) + b"\7\0\0\1" + goal_current, 254, within=0.1) is None
+    assert wire.ask(0x82, struct.pack("<HH", GOAL_CURRENT, 2) + b"\1\7", 254) == (0, goal_current)
+    block = b"\7" + struct.pack("<HH", GOAL, 4) + bytes(4) + b"\1" + struct.pack("<HH", 65, 1) + led
+    assert wire.ask(0x93, block, 254, within=0.1) is None
+    reads = b"\1" + struct.pack("<HH", 65, 1) + b"\7" + struct.pack("<HH", GOAL, 4)
+    assert wire.ask(0x92, reads, 254) == (0, led)
+    assert wire.ask(0x82, struct.pack("<HH", GOAL_CURRENT, 2) + b"\7", 254, within=0.1) is None
+
+
+def test_the_makers_own_groups_read_and_write(wire: Wire) -> None:
+    packets = dynamixel_sdk.PacketHandler(2.0)
+    wire.port.close()
+    port = dynamixel_sdk.PortHandler(wire.fake.port)
+    assert port.openPort() and port.setBaudRate(57600)
+    try:
+        assert packets.broadcastPing(port)[0] == {1: [1020, 45]}
+        write = dynamixel_sdk.GroupSyncWrite(port, packets, GOAL_CURRENT, 2)
+        assert write.addParam(1, [100, 0]) and write.txPacket() == dynamixel_sdk.COMM_SUCCESS
+        read = dynamixel_sdk.GroupBulkRead(port, packets)
+        assert read.addParam(1, GOAL_CURRENT, 2)
+        for _ in range(5):  # its time-out is 34 ms, and the fake shares a computer
+            if read.txRxPacket() == dynamixel_sdk.COMM_SUCCESS:
+                break
+        assert read.getData(1, GOAL_CURRENT, 2) == 100
+    finally:
+        port.closePort()
+
+
+@pytest.mark.parametrize(("level", "answered"), [(0, [True, False, False]), (1, [True, True, False])])
+def test_the_status_return_level_decides_what_is_answered(wire: Wire, level: int, answered: list[bool]) -> None:
+    assert wire.write(68, bytes([level])) is not None
+    asked = [(1, b""), (2, struct.pack("<HH", 65, 1)), (3, struct.pack("<H", 65) + b"\1")]
+    for (instruction, params), expected in zip(asked, answered, strict=True):
+        answer = wire.ask(instruction, params, within=20.0 if expected else 0.1)
+        assert (answer is not None) is expected
+    assert wire.fake.motor.get(65) == 1
+
+
+def test_its_secondary_id_is_obeyed_and_not_answered(wire: Wire) -> None:
+    assert wire.write(12, b"\5") == 0
+    assert wire.ask(3, struct.pack("<H", 65) + b"\1", servo=5, within=0.1) is None
+    assert wire.ask(2, struct.pack("<HH", 65, 1)) == (0, b"\1")
+
+
+def test_a_servo_set_to_protocol_1_is_silent(wire: Wire) -> None:
+    assert wire.write(13, b"\1") == 0
+    assert wire.ask(1, within=0.1) is None
+
+
+def test_a_watchdog_that_trips_forgets_the_homing_offset(wire: Wire) -> None:
+    assert wire.write(11, b"\4") == 0
+    assert wire.write(20, struct.pack("<i", 1024)) == 0
+    assert wire.write(TORQUE, b"\1") == 0
+    start = wire.fake.motor.length
+    assert wire.write(98, b"\1") == 0
+    deadline = time.monotonic() + 20
+    while abs(wire.fake.motor.length - start) < 0.02:
+        assert time.monotonic() < deadline, "the shaft stands still"
+        time.sleep(0.01)
 
 
 def test_an_unknown_instruction_is_refused(wire: Wire) -> None:

@@ -106,6 +106,45 @@ def test_a_spine_that_does_not_follow_stops_the_module_and_reading_clears_the_fl
     assert fake.drum.errors == 2
 
 
+def test_relative_motions_and_rotations(plant: Plant) -> None:
+    fake = TmclFake(plant, SimClock(20.0))
+    fake.start()
+    wire = Wire(fake)
+    try:
+        assert wire.ask(SAP, 1, 0) == (OK, 0) and wire.ask(SAP, 0, 0) == (OK, 0)
+        assert wire.ask(MVP, 1, 500) == (OK, 500) and wire.ask(MVP, 1, 250) == (OK, 250)
+        assert wire.ask(GAP, 0) == (OK, 750)
+        for command, sign in ((1, 1), (2, -1)):
+            assert wire.ask(command, 0, 5120) == (OK, 5120)
+            deadline = time.monotonic() + 20
+            while fake.drum.speed * sign < 5000:
+                assert time.monotonic() < deadline, "does not turn"
+                time.sleep(0.01)
+            assert wire.ask(MST, 0) == (OK, 0)
+            assert wire.ask(GAP, 3) == (OK, 0)
+        assert wire.ask(GAP, 4) == (OK, 51200)
+    finally:
+        wire.port.close()
+        fake.stop()
+
+
+@pytest.mark.parametrize(
+    ("number", "good", "bad"),
+    [(6, 200, 256), (7, 20, 256), (12, 1, 2), (13, 1, 2), (153, 9, 14), (154, 2, 14), (204, 1, 9)],
+)
+def test_its_parameters_are_held_in_their_range(wire: Wire, number: int, good: int, bad: int) -> None:
+    assert wire.ask(SAP, number, bad) == (4, bad)
+    assert wire.ask(SAP, number, good) == (OK, good)
+    assert wire.ask(GAP, number) == (OK, good)
+
+
+def test_a_stored_parameter_outlasts_a_power_cut(wire: Wire) -> None:
+    assert wire.ask(SAP, 7, 42) == (OK, 42) and wire.ask(7, 7) == (OK, 0)
+    assert wire.ask(SAP, 6, 42) == (OK, 42)
+    wire.fake.restart()
+    assert (wire.ask(GAP, 7), wire.ask(GAP, 6)) == ((OK, 42), (OK, 128))
+
+
 @pytest.mark.parametrize("wire", [1.0], indirect=True, ids=["slow enough to be seen"])
 def test_the_reference_search_zeroes_steps_and_encoder_at_the_switch(wire: Wire, plant: Plant) -> None:
     wire.ask(SAP, 194, 20480)

@@ -238,9 +238,65 @@ def test_no_program_starts_during_a_protective_stop() -> None:
     assert controller.runtime == STOPPED
     assert controller.ended[-1] == "rtde_control not started: the arm is not ready"
     assert answer(controller, "safetystatus") == "Safetystatus: PROTECTIVE_STOP"
+    assert answer(controller, "unlock protective stop").startswith("Cannot unlock protective stop until 5s")
+    after(controller, 5.1)
     assert answer(controller, "unlock protective stop") == "Protective stop releasing"
     controller.load(PROGRAM)
     assert controller.runtime == PLAYING
+
+
+def after(controller: Controller, seconds: float) -> None:
+    for _ in range(math.ceil(seconds / controller.period)):
+        controller.advance()
+
+
+def test_power_and_brakes_take_seconds() -> None:
+    controller = playing()
+    assert answer(controller, "power off") == "Powering off"
+    assert controller.ended[-1] == "powered off"
+    assert answer(controller, "robotmode") == "Robotmode: POWER_OFF"
+    assert answer(controller, "brake release") == "Brake releasing"
+    assert answer(controller, "robotmode") == "Robotmode: POWER_ON"
+    after(controller, 4.1)
+    assert answer(controller, "robotmode") == "Robotmode: IDLE"
+    after(controller, 2.1)
+    assert answer(controller, "robotmode") == "Robotmode: RUNNING"
+    controller.power(on=False)
+    controller.power(on=True)
+    controller.emergency_stop()
+    after(controller, 5)
+    assert answer(controller, "robotmode") == "Robotmode: POWER_OFF"
+
+
+@pytest.mark.parametrize(
+    ("request_", "told"),
+    [
+        ("stop", "Failed to execute: stop"),
+        ("play", "Failed to execute: play"),
+        ("pause", "Failed to execute: pause"),
+        ("load x.urp", "File not found: x.urp"),
+        ("load installation x.installation", "File not found: x.installation"),
+        ("popup hello", "showing popup"),
+        ("addToLog hello", "Added log message"),
+        ("isProgramSaved", "true null"),
+        ("setUserRole operator", "Setting user role: operator"),
+        ("get operational mode", "NONE"),
+        ("set operational mode automatic", "Setting operational mode: AUTOMATIC"),
+        ("clear operational mode", "No longer controlling"),
+        ("restart safety", "Restarting safety"),
+        ("generate flight report", "Flight Report generated"),
+        ("shutdown", "Shutting down"),
+        ("nonsense", "could not understand: 'nonsense'"),
+    ],
+)
+def test_the_dashboard_answers_what_it_documents(request_: str, told: str) -> None:
+    assert answer(Controller(version=(5, 11, 0, 1)), request_).startswith(told)
+
+
+def test_stopping_a_program_that_runs_is_confirmed() -> None:
+    controller = playing()
+    assert answer(controller, "stop") == "Stopped"
+    assert answer(controller, "stop") == "Failed to execute: stop"
 
 
 def test_readings_are_noisy_and_the_same_for_the_same_seed() -> None:

@@ -1,0 +1,182 @@
+"""What the pendant and the safety system of the arm are set to: read at `open`, before each trial and before each motion."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised, wait_until
+
+from drivers.errors import DeviceFault, NotReady, Unreachable, WrongDevice
+from drivers.ur5.driver import UR5, Config
+from drivers.ur5.safety import stop_text
+from drivers.ur5.state import Config as StateConfig
+from drivers.ur5.state import UR5State
+from sim_fakes.clock import SimClock
+from sim_fakes.ur.process import UrProcess
+
+pytestmark = needs_the_fake
+E_SERIES = "5.11.0.108318"
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[Rig]:
+    with a_rig(version=E_SERIES) as rig:
+        yield rig
+
+
+@pytest.fixture(autouse=True)
+def as_delivered(rig: Rig) -> Iterator[None]:
+    yield
+    rig.fake.backdoor("safety", name="NORMAL")
+    rig.fake.backdoor("clear")
+    rig.fake.backdoor("remote", on=True)
+    rig.fake.backdoor("stuck", variables={})
+    rig.fake.backdoor("set", slider=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
+
+
+@contextmanager
+def an_arm(rig: Rig, **changes: Any) -> Iterator[UR5]:
+    arm = UR5("arm", Config(**{"host": rig.host, "timeout": 3.0} | changes), rig.clock)
+    arm.open()
+    try:
+        yield arm
+    finally:
+        arm.close()
+
+
+def test_what_nobody_changed_is_confirmed_again_and_again(rig: Rig) -> None:
+    with an_arm(rig) as arm:
+        arm.confirm_settings()
+        arm.confirm_settings()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"do": "set", "slider": 0.0}, "speed slider is at 0%, needed at least 50%.*set it to 100 %"),
+        ({"do": "set", "slider": 0.3}, "speed slider is at 30%, needed at least 50%"),
+        ({"do": "set", "payload": 1.9}, "payload is now 1.900 kg, needed as at open 0.800 kg; set it back"),
+        ({"do": "set", "payload_centre": [0, 0.02, 0.05]}, r"centre of gravity is now \(0.0, 20.0, 50.0\) mm, needed"),
+        ({"do": "set", "tcp": [0, 0, 0.1, 0, 0, 0]}, r"TCP is now \(0.0, 0.0, 100.0\) mm .*, needed as at open \(0.0"),
+        ({"do": "remote", "on": False}, "local mode, needed: remote control"),
+    ],
+    ids=["slider at 0", "slider low", "payload", "centre", "tcp", "local"],
+)
+def test_what_the_pendant_changes_after_open_is_named(rig: Rig, change: dict[str, Any], message: str) -> None:
+    with an_arm(rig) as arm:
+        rig.fake.backdoor(**change)
+        with pytest.raises((NotReady, WrongDevice), match=message):
+            arm.confirm_settings()
+
+
+@pytest.mark.parametrize(
+    ("change", "config", "message"),
+    [
+        ({"do": "set", "slider": 0.0}, {}, "speed slider is at 0%"),
+        ({"do": "remote", "on": False}, {}, "local mode"),
+        ({"do": "set", "payload": 0.3}, {"payload": 0.8}, "payload is set to 0.300 kg, needed 0.800 kg"),
+    ],
+    ids=["slider", "local", "payload"],
+)
+def test_an_arm_whose_settings_do_not_fit_is_refused_at_open(
+    rig: Rig, change: dict[str, Any], config: dict[str, Any], message: str
+) -> None:
+    rig.fake.backdoor(**change)
+    with pytest.raises((NotReady, WrongDevice), match=message), an_arm(rig, **config):
+        pass
+
+
+def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> None:
+    with an_arm(rig, timeout=0.5) as arm:
+        goal = raised(tuple(rig.fake.backdoor()["pose"]), 0.01)
+        rig.fake.backdoor("set", slider=0.0)
+        wait_until(lambda: arm._state.speed_slider == 0)
+        with pytest.raises(NotReady, match="speed slider is at 0 %"):
+            arm.move_to(goal, 0.05, 0.5)
+        rig.fake.backdoor("set", slider=1.0)
+        wait_until(lambda: arm._state.speed_slider == 1)
+        arm.move_to(goal, 0.01, 0.5)
+        rig.fake.backdoor("set", slider=0.0)
+        with pytest.raises(DeviceFault, match="speed slider is at 0%"):
+            watch(arm)
+
+
+def watch(arm: UR5) -> None:
+    deadline = time.monotonic() + 30
+    while arm.moving():
+        assert time.monotonic() < deadline, "still moving"
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("state", "name"),
+    [
+        ("SYSTEM_EMERGENCY_STOP", "system emergency stop"),
+        ("ROBOT_EMERGENCY_STOP", "robot emergency stop"),
+        ("SYSTEM_THREE_POSITION_ENABLING_STOP", "three-position stop"),
+        ("PROTECTIVE_STOP", "protective stop"),
+        ("SAFEGUARD_STOP", "safeguard stop"),
+        ("RECOVERY", "recovery mode"),
+        ("VIOLATION", "safety violation"),
+        ("FAULT", "safety fault"),
+    ],
+)
+def test_each_stop_is_named_when_it_comes_and_at_open(rig: Rig, state: str, name: str) -> None:
+    with an_arm(rig) as arm:
+        rig.fake.backdoor("safety", name=state)
+        with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
+            watch_for_a_fault(arm)
+        with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
+            arm.confirm_settings()
+    with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"), an_arm(rig):
+        pass
+
+
+def watch_for_a_fault(arm: UR5) -> None:
+    wait_until(lambda: not arm._state.latest().safety_bits & 1)
+    arm.moving()
+
+
+def test_every_bit_that_is_no_running_mode_has_a_name_and_a_remedy() -> None:
+    texts = {stop_text(1 << bit, 1) for bit in range(2, 12)}
+    assert len(texts) == 10 and all("; " in text for text in texts)
+    assert all("neither normal" in stop_text(1 << bit, 1) for bit in range(12, 32))
+    assert stop_text(0, 0)
+    assert not stop_text(1, 1) and not stop_text(2, 2)
+    assert "three-position" in stop_text(1 << 10, 13) and "three-position" in stop_text(1, 13)
+
+
+def test_reduced_mode_moves(rig: Rig) -> None:
+    rig.fake.backdoor("safety", name="REDUCED")
+    with an_arm(rig) as arm:
+        arm.confirm_settings()
+
+
+@pytest.mark.parametrize(
+    ("version", "error", "message"),
+    [
+        ("10.7.0.0", WrongDevice, r"arm is on, but runs PolyScope X 10\.7\.0, which has no dashboard server"),
+        (E_SERIES, Unreachable, r"arm is on \(PolyScope 5\.11\.0\), but its dashboard server .* enable it"),
+    ],
+)
+def test_an_arm_without_a_dashboard_server_is_told_from_one_that_is_off(
+    version: str, error: type[Exception], message: str
+) -> None:
+    process = UrProcess(version=version, dashboard=False)
+    try:
+        with pytest.raises(error, match=message):
+            UR5("arm", Config(host=process.host), SimClock()).open()
+        with pytest.raises(error, match=message):
+            UR5State("arm state", StateConfig(host=process.host), SimClock(), discard).open()
+    finally:
+        process.stop()
+
+
+def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
+    with a_rig(version="3.10.0.1") as old, an_arm(old, model="") as arm:
+        old.fake.backdoor("set", payload=2.0)
+        arm.confirm_settings()
