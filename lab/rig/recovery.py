@@ -56,7 +56,10 @@ class Recovery:
         self._actuators, self._watch, self._operator, self._limits, self._say = actuators, watch, operator, limits, say
 
     def __call__(self, cause: InstrumentError, ask: bool = True) -> None:
-        """`ask`: a person must confirm that the cause is put right. Raises the cause, and what came to it, when the pause is not confirmed safe or the readings do not recover."""
+        """Pause, and go on when the readings are good again; `ask`: after a person has confirmed.
+
+        Raises the cause, with what came to it, when the pause is not confirmed safe or the readings do not recover.
+        """
         self._say(f"Paused: {cause}")
         report = self._actuators.pause()
         if not report.confirmed:

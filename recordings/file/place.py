@@ -5,6 +5,21 @@ from __future__ import annotations
 import os
 
 
+class Companion(Protocol):
+    """A file that is kept with the recording: its journal."""
+
+    path: Path
+
+    def displaced(self) -> str:
+        """What happened to it, see `displaced`; empty while it is in place."""
+
+    def renew(self) -> bool:
+        """Write it anew where it was; False where that cannot be done."""
+
+    def follow(self, before: Path, recording: Path) -> bool:
+        """Go on next to another recording; False where that cannot be done."""
+
+
 def displaced(path: str, handle: int, size: int) -> str:
     """How the open file no longer stands at its absolute path with the `size` bytes that were written; empty while it does."""
     own = os.fstat(handle)

@@ -34,7 +34,6 @@ import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from .. import events
-from ..campaign.journal import SUFFIX, Journal
 from ..errors import BadMessage, RecordingError, WriteFailed
 from ..messages import SCHEMA_VERSION, MessageType, streams
 from ..states.buffer import KEEP, Buffers
@@ -87,7 +86,7 @@ class Recorder:
         sensors: Sequence[MessageType] = (),
         keep: float = KEEP,
         start: float = 0.0,
-        journal: Journal | None = None,
+        journal: Companion | None = None,
         rescue: Sequence[Path] = (),
     ) -> None:
         self.path = Path(path)
@@ -443,7 +442,7 @@ class Recorder:
         """Put the rescue file in the place of the recording; the messages by channel that are lost."""
         metadata = {**self._metadata, "rescue": {"instead_of": str(self.path), "why": events.bounded(why)}}
         if self._journal is not None and "campaign" in metadata:
-            metadata["campaign"] = {**metadata["campaign"], "journal": path.with_suffix(SUFFIX).name}
+            metadata["campaign"] = {**metadata["campaign"], "journal": path.with_suffix(self._journal.path.suffix).name}
         disk = Disk(path)
         try:
             mcap = self._headed(disk, metadata)
