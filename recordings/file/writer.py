@@ -434,7 +434,8 @@ class Recorder:
         """Where a rescue file may be, the best first; nothing there is overwritten."""
         for folder in self._rescue:
             path = folder / f"{self._stem}-rescue.mcap"
-            if os.path.lexists(path) or os.path.lexists(path.with_suffix(SUFFIX)):
+            journal = [path.with_suffix(self._journal.path.suffix)] if self._journal is not None else []
+            if any(map(os.path.lexists, (path, *journal))):
                 path = path.with_stem(f"{path.stem}-{secrets.token_hex(4)}")
             yield path
 
@@ -451,7 +452,7 @@ class Recorder:
             disk.sync()
             disk.sync_name()
             if self._journal is not None and not self._journal.follow(self.path, path):
-                raise WriteFailed(f"{path.with_suffix(SUFFIX)} cannot be written")
+                raise WriteFailed(f"the journal of {path} cannot be written")
         except BaseException:
             disk.give_up()
             path.unlink(missing_ok=True)
