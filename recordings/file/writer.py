@@ -44,6 +44,7 @@ from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
 from .disk import Disk
 from .mcap_file import McapFile
+from .place import Companion
 from .views import VIEWS, Pace
 
 FLUSH_PERIOD = 0.1
