@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from ..chambers import PAPER_WIRING, ChamberMap
 from ..configs import RegulatorsConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
 from ..serial_line import SerialLine
@@ -333,7 +333,7 @@ class Alicat:
 
     def _need_open(self) -> None:
         if not self._line.is_open:
-            raise NotReady(self.name, "is not open; call open() first")
+            raise self._line.watch.not_open()
 
 
 DRIVER = Driver("pressure", Config, Alicat)
