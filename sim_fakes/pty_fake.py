@@ -80,6 +80,7 @@ class PtyFake(threading.Thread):
         self._master = self._slave = self._kept = -1
         """Ends of the line; the end kept from the last one that was unplugged."""
         self._folder = tempfile.TemporaryDirectory(prefix="softlab-")
+        os.chmod(self._folder.name, 0o755)  # who may use a line is said at its pty
         self.port = str(Path(self._folder.name) / name)
         """Path that a driver opens; there is nothing at it while the cable is out."""
         self._running = True

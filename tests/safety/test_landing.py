@@ -79,10 +79,13 @@ def test_the_others_stop(
         house.fakes.switch.begin(name, "silence")
     if "arm" in failing:
         assert until(lambda: stale(drivers["arm"]))
-    report = landing_of(drivers, Safe(within=PATIENCE), 20.0).make_safe(ACTUATORS, keep_vacuum=False)
+    landed = landing_of(drivers, Safe(within=PATIENCE), 20.0)
+    report = landed.make_safe(ACTUATORS, keep_vacuum=False)
+    assert set(landed.going) == set(failing)
     house.fakes.switch.end()
     assert {s.instrument: s.confirmed for s in report.steps} == {n: n not in failing for n in ACTUATORS}, report
     assert report.confirmed is (not failing)
+    assert until(lambda: not landed.going), "what answers again is landed"
     assert until(lambda: not stale(drivers["arm"]))
 
 
