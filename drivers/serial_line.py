@@ -2,6 +2,7 @@
 
 Usage: `line.ask(b"A\\r", until=b"\\r")`. Stale input is thrown away before each request, the answer is read up to its
 terminator or to a deadline in host time, and every failure is one of the drivers' errors with the bytes that were seen.
+A port that is lost is closed at once, and `open` opens it anew: the device may have returned under another name.
 Hold `line.lock` to keep several requests together; `ask` takes it by itself. A stop takes it by `line.lock.stopping()`, and
 everything else on the line gives way.
 """
@@ -9,9 +10,10 @@ everything else on the line gives way.
 from __future__ import annotations
 
 import contextlib
+import os
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import serial
 
@@ -30,6 +32,37 @@ but pyserial looks at the clock after the last byte, and a busy computer may com
 def show(data: bytes, longest: int = 48) -> str:
     """The bytes as they go into an error message, cut where they get long."""
     return repr(data) if len(data) <= longest else f"{data[:longest]!r}... ({len(data)} bytes)"
+
+
+class PortWatch:
+    """Closes a port that fails: its handle is dead for good, whatever returns under the same path.
+
+    Until the port is opened anew, every use raises that failure again.
+    """
+
+    def __init__(self, name: str, port: str, close: Callable[[], None]) -> None:
+        """`close` closes the port; it must not raise."""
+        self._name, self._port, self._close = name, port, close
+        self.lost = ""
+        """Why the port was lost; empty while it is open and after it was closed on purpose."""
+
+    @contextlib.contextmanager
+    def using(self) -> Iterator[None]:
+        """Use the open port. Raises `Unreachable` when it has gone, also later until it is opened again."""
+        try:
+            yield
+        except (OSError, termios.error) as e:
+            if isinstance(e, InstrumentError):
+                raise
+            self._close()
+            self.lost = f"lost {self._port} ({e}); check its plug and power, then open it again"
+            raise Unreachable(self._name, self.lost) from e
+
+    def not_open(self) -> InstrumentError:
+        """The error of a call to a port that is not open: `Unreachable` when it was lost, `NotReady` otherwise."""
+        if self.lost:
+            return Unreachable(self._name, self.lost)
+        return NotReady(self._name, f"{self._port} is not open; call open() first")
 
 
 class SerialLine:
@@ -65,17 +98,25 @@ class SerialLine:
         """The request whose answer is awaited."""
         self.echoes = False
         """The adapter has returned a request as it was sent."""
+        self._silent = False
+        """Whether the last answer that was waited for did not come."""
+        self.watch = PortWatch(name, port, self.close)
 
     @property
     def is_open(self) -> bool:
-        """True between `open` and `close`."""
+        """True between `open` and `close`, unless the port was lost."""
         return self._serial is not None
 
     def open(self) -> None:
-        """Open the port for this process alone; does nothing when already open. Raises `Unreachable`."""
+        """Open the port for this process alone; raises `Unreachable`.
+
+        Does nothing when the port is open and answers. A silent line gets a new handle, since an adapter that was reset has
+        forgotten its settings, and so does one whose path leads to another device by now.
+        """
         with self.lock:
-            if self._serial is not None:
+            if self._serial is not None and not self._silent and not self._leads_elsewhere(self._serial):
                 return
+            self.close()
             try:
                 self._serial = serial.Serial(
                     self.port,
@@ -93,10 +134,19 @@ class SerialLine:
                     "names this port, that you may use it (group dialout), and that no other program has it open",
                 ) from e
             self._buffer.clear()
+            self._silent = False
+
+    def _leads_elsewhere(self, port: serial.Serial) -> bool:
+        """Whether the path is that of another device than the one that is open; a path that has gone proves nothing."""
+        try:
+            return os.fstat(port.fileno()).st_rdev != os.stat(self.port).st_rdev
+        except OSError:
+            return False
 
     def close(self) -> None:
         """Close the port; may be called twice and never raises."""
         with self.lock:
+            self.watch.lost = ""
             port, self._serial = self._serial, None
             if port is not None:
                 with contextlib.suppress(OSError):
@@ -178,25 +228,23 @@ class SerialLine:
             got = self._take(len(self._buffer))
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")
+            self._silent = True
             raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
-        self._buffer += port.read(max(1, port.in_waiting))
+        come = port.read(max(1, port.in_waiting))
+        self._silent = self._silent and not come
+        self._buffer += come
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[serial.Serial]:
         """The open port under the lock, with pyserial's failures turned into the drivers' errors."""
         with self.lock:
             if self._serial is None:
-                raise NotReady(self.name, f"{self.port} is not open; call open() first")
+                raise self.watch.not_open()
             self.lock.give_way()
-            try:
-                yield self._serial
-            except serial.SerialTimeoutException as e:
-                raise NoReply(
-                    self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable"
-                ) from e
-            except (OSError, termios.error) as e:
-                if isinstance(e, InstrumentError):
-                    raise
-                raise Unreachable(
-                    self.name, f"lost {self.port} ({e}); check its plug and power, then open it again"
-                ) from e
+            with self.watch.using():
+                try:
+                    yield self._serial
+                except serial.SerialTimeoutException as e:
+                    raise NoReply(
+                        self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable"
+                    ) from e

@@ -6,6 +6,7 @@ user can reach.
     {"state": true}                                                                       what the plant is doing
     {"faults": {"pressure": {"silent": true}}}                                            faults of a serial fake
     {"fault": ["spine", "half"]}, {"fault": null}                                         one of sim_fakes/faults.py; none
+    {"drop_out": ["pressure", 0.5]}                                                       a cable is out for so long, host s
     {"accident": "burst"}, {"accident": null}                                             one of sim_fakes/accidents.py; none
     {"tip_visible": false}                                                                hide the tip from the cameras
     {"ur": {"do": "protective_stop"}}                                                     passed on to the arm's controller
@@ -83,6 +84,8 @@ class BackDoor:
                 rig.set_faults(line, faults)
         elif what == "fault":
             rig.switch.begin(*value) if value else rig.switch.end()
+        elif what == "drop_out":
+            rig.switch.drop_out(*value)
         elif what == "accident":
             rig.accidents.begin(value) if value else rig.accidents.end()
         elif what == "tip_visible":

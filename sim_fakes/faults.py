@@ -9,6 +9,7 @@ never half. `reset` is an event; the others last until `end`.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -59,8 +60,26 @@ class FaultSwitch:
                 f"{instrument}: this rig has none, or a fake of an installed package that supports no faults"
             )
 
+    def drop_out(self, instrument: str, seconds: float) -> None:
+        """Pull out the cable of an instrument, or of one of its serial lines ("pressure2"), for `seconds` of host time; what
+        is on a network is not heard meanwhile, and its connections end. Raises ValueError for a name that is not known."""
+        parts = [part for name, part in self._rig.parts.items() if instrument in (name, name.rstrip("0123456789"))]
+        if not parts:
+            raise ValueError(f"{instrument}: one of {', '.join(self._rig.parts)}")
+        for part in parts:
+            if isinstance(part, PtyFake):
+                part.drop_out(seconds)
+            elif isinstance(part, MotiveFake):
+                part.faults.silent = True
+                back = threading.Timer(seconds, setattr, (part.faults, "silent", False))
+                back.daemon = True
+                back.start()
+            elif isinstance(part, UrFake) and part.process is not None:
+                part.process.backdoor("freeze", seconds=seconds)
+                part.process.backdoor("drop")
+
     def end(self) -> None:
-        """All faults off, all cables in, all power on; ports may have new names."""
+        """All faults off, all cables in, all power on."""
         while self._undo:
             self._undo.pop()()
         for line in self._rig.lines.values():

@@ -36,6 +36,9 @@ class Switch(Protocol):
     def begin(self, instrument: str, fault: str) -> None:
         """Begin a fault."""
 
+    def drop_out(self, instrument: str, seconds: float) -> None:
+        """Pull out a cable, and plug it in again after `seconds` of host time."""
+
     def end(self) -> None:
         """End all faults."""
 

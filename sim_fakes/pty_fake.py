@@ -1,7 +1,8 @@
 """A fake instrument on a serial line: a pty whose slave end the real client library opens.
 
-A fake is a device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the
-configured baud rate. Faults are set through `faults`, from a test or through the back door.
+`port` is a link to the pty, as `/dev/serial/by-id` has them: it stays the same while the pty behind it changes. A fake is a
+device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the configured baud rate.
+Faults are set through `faults`, from a test or through the back door.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import os
 import pty
 import random
 import select
+import tempfile
 import threading
 import time
 import tty
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 from .clock import SimClock
@@ -76,38 +79,52 @@ class PtyFake(threading.Thread):
         self.lock = threading.RLock()
         self._master = self._slave = self._kept = -1
         """Ends of the line; the end kept from the last one that was unplugged."""
-        self.port = ""
+        self._folder = tempfile.TemporaryDirectory(prefix="softlab-")
+        os.chmod(self._folder.name, 0o755)  # who may use a line is said at its pty
+        self.port = str(Path(self._folder.name) / name)
+        """Path that a driver opens; there is nothing at it while the cable is out."""
+        self._running = True
         self.plug()
         self._quiet_until = 0.0
         self._before = b""
-        self._running = True
         self._last_process = clock.now()
 
     # -- plug and power
     def plug(self) -> None:
-        """Make the line; after `unplug` it comes back under another name."""
+        """Make the line; after `unplug` another pty comes back behind the same path."""
         with self.lock:
-            if self._master >= 0:
+            if self._master >= 0 or not self._running:
                 return
             self._master, self._slave = pty.openpty()
             tty.setraw(self._master)
             tty.setraw(self._slave)
             # what nobody reads is lost, as on a real line; a blocking write would stop the fake for ever
             os.set_blocking(self._master, False)
-            self.port = os.ttyname(self._slave)
+            os.symlink(os.ttyname(self._slave), self.port)
 
     def unplug(self) -> None:
         """Pull the cable out of the computer: the port is gone, the device goes on.
 
-        One end is kept, so that no other line of this computer gets the port's name while a driver may still ask for it.
+        One end is kept, so that the next pty has another name.
         """
         with self.lock:
+            Path(self.port).unlink(missing_ok=True)
             for fd in (self._master, self._kept):
                 with contextlib.suppress(OSError):
                     os.close(fd)
             self._kept = self._slave
             self._master = self._slave = -1
             self.buffer = b""
+
+    def drop_out(self, seconds: float) -> None:
+        """Pull the cable out and plug it in again `seconds` of host time later."""
+
+        def come_back() -> None:
+            time.sleep(seconds)
+            self.plug()
+
+        self.unplug()
+        threading.Thread(target=come_back, name=f"fake-{self.name}-back", daemon=True).start()
 
     def reset(self, silence: float = 0.3) -> None:
         """An instant without power: volatile state is lost, and nothing is answered for `silence` s of host time."""
@@ -203,3 +220,4 @@ class PtyFake(threading.Thread):
         with contextlib.suppress(OSError):
             os.close(self._kept)
         self._kept = -1
+        self._folder.cleanup()

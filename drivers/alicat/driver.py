@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from ..chambers import ChamberMap
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
 from ..retries import Retries
@@ -362,7 +362,7 @@ class Alicat:
 
     def _need_open(self) -> None:
         if not self._line.is_open:
-            raise NotReady(self.name, "is not open; call open() first")
+            raise self._line.watch.not_open()
 
 
 def _version(firmware: str) -> tuple[int, int]:

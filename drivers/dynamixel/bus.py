@@ -21,8 +21,8 @@ from typing import NamedTuple, TypeVar
 import serial
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
-from ..errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
-from ..serial_line import WRITE_WITHIN
+from ..errors import BadReply, NoReply, Unreachable
+from ..serial_line import WRITE_WITHIN, PortWatch
 
 ATTEMPTS = 3
 CRC_REFUSED = 3
@@ -100,10 +100,11 @@ class Servo:
         self._behind = True
         """Whether answers to earlier questions may still come, those of an earlier program included."""
         self._lock = threading.RLock()
+        self._watch = PortWatch(name, port, self.close)
 
     @property
     def is_open(self) -> bool:
-        """True between `open` and `close`."""
+        """True between `open` and `close`, unless the port was lost."""
         return self._port is not None
 
     def open(self) -> None:
@@ -117,10 +118,11 @@ class Servo:
                 f"cannot open {self._path} at {self.baud} Bd ({e}); check the USB adapter, the port in rig.yaml, and "
                 "that no other program has it open",
             ) from e
-        self._port, self._behind = port, True
+        self._port, self._behind, self._watch.lost = port, True, ""
 
     def close(self) -> None:
         """Close the serial port; never raises, may be called twice."""
+        self._watch.lost = ""
         port, self._port = self._port, None
         if port is not None:
             with contextlib.suppress(OSError, termios.error):
@@ -251,12 +253,6 @@ class Servo:
         """The open port under the lock, with failures of the line as the drivers' errors."""
         with self._lock:
             if self._port is None:
-                raise NotReady(self.name, f"{self._path} is not open; call open() first")
-            try:
+                raise self._watch.not_open()
+            with self._watch.using():
                 yield self._port
-            except (OSError, termios.error) as e:
-                if isinstance(e, InstrumentError):
-                    raise
-                raise Unreachable(
-                    self.name, f"lost {self._path} ({e}); check its plug and power, then open it again"
-                ) from e

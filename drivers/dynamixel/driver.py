@@ -115,6 +115,9 @@ class DynamixelSpine:
         with self._lock:
             if not self._servo.is_open:
                 self._servo.open()
+                self._homing = self._zero = self._end_stop = (
+                    None  # while nobody listened the servo may have lost its count
+                )
             try:
                 return self._meet()
             except NoReply as e:

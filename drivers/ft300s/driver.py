@@ -221,7 +221,9 @@ class FT300S:
                     f"device {DEVICE_ID} on {self.config.port} refuses to stream (register {REG_OUTPUT}); check "
                     "that it is an FT 300-S with firmware for the data stream",
                 )
-        except ModbusException as e:
+        except (ModbusException, OSError) as e:
+            if isinstance(e, InstrumentError):
+                raise
             raise Unreachable(
                 self.name,
                 f"no answer from Modbus device {DEVICE_ID} on {self.config.port} at {BAUD} Bd ({e}); check 24 V power, "

@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 
 from ..chambers import ChamberMap
 from ..configs import RegulatorsConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
 from ..serial_line import SerialLine, show
@@ -125,9 +125,14 @@ class SmcItv:
         """
         with self._lock.stopping():
             failed: list[Unreachable] = []
-            for line in self._lines:
+            for channel, line in enumerate(self._lines):
+                lost = bool(line.watch.lost)
                 try:
                     line.open()
+                    if (
+                        lost
+                    ):  # of what was asked before nothing comes by the new port; the next answer is marked all the same
+                        self._behind[channel] = _Behind()
                 except Unreachable as e:
                     failed.append(e)
             if len(failed) == len(self._lines):
@@ -187,7 +192,7 @@ class SmcItv:
         """
         with self._lock.stopping():
             if not any(line.is_open for line in self._lines):
-                raise NotReady(self.name, "is not open; call open() first")
+                raise self._lines[0].watch.not_open()
             done, errors = self._send_setpoints(dict.fromkeys(range(self.channels), 0))
             for channel in done:
                 self._limits.sent(channel, 0.0)
@@ -231,8 +236,9 @@ class SmcItv:
         self._behind.clear()
 
     def _need_open(self) -> None:
-        if not all(line.is_open for line in self._lines):
-            raise NotReady(self.name, "is not open; call open() first")
+        for line in self._lines:
+            if not line.is_open:
+                raise line.watch.not_open()
 
     # -- all channels at once
     def _confirmed(self) -> tuple[float, ...]:

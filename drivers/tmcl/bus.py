@@ -23,8 +23,8 @@ import serial
 from pytrinamic.helpers import to_signed_32
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatusError, TMCLStatus
 
-from ..errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
-from ..serial_line import WRITE_WITHIN
+from ..errors import BadReply, InstrumentError, NoReply, Unreachable
+from ..serial_line import WRITE_WITHIN, PortWatch
 
 if TYPE_CHECKING:
     from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
@@ -59,10 +59,11 @@ class Axis:
         """Whether answers to earlier questions may still come."""
         self._tick = 0
         """What the tick timer was set to last."""
+        self._watch = PortWatch(name, port, self.close)
 
     @property
     def is_open(self) -> bool:
-        """True between `open` and `close`."""
+        """True between `open` and `close`, unless the port was lost."""
         return self._tmcl is not None
 
     def open(self) -> None:
@@ -85,9 +86,11 @@ class Axis:
                 "no other program has it open",
             ) from e
         self._tmcl = SerialTmclInterface(self._serial, host_id=self._host, module_id=self._address)
+        self._watch.lost = ""
 
     def close(self) -> None:
         """Close the serial port; never raises, may be called twice."""
+        self._watch.lost = ""
         tmcl, self._tmcl = self._tmcl, None
         if tmcl is not None:
             with contextlib.suppress(OSError, termios.error):
@@ -215,12 +218,6 @@ class Axis:
         """The open line under the lock, with its failures as the drivers' errors."""
         with self._lock:
             if self._tmcl is None or self._serial is None:
-                raise NotReady(self.name, f"{self._path} is not open; call open() first")
-            try:
+                raise self._watch.not_open()
+            with self._watch.using():
                 yield self._tmcl, self._serial
-            except (OSError, termios.error) as e:
-                if isinstance(e, InstrumentError):
-                    raise
-                raise Unreachable(
-                    self.name, f"lost {self._path} ({e}); check its plug and power, then open it again"
-                ) from e

@@ -101,6 +101,7 @@ class TmclSpine:
         with self._lock:
             if not self._axis.is_open:
                 self._axis.open()
+                self._homed = False  # while nobody listened the module may have lost its position
             try:
                 return self._meet()
             except NoReply as e:

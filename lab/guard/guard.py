@@ -1,16 +1,16 @@
 """The guard: owner of the actuators, which lands the rig when the program that commands it cannot, or when a reading shows
 that something has failed.
 
-After a landing of its own it takes no command until a person has confirmed. The latch is on disk from the first command that
-energises anything until the safe state is read back. In a run the guard is a process of its own (`process.py`); a
-program that lands a rig whose guard was lost, and `lab safe`, are the guard themselves, since there is no time to start one.
-Whoever wants the rig safe asks at the guard's door (`door.py`).
+A line that is lost while the rig is energised is such a failure: everything is landed, and the lost line is opened anew until its
+instrument is confirmed safe. After a landing of its own the guard takes no command until a person has confirmed. The latch is on
+disk from the first command that energises anything until the safe state is read back. In a run the guard is a process of its
+own (`process.py`); a program that lands a rig whose guard was lost, and `lab safe`, are the guard themselves, since there is no
+time to start one. Whoever wants the rig safe asks at the guard's door (`door.py`).
 """
 
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import InstrumentError, WrongDevice
+from drivers.errors import InstrumentError, Unreachable, WrongDevice
 from drivers.interfaces import Identity
 
 from ..files.clock import RigClock
@@ -31,14 +31,17 @@ from .last_used import forget, remember
 from .latch import Latch, RigLocked
 from .limit_monitor import LimitMonitor
 from .messages import Event, RigLanded
-from .report import SafeReport
+from .report import SafeReport, SafeStep
 from .settings import Settings
 from .under_force import UnderForce
 
 CLIPPED = 1e3
 """Pa by which a set-point must be clipped to be worth a line in the log."""
-JUST_TRIED = 5.0
-"""Host seconds in which a landing that was not confirmed is not repeated; the drivers stop once more as they close."""
+LIVES_ON = 60.0
+"""Host seconds for which a guard whose program has ended goes on landing what is not confirmed safe: enough for a person to put
+a plug back, and for an adapter that resets itself."""
+LOOK = 0.05
+"""Host seconds between two looks whether all is confirmed by then."""
 REACH_WITHIN = 8.0
 """Host seconds in which an actuator must let itself be opened; an earlier connection to the arm takes some to end."""
 LOG_EVERY = 1.0
@@ -59,6 +62,8 @@ class Owned:
 
     drivers: dict[str, Any] = field(default_factory=dict)
     opened: list[str] = field(default_factory=list)
+    lost: set[str] = field(default_factory=set)
+    """Of those that were opened, the ones whose line was lost; a landing opens them anew."""
     locks: dict[str, threading.Lock] = field(default_factory=dict)
     busy: set[str] = field(default_factory=set)
     """Those to which a command that energises is on its way."""
@@ -88,11 +93,13 @@ class Guard:
             arm = self.own.drivers["arm"]
             self.under_force = UnderForce(arm, self.rig.limits, self._go_on, self._say_waiting, self._not_stopped)
             self.own.drivers["arm"] = self.under_force
-        self.settings = Settings(self.own.drivers)
-        instruments = Instruments(self.own.drivers, self.own.opened, self.open, self.own.busy.__contains__)
-        self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed)
+        own = self.own
+        self.settings = Settings(own.drivers)
+        instruments = Instruments(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
+        self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
         self.energised = False
+        """Something may not be in its safe state."""
         self.landed = ""
         """Why the guard landed the rig by itself; empty while it takes commands."""
         self.handed_over = ""
@@ -102,8 +109,9 @@ class Guard:
         self._cause: InstrumentError | None = None
         self._landing_lock = threading.RLock()
         self._deciding = threading.Lock()
+        self._why = ""
+        """Why the rig was landed last."""
         self._clip_logged = 0.0
-        self._landed_at = -math.inf
         self._last = SafeReport()
         self._closed = False
 
@@ -153,7 +161,11 @@ class Guard:
                 self.monitor.vented()
                 self.settings.vented()
             if (name, method) not in ENERGISING:
-                return getattr(self.own.drivers[name], method)(*args)
+                try:
+                    return getattr(self.own.drivers[name], method)(*args)
+                except Unreachable as e:
+                    self._lose(name, e)
+                    raise
             self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
             try:
                 self._energise()
@@ -168,6 +180,8 @@ class Guard:
             except InstrumentError as e:
                 if self.landed:  # the command gave way to the landing's stop
                     raise self._refusal() from e
+                if isinstance(e, Unreachable):
+                    self._lose(name, e)
                 raise
             finally:
                 self.own.busy.discard(name)
@@ -178,6 +192,7 @@ class Guard:
             identity: Identity = self.own.drivers[name].open()
             if name not in self.own.opened:
                 self.own.opened.append(name)
+            self.own.lost.discard(name)
         return identity
 
     def close_one(self, name: str) -> None:
@@ -187,9 +202,18 @@ class Guard:
                 self.own.opened.remove(name)
             self.own.drivers[name].close()
 
+    def _lose(self, name: str, error: InstrumentError) -> None:
+        """The line to an instrument is lost: what it does now nobody knows, so everything is landed."""
+        if name in POLLED:
+            self.own.lost.add(name)
+        if self.energised:
+            self.land(str(error), error)
+
     def _energise(self) -> None:
         if self.landed:
             raise self._refusal()
+        if self.landing.going:
+            raise RigLanded(f"the guard is still making the rig safe: {self._last}")
         if not self.energised:
             if self.latch is not None and not self.despite_latch:
                 with _on_disk(self.latch.path):
@@ -231,19 +255,33 @@ class Guard:
             self.monitor.vented()
             self.settings.vented()
             names = list(self.own.opened) if names is None else names
-            report = self._last = self.landing.make_safe(names, keep_vacuum, reach)
-            self._landed_at = time.monotonic()
-            if self.latch is not None:
-                if self.energised or not report.confirmed:
-                    self.latch.note(f"landed ({why}): {report}")
-                if not report.confirmed:
-                    with contextlib.suppress(OSError):
-                        self.latch.write(f"safe state not confirmed after: {why}. {report}")
-                elif self.energised and not self.despite_latch:
-                    with contextlib.suppress(OSError):  # what stays behind locks the rig, and says so itself
-                        self.latch.clear()
-            self.energised = self.energised and not report.confirmed
-            return report
+            self._why = why
+            return self._reached(self.landing.make_safe(names, keep_vacuum, reach), f"landed ({why})")
+
+    def _reached(self, report: SafeReport, what: str) -> SafeReport:
+        """Note what a landing has reached; the latch goes when everything is confirmed."""
+        self._last = report
+        if self.latch is not None:
+            if self.energised or not report.confirmed:
+                self.latch.note(f"{what}: {report}")
+            if not report.confirmed:
+                with contextlib.suppress(OSError):
+                    self.latch.write(f"safe state not confirmed after: {self._why}. {report}")
+            elif self.energised and not self.despite_latch:
+                with contextlib.suppress(OSError):  # what stays behind locks the rig, and says so itself
+                    self.latch.clear()
+        self.energised = not report.confirmed
+        return report
+
+    def _confirmed_late(self, step: SafeStep, seconds: float) -> None:
+        """An instrument is safe that was not when its landing was reported."""
+        late = SafeReport((step,), seconds)
+        with self._landing_lock:
+            if self._closed:
+                return
+            steps = (step if s.instrument == step.instrument else s for s in self._last.steps)
+            self._reached(SafeReport(tuple(steps), seconds), late.said)
+        self.tell(Event("confirmed", self._why, None, late))
 
     def land(self, why: str, error: InstrumentError | None = None) -> None:
         """Land by the guard's own decision, once, in a thread of its own; commands are refused from here on."""
@@ -282,6 +320,9 @@ class Guard:
         """
         if self.handed_over:
             raise self._refusal()
+        self.landing.end()
+        for name in tuple(self.own.lost):
+            self.open(name)
         if "arm" in self.own.opened:
             with self.own.locks["arm"]:
                 arm = self.own.drivers["arm"]
@@ -313,6 +354,8 @@ class Guard:
                     sample = e
                     if isinstance(e, WrongDevice) and self.energised:
                         self.land(str(e), e)
+                    if isinstance(e, Unreachable):
+                        self._lose(name, e)
                 self.tell((name, sample))
                 for text in getattr(self.own.drivers[name], "take_notices", list)():
                     self.tell(Event("notice", text))
@@ -349,30 +392,48 @@ class Guard:
         self.land(f"no force samples, and the arm does not accept the stop: {error}", error)
 
     # -- the end
-    def close(self) -> None:
-        """Land what may still be energised, disconnect everything, let another guard have the rig."""
+    def finish(self) -> str:
+        """Land what may still be energised, for good; returns what is not confirmed and still being tried, or nothing."""
         self.ending = True
         self.landed = self.landed or "the guard is ending"
         with self._landing_lock:
-            if self.energised and time.monotonic() - self._landed_at > JUST_TRIED:
+            if self.energised and not self.landing.going:
                 self.make_safe("the program ended", self.rig.safe.keep_vacuum)
+            going = self.landing.going
+            return "; ".join(f"{s.instrument}: {s.text}" for s in self._last.steps if s.instrument in going)
+
+    def close(self, lives_on: float = 0.0) -> None:
+        """Land what may still be energised, disconnect everything, let another guard have the rig.
+
+        What is not confirmed is tried for `lives_on` host seconds more; what is, is disconnected at once.
+        """
+        self.finish()
+        until = time.monotonic() + lives_on
+        if going := self.landing.going:
+            self._disconnect([n for n in self.own.drivers if n not in (*going, "gauge")])
+        while self.landing.going and time.monotonic() < until:
+            time.sleep(LOOK)
+        with self._landing_lock:
             self._closed = True  # a landing that another thread still wants has been done
+            self.landing.end()
         self.running = False
-        closing = [
-            threading.Thread(target=self._close, args=(name,), name=f"close-{name}", daemon=True)
-            for name in self.own.drivers
-        ]
-        for thread in closing:
-            thread.start()
-        for thread in closing:
-            thread.join(8.0)
+        self._disconnect(list(self.own.drivers))
         if self.under_force is not None:
             self.under_force.finish()
         if self._last.confirmed and not self.energised and (self.latch is None or self.latch.read() is None):
             forget(self.rig)
         self._door.close()
 
+    def _disconnect(self, names: Sequence[str]) -> None:
+        closing = [threading.Thread(target=self._close, args=(n,), name=f"close-{n}", daemon=True) for n in names]
+        for thread in closing:
+            thread.start()
+        for thread in closing:
+            thread.join(8.0)
+
     def _close(self, name: str) -> None:
+        if name in self.own.opened:
+            self.own.opened.remove(name)
         with contextlib.suppress(Exception):
             self.own.drivers[name].close()
 

@@ -48,11 +48,16 @@ class Hosted:
         self._line: Connection | None = None
         self._lost = ""
         """Why the process was given up: every call says it until it is opened anew, whoever heard of it first."""
+        self._connected = False
 
     def open(self) -> Any:
-        """Start the process if there is none, and connect."""
+        """Start the process if there is none, and connect; what was connected before gets a process anew."""
+        if self._connected:
+            self.close()
         self._start()
-        return self._ask("open", (), OPEN_WITHIN)
+        identity = self._ask("open", (), OPEN_WITHIN)
+        self._connected = True
+        return identity
 
     def move_to(self, *args: Any) -> Any:
         """See Arm.move_to."""
@@ -83,6 +88,7 @@ class Hosted:
         """Disconnect and end the process."""
         with contextlib.suppress(InstrumentError):
             self._ask("close", (), CALL_WITHIN)
+        self._connected = False
         self._end()
 
     # -- the process

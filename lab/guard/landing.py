@@ -4,6 +4,9 @@ Each instrument has a thread of its own, started in the order of the policy. The
 sent, and again until it is taken; then it is read until it is measured safe. The next one starts when the one before has taken or
 refused its stop, and after a short head start in any case: a line that is dead, or an instrument that does not let itself be
 opened, holds up nobody but itself.
+
+A line that is lost is opened anew with every attempt. The report comes when its time is over, but the attempts go on until
+the instrument is confirmed safe, another landing begins, or `end` is called.
 """
 
 from __future__ import annotations
@@ -11,10 +14,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.errors import InstrumentError, NotReady
+from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
 
 from ..files.rig_file import Safe
 from .report import SafeReport, SafeStep
@@ -22,13 +25,16 @@ from .report import SafeReport, SafeStep
 HEAD_START = 0.005
 """Host seconds after which the next stop is sent, whatever became of the one before: too little to delay anything."""
 AGAIN = 0.3
-"""Host seconds after which a stop is sent again as long as the instrument is not read back safe."""
+"""Host seconds after which a stop is sent again, a lost line opened anew first, as long as the instrument is not read back
+safe."""
 LEAST_TIME = 2.0
 """Host seconds allowed at least, however fast the rig's clock runs: wires do not get faster."""
 RETRY = 0.02
 RELEASED_ABOVE = 80e3
 """Pa absolute; a spine above this is no longer evacuated."""
 GAUGE = "gauge"
+LOST = (Unreachable, NotReady, NoReply)
+"""Errors after which an instrument is opened anew before its next stop."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +48,42 @@ class Instruments:
     """Opens one; raises InstrumentError."""
     busy: Callable[[str], bool] = lambda name: False
     """Whether a command that was let through before the landing is still on its way to an instrument."""
+    lost: set[str] = field(default_factory=set)
+    """Of those that are open, the ones that have to be opened anew; `open` takes them out."""
+
+
+@dataclass
+class _Attempts:
+    """All attempts of one landing at one instrument."""
+
+    name: str
+    began: float = field(default_factory=time.monotonic)
+    """Host time, s."""
+    sent: threading.Event = field(default_factory=threading.Event)
+    """The first stop was taken or refused."""
+    judged: threading.Event = field(default_factory=threading.Event)
+    """It is confirmed, or its time is over."""
+    ended: threading.Event = field(default_factory=threading.Event)
+    """No further attempt: it is confirmed, or another landing has begun."""
+    step: SafeStep | None = None
+    reported: bool = False
 
 
 class Landing:
     """Lands the actuators of one rig by its policy."""
 
-    def __init__(self, policy: Safe, instruments: Instruments, speed: float) -> None:
-        """`speed` of the rig's clock: `policy.within` is rig time."""
-        self._policy = policy
+    def __init__(
+        self,
+        policy: Safe,
+        instruments: Instruments,
+        speed: float,
+        late: Callable[[SafeStep, float], None] = lambda step, seconds: None,
+    ) -> None:
+        """`speed` of the rig's clock: `policy.within` is rig time. `late` is called for an instrument that is confirmed after the
+        report, with the host seconds since its landing began."""
+        self._policy, self._late = policy, late
+        self._going: dict[str, _Attempts] = {}
+        self._lock = threading.Lock()
         self._rig = instruments
         self._within = max(LEAST_TIME, policy.within / speed)
         self._gauge_until = 0.0
@@ -62,28 +96,43 @@ class Landing:
         """
         began = time.monotonic()
         order = [n for n in self._policy.order if n in names and not (n == "valve" and keep_vacuum)]
+        self.end(order)
         if "valve" in order:
             self._open_gauge()
-        results: dict[str, SafeStep] = {}
-        threads: list[threading.Thread] = []
+        landing: list[_Attempts] = []
         for name in order:
-            sent = threading.Event()
-            thread = threading.Thread(
-                target=self._one, args=(name, reach, sent, results), name=f"land-{name}", daemon=True
-            )
-            thread.start()
-            threads.append(thread)
-            sent.wait(HEAD_START)
+            attempts = _Attempts(name)
+            with self._lock:
+                self._going[name] = attempts
+            threading.Thread(target=self._one, args=(attempts, reach), name=f"land-{name}", daemon=True).start()
+            landing.append(attempts)
+            attempts.sent.wait(HEAD_START)
         give_up = time.monotonic() + reach + self._within + LEAST_TIME
-        for thread in threads:
-            thread.join(max(0.0, give_up - time.monotonic()))
+        for attempts in landing:
+            attempts.judged.wait(max(0.0, give_up - time.monotonic()))
         hung = "its driver does not respond; stop it by hand"
-        steps = tuple(results.get(name, SafeStep(name, False, hung)) for name in order)
+        with self._lock:
+            for attempts in landing:
+                attempts.reported = True
+            steps = tuple(a.step or SafeStep(a.name, False, hung) for a in landing)
         return SafeReport(steps, time.monotonic() - began)
+
+    @property
+    def going(self) -> tuple[str, ...]:
+        """The instruments that are not confirmed safe and are still being tried."""
+        with self._lock:
+            return tuple(self._going)
+
+    def end(self, names: Sequence[str] | None = None) -> None:
+        """Make no further attempts at these instruments, or at any."""
+        with self._lock:
+            for name in tuple(self._going) if names is None else names:
+                if (attempts := self._going.pop(name, None)) is not None:
+                    attempts.ended.set()
 
     def _open_gauge(self) -> None:
         """The gauge confirms that the spine is released; one that does not open delays nobody."""
-        if GAUGE not in self._rig.drivers or GAUGE in self._rig.opened:
+        if GAUGE not in self._rig.drivers or self._is_open(GAUGE):
             return
 
         def go() -> None:
@@ -95,16 +144,17 @@ class Landing:
         self._gauge_until = time.monotonic() + LEAST_TIME
         threading.Thread(target=go, name="open-gauge", daemon=True).start()
 
-    def _one(self, name: str, reach: float, sent: threading.Event, results: dict[str, SafeStep]) -> None:
-        """Stop one instrument, then read it until it is safe.
+    def _one(self, attempts: _Attempts, reach: float) -> None:
+        """Stop one instrument, then read it, until it is safe or somebody ends it.
 
         A stop that overtook a command on its way proves nothing: it is sent again until none was.
         """
+        name = attempts.name
         stop, is_safe = self._ways(name)
-        closed = not self._is_open(name)
+        closed = name not in self._rig.opened
         deadline = time.monotonic() + (reach if closed else self._within)
         taken, overtook, again_at = False, True, 0.0
-        while True:
+        while not attempts.ended.is_set():
             confirmed = False
             try:
                 if overtook or time.monotonic() >= again_at:
@@ -112,7 +162,7 @@ class Landing:
                     try:
                         stop()
                     finally:
-                        sent.set()
+                        attempts.sent.set()
                     taken, overtook = True, before
                 if closed and self._is_open(name):
                     closed, deadline = False, time.monotonic() + self._within
@@ -120,15 +170,29 @@ class Landing:
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
                 failed = "cannot be reached" if not self._is_open(name) else "did not accept the stop"
                 text = str(e) if taken else f"{failed}: {e}"
+                if isinstance(e, LOST) and name != "arm":
+                    self._rig.lost.add(name)
             if overtook and confirmed:
                 confirmed, text = False, f"{text}, but an earlier command has not returned"
             if confirmed or time.monotonic() > deadline:
-                results[name] = SafeStep(name, confirmed, text)
+                self._judge(attempts, SafeStep(name, confirmed, text))
+            attempts.ended.wait(AGAIN if attempts.judged.is_set() else RETRY)
+
+    def _judge(self, attempts: _Attempts, step: SafeStep) -> None:
+        """Report where an instrument stands; the attempts end when it is confirmed."""
+        with self._lock:
+            if attempts.ended.is_set():
                 return
-            time.sleep(RETRY)
+            attempts.step = step
+            attempts.judged.set()
+            if step.confirmed:
+                attempts.ended.set()
+                del self._going[attempts.name]
+        if step.confirmed and attempts.reported:
+            self._late(step, time.monotonic() - attempts.began)
 
     def _is_open(self, name: str) -> bool:
-        return name in self._rig.opened
+        return name in self._rig.opened and name not in self._rig.lost
 
     def _reached(self, name: str) -> Any:
         """The driver, open. Raises InstrumentError."""
@@ -175,11 +239,13 @@ class Landing:
         return absolute > RELEASED_ABOVE, f"vacuum off, {absolute / 1e3:.0f} kPa absolute in the spine"
 
     def _stop_arm(self, driver: Any) -> None:
-        """An arm whose state shows it standing needs no stop; one that does not take it is judged by its state alone."""
+        """An arm whose state shows it standing needs no stop; one that does not take it is judged by its state alone, and
+        connected anew when that shows it moving."""
         try:
             self._reached("arm").stop()
         except Exception:
             if not _at_rest(driver):
+                self._rig.lost.add("arm")
                 raise
 
 
@@ -189,11 +255,11 @@ def _held(driver: Any) -> tuple[bool, str]:
 
 
 def _at_rest(driver: Any) -> bool:
-    """By the state that the driver receives; by a look from outside when its connection has ended: after a stop by the
-    arm's own safety system it cannot be opened again before a person has cleared that."""
+    """By the state that the driver receives; by a look from outside when its connection has ended or is silent: after a stop by
+    the arm's own safety system it cannot be opened again before a person has cleared that."""
     try:
         return bool(driver.standing())
-    except NotReady:
+    except (NotReady, NoReply):
         return bool(driver.glance())
 
 

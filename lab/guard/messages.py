@@ -15,8 +15,8 @@ class RigLanded(RuntimeError):
 
 @dataclass(frozen=True)
 class Event:
-    """What the guard tells by itself: kind "landed", "pause", "clipped", "notice" (of a driver), "waiting" (the arm, for
-    force samples) or "beat"."""
+    """What the guard tells by itself: kind "landed", "confirmed" (an instrument is safe after the landing was reported),
+    "pause", "clipped", "notice" (of a driver), "waiting" (the arm, for force samples) or "beat"."""
 
     kind: str
     text: str = ""

@@ -17,6 +17,7 @@ from .guard import REACH_WITHIN, Guard
 from .instruments import owned_names
 from .latch import RigLocked
 from .report import SafeReport, SafeStep
+from .rescue import go_on_landing
 
 
 def make_safe_with_new_guard(
@@ -46,5 +47,10 @@ def make_safe_with_new_guard(
 
 
 def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -> SafeReport:
-    """Land a rig whose guard was lost; unlocks it when everything is confirmed."""
-    return make_safe_with_new_guard(file, clock, names, "the guard was lost", unlock=True)
+    """Land a rig whose guard was lost; unlocks it when everything is confirmed. What is not is landed by another process, in case
+    its line comes back."""
+    why = "the guard was lost"
+    report = make_safe_with_new_guard(file, clock, names, why, unlock=True)
+    if left := [s.instrument for s in report.steps if not s.confirmed and s.instrument in names]:
+        go_on_landing(file, left, why)
+    return report

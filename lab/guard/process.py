@@ -23,7 +23,7 @@ from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .awake import Awake
 from .force_limit import overload
-from .guard import Guard
+from .guard import LIVES_ON, Guard
 from .latch import RigLocked
 from .messages import Event, RigLanded, Start
 from .priority import come_first
@@ -112,8 +112,13 @@ def _serve(guard: Guard, commands: Connection) -> None:
         while True:
             number, name, method, args = commands.recv()
             if method == "end":
-                guard.close()
-                commands.send((number, True, None))
+                going = guard.finish()
+                if going:
+                    commands.send((number, True, going))  # the program does not wait for what comes back late, or never
+                    _live_on(guard)
+                else:
+                    guard.close()
+                    commands.send((number, True, ""))
                 return
             answer: Any
             try:
@@ -123,7 +128,16 @@ def _serve(guard: Guard, commands: Connection) -> None:
                 ok, answer = False, e if known else RuntimeError(f"{type(e).__name__}: {e}")
             commands.send((number, ok, answer))
     guard.landed = guard.landed or "the program ended"
-    guard.close()
+    _live_on(guard)
+
+
+def _live_on(guard: Guard) -> None:
+    """Go on landing without the program; its terminal and pipes are left to whoever waits for their end."""
+    with contextlib.suppress(OSError):
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for output in (1, 2):
+            os.dup2(nothing, output)
+    guard.close(LIVES_ON)
 
 
 def main(commands: Connection, pulse: Listener, reports: Connection) -> int:

@@ -40,6 +40,8 @@ BEATS_MISSED = 2.0
 LONGEST_COMMAND = 200
 """Characters of this program's command that are shown to others."""
 SLICE = 0.05
+LIVING_ON: list[subprocess.Popen[bytes]] = []
+"""Guards that go on landing their rigs without this program."""
 HELD_BACK = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 """Signals that a terminal sends to everybody; the guard must not even see them while it starts."""
 
@@ -202,15 +204,23 @@ class Actuators:
         """Remove the latch."""
         self.call("", "unlock")
 
-    def close(self) -> None:
-        """Land safe and end the process; kills it when it does not end by itself."""
-        with contextlib.suppress(ActuatorsLost):
-            self.call("", "end")
-        self._end()
+    def close(self) -> str:
+        """Land safe and end the process; kills it when it does not end by itself.
 
-    def _end(self) -> None:
+        Returns what is not confirmed safe; the process then lives on for a while and goes on landing it.
+        """
+        going = ""
+        with contextlib.suppress(ActuatorsLost):
+            going = self.call("", "end")
+        self._end(lives_on=bool(going))
+        return going
+
+    def _end(self, lives_on: bool = False) -> None:
         self.pulse.close()
         self._commands.close()
+        if lives_on:
+            LIVING_ON.append(self._process)
+            return
         try:
             self._process.wait(5.0)
         except subprocess.TimeoutExpired:

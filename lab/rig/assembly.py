@@ -24,6 +24,7 @@ from ..files.all_drivers import drivers, found_drivers
 from ..files.rig_file import SENSORS, RigFile, present, table_of
 from ..guard.door import demand_free
 from ..guard.force_limit import ForceLimit
+from ..guard.guard import LIVES_ON
 from ..guard.instruments import ACTUATORS, owned_names
 from ..guard.messages import Event
 from ..guard.new_guard import make_safe_after_loss
@@ -174,7 +175,7 @@ class Rig:
             self.vital.landed = event
         elif event.kind == "pause":
             self.vital.pause = event
-        if event.kind in ("landed", "clipped", "waiting"):
+        if event.kind in ("landed", "confirmed", "clipped", "waiting"):
             _warn(self._recorder, f"{event.text}: {event.report.said}" if event.report is not None else event.text)
         elif event.kind == "notice":
             self._driver_notice(event.text)
@@ -267,7 +268,11 @@ class Rig:
         self.record_to(None)
         with Shielded():
             with contextlib.suppress(Exception):
-                self.actuators.close()
+                if going := self.actuators.close():
+                    self.notices.append(
+                        f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and notes in "
+                        f"{self.file.path and self.file.path.with_suffix('.guard.log')} what it reaches"
+                    )
             with contextlib.suppress(Exception):
                 if self.actuators.lost and self._after_loss is None:
                     self.make_safe()

@@ -6,6 +6,7 @@ import time
 import tty
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -108,6 +109,70 @@ def test_a_line_that_is_pulled_out_is_unreachable_not_an_operating_system_error(
     os.close(end.master)
     with pytest.raises(Unreachable, match="lost"):
         line.ask(b"A\r", b"\r")
+
+
+def test_a_lost_line_is_closed_says_so_until_it_is_opened_and_opens_what_is_behind_the_same_path(
+    tmp_path: Path,
+) -> None:
+    (old, old_slave), (new, new_slave) = pty.openpty(), pty.openpty()
+    tty.setraw(new_slave)
+    link = tmp_path / "by-id"
+    link.symlink_to(os.ttyname(old_slave))
+    line = SerialLine("gauge", str(link), 19200, timeout=5.0)
+    line.open()
+    os.close(old)
+    for _ in range(2):
+        with pytest.raises(Unreachable, match="lost .*by-id"):
+            line.ask(b"A\r", b"\r")
+        assert not line.is_open
+    link.unlink()
+    with pytest.raises(Unreachable, match="cannot open"):
+        line.open()
+    link.symlink_to(os.ttyname(new_slave))
+    line.open()
+    os.write(new, b"here\r")
+    assert line.read_until(b"\r") == b"here"
+    line.close()
+    with pytest.raises(NotReady, match="not open"):
+        line.write(b"A")
+    for fd in (old_slave, new, new_slave):
+        os.close(fd)
+
+
+def test_an_open_line_whose_path_leads_elsewhere_by_now_is_opened_anew(tmp_path: Path) -> None:
+    """The old handle may still take bytes: nothing says that it is the instrument's no longer."""
+    (old, old_slave), (new, new_slave) = pty.openpty(), pty.openpty()
+    tty.setraw(new_slave)
+    link = tmp_path / "by-id"
+    link.symlink_to(os.ttyname(old_slave))
+    line = SerialLine("gauge", str(link), 19200, timeout=5.0)
+    line.open()
+    link.unlink()
+    line.open()  # a path that is gone proves nothing
+    line.write(b"1")
+    assert os.read(old, 10) == b"1"
+    link.symlink_to(os.ttyname(new_slave))
+    line.open()
+    line.write(b"2")
+    assert os.read(new, 10) == b"2"
+    line.close()
+    for fd in (old, old_slave, new, new_slave):
+        os.close(fd)
+
+
+def test_a_silent_line_gets_a_new_handle_when_it_is_opened_again(
+    end: OtherEnd, line: SerialLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An adapter that was reset has forgotten its baud rate, and learns it when its port is opened."""
+    made = []
+    known = serial_line.serial.Serial
+    monkeypatch.setattr(serial_line.serial, "Serial", lambda *a, **b: made.append(known(*a, **b)) or made[-1])
+    line.open()
+    assert not made
+    with pytest.raises(NoReply):
+        line.ask(b"A\r", b"\r")
+    line.open()
+    assert len(made) == 1
 
 
 def test_a_closed_line_is_not_ready_and_closing_again_does_nothing(line: SerialLine) -> None:

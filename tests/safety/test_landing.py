@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from house import House, until
 
-from drivers.interfaces import PressureSample, SpineSample
+from drivers.errors import Unreachable
+from drivers.interfaces import PressureSample, SpineSample, ValveSample
 from lab.files.clock import RigClock
 from lab.files.rig_file import Safe, load_rig
 from lab.guard import hosted, landing
@@ -18,14 +19,23 @@ from lab.guard.hosted import under_guard
 from lab.guard.instruments import ACTUATORS
 from lab.guard.landing import Instruments, Landing, SafeReport
 
+LANDINGS: list[Landing] = []
+
+
+@pytest.fixture(autouse=True)
+def no_attempts_left() -> Iterator[None]:
+    """A landing that is not confirmed goes on; not into the next test."""
+    yield
+    while LANDINGS:
+        LANDINGS.pop().end()
+
 
 def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: Any = lambda name: False) -> Landing:
     """A landing of drivers that are open."""
-
-    def refuse(name: str) -> None:
-        raise AssertionError(f"{name} is open")
-
-    return Landing(policy, Instruments(drivers, list(drivers), refuse, busy), speed)
+    LANDINGS.append(
+        Landing(policy, Instruments(drivers, list(drivers), lambda name: drivers[name].open(), busy), speed)
+    )
+    return LANDINGS[-1]
 
 
 PATIENCE = 5.0
@@ -69,10 +79,13 @@ def test_the_others_stop(
         house.fakes.switch.begin(name, "silence")
     if "arm" in failing:
         assert until(lambda: stale(drivers["arm"]))
-    report = landing_of(drivers, Safe(within=PATIENCE), 20.0).make_safe(ACTUATORS, keep_vacuum=False)
+    landed = landing_of(drivers, Safe(within=PATIENCE), 20.0)
+    report = landed.make_safe(ACTUATORS, keep_vacuum=False)
+    assert set(landed.going) == set(failing)
     house.fakes.switch.end()
     assert {s.instrument: s.confirmed for s in report.steps} == {n: n not in failing for n in ACTUATORS}, report
     assert report.confirmed is (not failing)
+    assert until(lambda: not landed.going), "what answers again is landed"
     assert until(lambda: not stale(drivers["arm"]))
 
 
@@ -217,6 +230,54 @@ def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
 
     report = landing_of({"spine": spine}, Safe(), 20.0, busy).make_safe(["spine"], keep_vacuum=False)
     assert report.confirmed and spine.stops == 3 and not spine.moving
+
+
+def test_an_instrument_that_is_confirmed_after_the_report_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its line is opened anew with each attempt."""
+    monkeypatch.setattr(landing, "LEAST_TIME", 0.2)
+    back, late = threading.Event(), []
+
+    class Valve:
+        opened = 0
+
+        def open(self) -> None:
+            self.opened += 1
+            if not back.is_set():
+                raise Unreachable("valve", "cannot open it")
+
+        def set(self, on: bool) -> None:
+            if not back.is_set():
+                raise Unreachable("valve", "lost")
+
+        def read(self) -> ValveSample:
+            return ValveSample(0.0, False)
+
+    valve, lost = Valve(), set[str]()
+
+    def reopen(name: str) -> None:
+        valve.open()
+        lost.discard(name)
+
+    instruments = Instruments({"valve": valve}, ["valve"], reopen, lost=lost)
+    going = Landing(Safe(within=0.1), instruments, 20.0, lambda step, seconds: late.append(step))
+    report = going.make_safe(["valve"], keep_vacuum=False)
+    assert not report.confirmed and going.going == ("valve",) and not late
+    assert until(lambda: valve.opened > 2)
+    back.set()
+    assert until(lambda: bool(late))
+    assert late[0].confirmed and going.going == ()
+
+
+def test_a_new_landing_ends_the_attempts_of_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(landing, "LEAST_TIME", 0.2)
+    told: list[str] = []
+    first = landing_of({"spine": Refusing("spine", told)}, Safe(within=0.1), 20.0)
+    first.make_safe(["spine"], False)
+    before = threading.active_count()
+    first.make_safe(["spine"], False)
+    assert first.going == ("spine",) and until(lambda: threading.active_count() <= before)
+    first.end()
+    assert first.going == ()
 
 
 def test_a_command_that_does_not_come_back_keeps_the_landing_unconfirmed() -> None:

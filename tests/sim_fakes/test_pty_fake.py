@@ -1,5 +1,6 @@
 """The common faults of a fake on a pty, seen by a plain serial port."""
 
+import os
 import time
 from collections.abc import Iterator
 
@@ -106,16 +107,16 @@ def test_answers_that_nobody_reads_do_not_stop_the_fake(echo: Echo) -> None:
         assert ask(port, b"still here\n") == b"still here\n"
 
 
-def test_no_other_line_gets_the_name_of_an_unplugged_port() -> None:
+def test_a_port_that_is_plugged_in_again_has_the_same_path_and_another_pty_that_no_other_line_got() -> None:
     pulled = Echo()
-    name = pulled.port
+    before = os.path.realpath(pulled.port)
     pulled.unplug()
     others = [Echo() for _ in range(3)]
     try:
-        with pytest.raises(OSError, match=name):
-            serial.Serial(name)
+        with pytest.raises(OSError, match=pulled.port):
+            serial.Serial(pulled.port)
         pulled.plug()
-        assert name not in {pulled.port, *(other.port for other in others)}
+        assert before not in {os.path.realpath(line.port) for line in (pulled, *others)}
     finally:
         for line in (pulled, *others):
             line.stop()

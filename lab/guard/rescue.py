@@ -1,0 +1,63 @@
+"""The landing of a rig whose guard was lost, in a process of its own: it goes on after the program that asked for it has ended.
+
+Run by `python -m lab.guard.rescue`; what to land comes as JSON at its input.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from recordings.json_text import read_json
+
+from ..files.clock import RigClock
+from ..files.rig_file import RigFile
+from .guard import LIVES_ON, Guard
+from .latch import RigLocked
+from .priority import come_first
+
+RESCUING: list[subprocess.Popen[bytes]] = []
+"""Processes that this program has started for it."""
+
+
+def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
+    """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lab.guard.rescue"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    RESCUING.append(process)
+    assert process.stdin is not None
+    with process.stdin as asked:
+        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why]).encode())
+
+
+def main() -> int:
+    """Land one rig; unlock it when everything is confirmed."""
+    text, path, names, why = read_json(sys.stdin.buffer.read())
+    rig = RigFile.model_validate_json(text).read_from(Path(path) if path else None)
+    guard = Guard(rig, RigClock(rig.clock.speed), despite_latch=True, about=why)
+    try:
+        guard.take_over()
+    except RigLocked:
+        return 1  # whoever owns the rig by now lands it
+    report = guard.make_safe(why, rig.safe.keep_vacuum, names, LIVES_ON)
+    if report.confirmed:
+        guard.unlock()
+    guard.close()
+    return 0
+
+
+if __name__ == "__main__":
+    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ignored, signal.SIG_IGN)
+    come_first()
+    os._exit(main())  # threads may be stuck in a driver that does not come back

@@ -1,0 +1,210 @@
+"""A line that drops out and returns behind the same path, in every phase: everything is vented and stopped, and confirmed."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from house import House, until
+
+from drivers.errors import InstrumentError, Unreachable
+from lab.files.clock import RigClock
+from lab.files.rig_file import load_rig
+from lab.guard import new_guard
+from lab.guard.instruments import ACTUATORS
+from lab.guard.messages import RigLanded
+from lab.guard.new_guard import make_safe_with_new_guard
+from lab.rig.assembly import Rig
+from lab.verbs.fakes import PATIENT, write_rig
+from sim_fakes.rig import FakeRig
+
+FIRST, SECOND = "alicat+dynamixel", "smc_itv+tmcl"
+NETWORK = ("arm", "force")
+"""Watched by the program, and slow to connect; the others are polled by the guard."""
+OUT = 0.7
+"""Host seconds for which a cable is out."""
+LINES = (
+    *((FIRST, name) for name in ("pressure", "spine", "valve", "gauge", *NETWORK)),
+    *((SECOND, name) for name in ("pressure", "pressure2", "spine")),
+)
+PHASES = ("connecting", "ramping", "reading", "landing")
+CELLS = [
+    pytest.param(rig, name, phase, marks=[pytest.mark.long] if name in NETWORK and phase != "ramping" else [])
+    for (rig, name), phase in itertools.product(LINES, PHASES)
+]
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
+    with FakeRig(speed=20.0, seed=2, regulators="smc_itv", spine="tmcl") as fakes:
+        yield House(fakes, tmp_path_factory.mktemp("second") / "rig.yaml")
+
+
+@pytest.fixture
+def of(house: House, second: House) -> Iterator[dict[str, House]]:
+    write_rig(second.fakes, second.rig, {"instruments": PATIENT["instruments"], "limits": {"max_age": 5.0}})
+    second.latch.unlink(missing_ok=True)
+    yield {FIRST: house, SECOND: second}
+    second.fakes.switch.end()
+
+
+def use(house: House, name: str) -> None:
+    """Leave out what a cell does not need."""
+    house.change(without=("mocap",) if name in NETWORK else ("mocap", *NETWORK))
+
+
+def inflate(rig: Rig, house: House) -> None:
+    rig.actuators.call("valve", "set", True)
+    for _ in range(20):
+        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
+        time.sleep(0.02)
+    assert until(lambda: house.highest() > 40e3)
+
+
+def experiment(rig: Rig, ramps: bool) -> None:
+    """Command and watch as an experiment does, until something is raised; then land."""
+    rig.watch.over([n for n in rig.identities if n not in ("arm_state",)])
+    pressure, give_up = 60e3, time.monotonic() + 60.0
+    with pytest.raises((InstrumentError, RigLanded)):
+        while time.monotonic() < give_up:
+            if ramps:
+                pressure = min(pressure + 100.0, 100e3)
+                rig.actuators.call("pressure", "set", (pressure,) * 3)
+            else:
+                rig.actuators.call("pressure", "read")
+            if "arm" in rig.identities:
+                rig.actuators.call("arm", "moving")
+            rig.watch.look()
+    rig.make_safe()
+
+
+@pytest.mark.parametrize(("kind", "name", "phase"), CELLS)
+def test_the_rig_is_made_safe_once_the_line_is_back(of: dict[str, House], kind: str, name: str, phase: str) -> None:
+    house = of[kind]
+    use(house, name)
+    fakes = house.fakes
+    if phase == "connecting":  # a rescue of an inflated rig, by a program that finds it so
+        with Rig(load_rig(house.rig), despite_latch=True) as rig:
+            assert rig.open_all(lambda name, outcome: None) == []
+            inflate(rig, house)
+            rig.actuators._process.kill()
+            rig.actuators._process.wait()
+            fakes.switch.drop_out(name, OUT)
+            names = [n for n in ACTUATORS if n in rig.identities]
+            report = make_safe_with_new_guard(rig.file, RigClock(20.0), names, "test", unlock=True)
+            assert report.confirmed, report
+    else:
+        with Rig(load_rig(house.rig)) as rig:
+            assert rig.open_all(lambda name, outcome: None) == []
+            inflate(rig, house)
+            fakes.switch.drop_out(name, OUT)
+            if phase == "landing":
+                rig.make_safe()
+            else:
+                experiment(rig, ramps=phase == "ramping")
+    assert house.vented()
+    assert until(lambda: not house.latch.exists())
+
+
+@pytest.fixture
+def small(house: House) -> House:
+    """The rig without arm, force sensor and cameras: quick to connect."""
+    use(house, "pressure")
+    return house
+
+
+@pytest.mark.parametrize("name", ["pressure", "spine", "valve", "gauge"])
+def test_the_guard_lands_everything_by_itself_and_names_the_line(small: House, name: str) -> None:
+    with Rig(load_rig(small.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        inflate(rig, small)
+        small.fakes.switch.drop_out(name, OUT)
+        assert small.vented()
+        assert until(lambda: rig.vital.landed is not None)
+        landed = rig.vital.landed
+        assert landed is not None and isinstance(landed.error, Unreachable) and landed.error.instrument == name
+        assert until(lambda: not small.latch.exists())
+        with pytest.raises(Unreachable, match=f"{name}: lost "):
+            rig.actuators.call("pressure", "set", (10e3, 10e3, 10e3))
+
+
+def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_reported(small: House) -> None:
+    small.change(safe={"within": 0.1})
+    events = []
+    with Rig(load_rig(small.rig)) as rig:
+        rig.actuators._on_event = events.append
+        assert rig.open_all(lambda name, outcome: None) == []
+        inflate(rig, small)
+        small.fakes.switch.begin("pressure", "disconnect")
+        assert until(lambda: any(e.kind == "landed" for e in events))
+        report = rig.make_safe()
+        assert [s.instrument for s in report.steps if not s.confirmed] == ["pressure"]
+        assert small.latch.exists()
+        with pytest.raises(InstrumentError):
+            rig.actuators.call("pressure", "set", (10e3, 10e3, 10e3))
+        small.fakes.switch.end()
+        assert small.vented()
+        assert until(lambda: any(e.kind == "confirmed" for e in events))
+        (late,) = [e for e in events if e.kind == "confirmed"]
+        assert late.report is not None and late.report.said.startswith("vented: confirmed ")
+        assert until(lambda: not small.latch.exists())
+
+
+def test_the_guard_lives_on_after_its_program_and_lands_what_comes_back(small: House) -> None:
+    small.change(safe={"within": 0.1})
+    with Rig(load_rig(small.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        inflate(rig, small)
+        small.fakes.switch.begin("pressure", "disconnect")
+        assert not rig.make_safe().confirmed
+    assert any("pressure" in text and "tries again" in text for text in rig.notices)
+    assert small.highest() > 40e3 and small.latch.exists()
+    small.fakes.switch.end()
+    assert small.vented()
+    assert until(lambda: not small.latch.exists())
+    assert "vented: confirmed" in small.rig.with_suffix(".guard.log").read_text()
+    with Rig(load_rig(small.rig)) as rig:  # the guard has ended by itself
+        assert rig.open_all(lambda name, outcome: None) == []
+
+
+def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guard was killed while the line was out, and the program has nothing more to do."""
+    monkeypatch.setattr(new_guard, "REACH_WITHIN", 0.5)  # of the program; its rescue goes on for longer
+    with Rig(load_rig(small.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        inflate(rig, small)
+        small.fakes.switch.begin("pressure", "disconnect")
+        os.kill(rig.actuators.pid, signal.SIGKILL)
+        report = rig.make_safe()
+        assert [s.instrument for s in report.steps if not s.confirmed] == ["pressure"]
+    assert small.highest() > 40e3 and small.latch.exists()
+    small.fakes.switch.end()
+    assert small.vented()
+    assert until(lambda: not small.latch.exists())
+
+
+def test_a_run_whose_regulators_drop_out_ends_vented_and_names_the_line(house: House, tmp_path: Path) -> None:
+    house.change(without=NETWORK)
+    program = house.start(tmp_path)
+    house.fakes.switch.drop_out("pressure", OUT)
+    assert house.vented()
+    output, _ = program.communicate(timeout=600)
+    assert program.returncode == 1 and "pressure: lost" in " ".join(output.split())
+    assert not house.latch.exists()
+
+
+def test_a_killed_program_s_guard_lands_what_comes_back(house: House, tmp_path: Path) -> None:
+    house.change(without=NETWORK, safe={"within": 0.1})
+    program = house.start(tmp_path)
+    house.fakes.switch.begin("pressure", "disconnect")
+    program.kill()
+    program.communicate()
+    assert until(lambda: not house.fakes.plant.valve_on)
+    house.fakes.switch.end()
+    assert house.vented()
+    assert until(lambda: not house.latch.exists())
