@@ -165,9 +165,14 @@ class ControlThread:
             try:
                 return rtde_control.RTDEControlInterface(self.host, -1.0, FLAGS)
             except RuntimeError as error:
-                if not _in_use(str(error)) or time.monotonic() > give_up:
+                if not (_in_use(str(error)) or _ended(str(error))) or time.monotonic() > give_up:
                     raise
             time.sleep(0.1)
+
+
+def _ended(reason: str) -> bool:
+    """The library found a program running, which had ended by itself before it could be stopped."""
+    return "failed to execute: stop" in reason.lower()
 
 
 def _in_use(reason: str) -> bool:

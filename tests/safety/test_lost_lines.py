@@ -17,7 +17,7 @@ from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.instruments import ACTUATORS
-from lab.guard.messages import RigLanded
+from lab.guard.messages import Event, RigLanded
 from lab.guard.new_guard import make_safe_with_new_guard
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, write_rig
@@ -135,7 +135,7 @@ def test_the_guard_lands_everything_by_itself_and_names_the_line(small: House, n
 
 def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_reported(small: House) -> None:
     small.change(safe={"within": 0.1})
-    events = []
+    events: list[Event] = []
     with Rig(load_rig(small.rig)) as rig:
         rig.actuators._on_event = events.append
         assert rig.open_all(lambda name, outcome: None) == []
