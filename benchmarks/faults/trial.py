@@ -78,7 +78,8 @@ class Bench:
 
     def run(self, cell: Cell) -> Verdict:
         """One cell, from a sound rig to a sound rig."""
-        (self.folder / "rig.latch").unlink(missing_ok=True)
+        for left in ("rig.latch", "rig.guard.log"):
+            (self.folder / left).unlink(missing_ok=True)
         self._write_rig(cell.protocol)
         self.fakes.troubles.clear()
         trigger = Trigger(self.fakes, cell)
@@ -187,7 +188,7 @@ class Bench:
         others = [n for n in unconfirmed if n not in excused]
         if others:
             bad.append(f"not confirmed: {', '.join(others)}")
-        if unconfirmed and not result.locked:
+        if unconfirmed and not result.locked and not self._confirmed_late():
             bad.append("not confirmed and not locked")
         wrong = [n for n in unsafe if n != cell.instrument or (n not in unconfirmed and cell.phase != "connect")]
         if wrong:
@@ -196,6 +197,10 @@ class Bench:
         texts = [text for name, confirmed, text in result.steps if not confirmed]
         why = "; ".join(bad + texts)
         return Verdict(cell, mark, why, seconds, f"{result.kind}: {result.error}" if result.error else "", unsafe)
+
+    def _confirmed_late(self) -> bool:
+        """Whether the guard has unlocked the rig after its report, by a confirmation that came later."""
+        return " s later: " in self.rig.with_suffix(".guard.log").read_text(encoding="utf-8")
 
     def _unsafe(self, cell: Cell) -> tuple[str, ...]:
         """Actuators that are not in the safe state in truth."""

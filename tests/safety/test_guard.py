@@ -15,7 +15,6 @@ import pytest
 from house import House, until
 
 from drivers.errors import DeviceFault, InstrumentError
-from drivers.ur5.driver import PROTECTIVE_STOP
 from lab.cli import main
 from lab.console import Screen
 from lab.files.clock import RigClock
@@ -45,6 +44,10 @@ def rig(small: House) -> Iterator[Rig]:
     with Rig(load_rig(small.rig)) as opened:
         assert opened.open_all(lambda name, outcome: None) == []
         yield opened
+
+
+PROTECTIVE_STOP = 1 << 2
+"""Of safety_status_bits."""
 
 
 def guard_of(program: subprocess.Popen[str]) -> int:
