@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import fmean
 
 from recordings.states.rules import AMBIENT
 from recordings.states.vacuum import VacuumBand, left_band
 
 from .bench import Bench, Jammed
+from .errors import JamLost
 from .parameters import Jam, SpineMotion
 
 VENTED_BELOW = 5e3
@@ -147,11 +148,21 @@ def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, r
     return ambient
 
 
+def keep_jammed(bench: Bench, jam: Callable[[], object]) -> None:
+    """After a pause, at a place where the spine may move: have `jam` jam a spine anew that was soft since it was jammed.
+
+    Raises JamLost then.
+    """
+    if jam_lost(bench):
+        jam()
+        raise JamLost("the spine was jammed anew")
+
+
 def jam_lost(bench: Bench) -> bool:
-    """Whether the spine has lost its vacuum since it was jammed: then it was soft, and `set_spine` must jam it anew."""
+    """Whether the spine was soft at any time since it was jammed."""
     kept = bench.jammed
-    if kept is None:
-        return False
+    if kept is None or kept.soft:
+        return kept is not None
     since = kept.vacuum.begin(bench.clock.now())
     said = left_band(bench.recorder.buffers.window("/vacuum", since, math.inf), kept.ambient, kept.vacuum)
     if since > kept.vacuum.since:  # a long pause

@@ -39,6 +39,8 @@ class Jammed:
     """Pa absolute."""
     vacuum: VacuumBand
     """What it must keep."""
+    soft: bool = False
+    """It showed that it is soft, whatever the gauge shows."""
 
 
 Mount = Literal["robot", "body", "spine"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal
 
@@ -18,12 +18,13 @@ from pydantic import Field, model_validator
 
 from recordings.states.rules import Crossing, Settled, Window
 
-from .actions import home, jam_lost, ramp, set_spine, vent
+from .actions import home, keep_jammed, ramp, set_spine, vent
 from .bench import Bench, Setup
 from .errors import WrongWiring
 from .experiment import Ask, Plan, Reading, Step, Trial, Trials, settled
 from .parameters import Chamber, Jam, Parameters, Pressure, RobotFacts, Settle, SpineLength, SpineMotion, Vacuum
-from .suspension import through_pauses
+from .shapes import Shapes
+from .suspension import through_jams, through_pauses
 
 
 class Bending(Parameters):
@@ -188,54 +189,64 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
             ambient = through_pauses(bench, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
             trials.step_done()
             trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
+            sweep = Sweep(bench, p, trial, trials, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
             with trials.doing(trial):
-                _sweep(bench, p, trial, trials, partial(_climb_back, bench, p, spine, vacuum))
+                through_jams(trials, trial, partial(_visit_all, sweep))
             vent(bench)
 
 
-Back = Callable[[str], None]
-"""What brings the rig back, after a pause, to where states of a branch begin."""
+@dataclass(frozen=True)
+class Sweep:
+    """One trial: what works for it, and what is known of its spine."""
+
+    bench: Bench
+    p: Bending
+    trial: Trial
+    trials: Trials
+    jam: Callable[[], object]
+    """Jams the spine anew."""
+    shapes: Shapes = field(default_factory=Shapes)
 
 
-def _sweep(bench: Bench, p: Bending, trial: Trial, trials: Trials, back: Back) -> None:
+def _visit_all(s: Sweep) -> None:
     """Visit all levels once: stop and read at each, or read on the fly between the turning points."""
-    if p.reading != "sweep":
-        for level in levels(p):
-            _stop_and_read(bench, p, trial, trials, back, [level])
-        return
-    for branch, run_of_levels in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
-        if branch[1]:
-            _read_on_the_fly(bench, p, trial, trials, back, list(run_of_levels))
-        else:
-            _stop_and_read(bench, p, trial, trials, back, list(run_of_levels))
+    s.shapes.begin()
+    if s.p.reading != "sweep":
+        for level in levels(s.p):
+            _stop_and_read(s, [level])
+    else:
+        for branch, some in itertools.groupby(levels(s.p), key=lambda level: (level.branch, level.pressure > 0)):
+            (_read_on_the_fly if branch[1] else _stop_and_read)(s, list(some))
+    if s.shapes.seen:
+        s.trials.mark(s.trial, "soft", s.shapes.seen)
+        s.bench.say(f'Trial {s.trial.number} is marked (doubt "soft"): {s.shapes.seen}')
 
 
-def _stop_and_read(bench: Bench, p: Bending, trial: Trial, trials: Trials, back: Back, at: list[Level]) -> None:
+def _stop_and_read(s: Sweep, at: list[Level]) -> None:
     """Ramp to each level and read it when settled, or after the hold times."""
     for level in at:
-        bench.check_stop()
-        rules = _rules(p)
+        s.bench.check_stop()
+        rules = _rules(s.p)
 
         def visit(level: Level = level, rules: list[Settled | Window] = rules) -> None:
-            before = max(bench.need(bench.pressure, "pressure").read().setpoint)
-            arrived = ramp(bench, _channels(bench, p, level.pressure), p.rate)
-            rate = _signed(p.rate, level.pressure - before)
+            before = max(s.bench.need(s.bench.pressure, "pressure").read().setpoint)
+            arrived = ramp(s.bench, _channels(s.bench, s.p, level.pressure), s.p.rate)
+            rate = _signed(s.p.rate, level.pressure - before)
             while rules:
-                _read(p, trial, trials, level, rules[0], arrived, arrived, rate)
+                _read(s, level, rules[0], arrived, arrived, rate)
                 rules.pop(0)
 
-        through_pauses(bench, visit, partial(back, level.branch))
-        trials.step_done()
+        through_pauses(s.bench, visit, partial(_climb_back, s, level.branch))
+        s.trials.step_done()
 
 
-def _climb_back(bench: Bench, p: Bending, spine: float, vacuum: float, branch: str) -> None:
-    """After a pause the chambers are empty: a spine that went soft meanwhile is jammed anew, and a state of the unload branch
-    is reached by way of the highest again."""
-    if jam_lost(bench):
-        set_spine(bench, spine, vacuum, p.spine, p.jam)
+def _climb_back(s: Sweep, branch: str) -> None:
+    """After a pause the chambers are empty: a spine that was soft is jammed anew, and a state of the unload branch is reached by
+    way of the highest again. Raises JamLost."""
+    keep_jammed(s.bench, s.jam)
     if branch == "unload":
-        ramp(bench, _channels(bench, p, max(p.pressures)), p.rate)
-        bench.pause(p.settle.average)  # the chambers follow their set-points
+        ramp(s.bench, _channels(s.bench, s.p, max(s.p.pressures)), s.p.rate)
+        s.bench.pause(s.p.settle.average)  # the chambers follow their set-points
 
 
 def _rules(p: Bending) -> list[Settled | Window]:
@@ -244,19 +255,20 @@ def _rules(p: Bending) -> list[Settled | Window]:
     return [settled(p.settle)]
 
 
-def _read_on_the_fly(bench: Bench, p: Bending, trial: Trial, trials: Trials, back: Back, passed: list[Level]) -> None:
+def _read_on_the_fly(s: Sweep, passed: list[Level]) -> None:
     """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
-    bench.check_stop()
+    s.bench.check_stop()
     branch, left = passed[0].branch, list(passed)
-    through_pauses(bench, lambda: _pass(bench, p, trial, trials, left), lambda: back(branch))
+    through_pauses(s.bench, lambda: _pass(s, left), lambda: _climb_back(s, branch))
 
 
-def _pass(bench: Bench, p: Bending, trial: Trial, trials: Trials, left: list[Level]) -> None:
+def _pass(s: Sweep, left: list[Level]) -> None:
     """One ramp to the last level; takes those that were read off the list."""
+    p = s.p
     rising = left[0].branch == "load"
     end = left[-1].pressure
-    begin = bench.clock.now()
-    arrived = ramp(bench, _channels(bench, p, end), p.rate)
+    begin = s.bench.clock.now()
+    arrived = ramp(s.bench, _channels(s.bench, p, end), p.rate)
     while left:
         level = left[0]
         # The pressure approaches the ramp's end without crossing it: the last level is read just before.
@@ -265,26 +277,24 @@ def _pass(bench: Bench, p: Bending, trial: Trial, trials: Trials, left: list[Lev
         rule = Crossing(
             at, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, arrived - begin + p.settle.within
         )
-        _read(p, trial, trials, level, rule, begin, arrived, p.rate if rising else -p.rate)
+        _read(s, level, rule, begin, arrived, p.rate if rising else -p.rate)
         left.pop(0)
-        trials.step_done()
+        s.trials.step_done()
 
 
 def _read(
-    p: Bending,
-    trial: Trial,
-    trials: Trials,
-    level: Level,
-    rule: Settled | Window | Crossing,
-    start: float,
-    ramp_end: float,
-    rate: float,
+    s: Sweep, level: Level, rule: Settled | Window | Crossing, start: float, ramp_end: float, rate: float
 ) -> None:
+    """Read one state. Raises Suspended where its shape shows that the jammed spine has gone soft, once a trial."""
+    p, shapes = s.p, s.shapes
     last = p.hold_times[-1] if p.reading == "hold" else 0.0
-    trials.read(
-        trial, rule, branch=level.branch, t_start=start, ramp_end=ramp_end, rate=rate, targets=_chambers(p, level.pressure),
+    row = s.trials.read(
+        s.trial, rule, branch=level.branch, t_start=start, ramp_end=ramp_end, rate=rate, targets=_chambers(p, level.pressure),
         topics=TOPICS, wait=last + p.settle.average + p.settle.within + 10.0,
     )  # fmt: skip
+    if s.bench.jammed is not None and shapes.take(level.branch, level.pressure, row) and not shapes.asked:
+        shapes.asked = True
+        raise s.trials.soft(s.trial, shapes.seen)
 
 
 def _chambers(p: Bending, pressure: float) -> list[float]:

@@ -305,6 +305,14 @@ class Trials:
                 "removed from the forces"
             )
 
+    def soft(self, trial: Trial, seen: str) -> Suspended:
+        """Mark the states of a trial because its spine, though jammed, is soft; returns what has a person asked."""
+        if self.bench.jammed is not None:
+            self.bench.jammed = replace(self.bench.jammed, soft=True)
+        text = f"trial {trial.number}: the jammed spine is soft although the gauge shows its vacuum: {seen}"
+        self.mark(trial, "soft", text)
+        return Suspended(DeviceFault("gauge", f"{text}; check gauge, hoses and membrane, and how it is mounted"))
+
     def mark(self, trial: Trial, doubt: str, text: str) -> None:
         """The states that were read in a trial up to now are in doubt; `doubt`: one of `recordings.trials.DOUBTS`."""
         mark = Mark(self.bench.clock.now(), trial.number, doubt, text)

@@ -7,9 +7,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic import Field
 
 from drivers.errors import DeviceFault, StaleReading
 from drivers.frames import rotation_from_vector, vector_from_rotation
@@ -17,16 +17,36 @@ from recordings.states.zeros import Span, Unloaded, unloaded
 
 from .bench import Bench, StandFrame
 from .errors import NotReached, Suspended, TooMuchForce
-
-if TYPE_CHECKING:
-    from .stiffness import Stiffness
+from .parameters import Parameters
 
 HELD_SAMPLES = 20
 """Force samples that each reading holds by which the probe feels whether the specimen pushes back: 0.02 N of a noise of 0.1 N."""
+LEAST_UNLOADED = 10
+"""Force samples at least by which the unloaded sensor is read."""
 TOUCHES = 0.5
 """Share of the contact force that must go away with the probe; else the sensor has drifted and nothing was touched."""
 LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
 """m and rad; a longer way is made in equal parts."""
+
+
+class Probing(Parameters):
+    """Parameters of the probe's motions and of the force sensor."""
+
+    max_force: float = Field(25.0, gt=0, le=100, json_schema_extra={"unit": "N"})
+    """A trial ends early here."""
+    contact_force: float = Field(0.3, gt=0, le=10, json_schema_extra={"unit": "N"})
+    """Contact counts as made above this."""
+    approach_step: float = Field(1e-3, gt=0, le=5e-3, json_schema_extra={"unit": "m"})
+    clearance: float = Field(5e-3, gt=0, le=0.1, json_schema_extra={"unit": "m"})
+    """The approach in steps begins so far from where the specimen is expected."""
+    speed: float = Field(0.05, gt=0, le=0.25, json_schema_extra={"unit": "m/s"})
+    """Free moves."""
+    push_speed: float = Field(5e-3, gt=0, le=0.05, json_schema_extra={"unit": "m/s"})
+    """Moves near and in contact."""
+    acceleration: float = Field(0.3, gt=0, le=2, json_schema_extra={"unit": "m/s^2"})
+    min_samples: int = Field(50, ge=1, le=10_000)
+    """Force samples a reading holds at least; a sensor that sends slowly is averaged longer."""
+    zero_samples: int = Field(100, ge=1, le=10_000)
 
 
 @dataclass(frozen=True)
@@ -56,8 +76,9 @@ class Contact:
 class ProbeMotion:
     """Moves the probe in the stand's frame: `along` the specimen from the clamp, `depth` along the push from its axis, m."""
 
-    def __init__(self, bench: Bench, p: Stiffness, stand: StandFrame) -> None:
-        self.bench, self.p = bench, p
+    def __init__(self, bench: Bench, p: Probing, stand: StandFrame, radius: float) -> None:
+        """`radius`: m from the specimen's axis to its surface."""
+        self.bench, self.p, self.radius = bench, p, radius
         self.arm = bench.need(bench.arm, "arm")
         self.state = bench.need(bench.arm_state, "arm")
         self.force = bench.need(bench.force, "force")
@@ -70,7 +91,7 @@ class ProbeMotion:
     @property
     def near(self) -> float:
         """Depth at which the approach in steps begins: surely off the specimen."""
-        return -self.p.radius - self.p.clearance
+        return -self.radius - self.p.clearance
 
     def go(self, along: float, depth: float, speed: float) -> None:
         """Move there and wait until the arm has come to rest.
@@ -98,11 +119,6 @@ class ProbeMotion:
             raise TooMuchForce(f"force: {force:.1f} N exceeded max_force {self.p.max_force:g} N; the arm was stopped")
         return None if self.arm.moving() else True
 
-    def come_back(self, along: float, depth: float) -> None:
-        """After a pause: away from the specimen, then to where it is nearly touched."""
-        self.retreat()
-        self.go(along, depth, self.p.speed)
-
     def retreat(self) -> None:
         """Away from the specimen, straight back."""
         self.go(self.along, -self.stand.standoff, self.p.speed)
@@ -125,21 +141,18 @@ class ProbeMotion:
 
         return self.bench.wait(f"force: {samples} samples", mean, 30.0 + samples / 10)
 
-    def read_unloaded(self) -> ZeroReading:
-        """Read the sensor where the probe touches nothing."""
-        since, samples = self.bench.clock.now(), self.p.zero_samples
+    def read_unloaded(self, since: float | None = None) -> ZeroReading:
+        """Read the sensor where the probe touches nothing, from now or from rig time `since` (s) on."""
+        buffers, begin = self.bench.recorder.buffers, self.bench.clock.now() if since is None else since
+        samples = max(self.p.zero_samples, LEAST_UNLOADED)
 
         def come() -> float | None:
-            newer = self.bench.recorder.buffers.window("/force", since, float("inf"))["t"]
-            return float(newer[samples - 1]) if len(newer) >= samples else None
+            force, arm = (buffers.window(topic, begin, math.inf)["t"] for topic in ("/force", "/arm"))
+            return max(float(force[samples - 1]), float(arm[0])) if len(force) >= samples and len(arm) else None
 
-        return self._unloaded((since, self.bench.wait(f"force: {samples} samples", come, 30.0 + samples / 10)))
-
-    def _unloaded(self, span: Span) -> ZeroReading:
+        span = begin, self.bench.wait(f"force and arm: {samples} samples", come, 30.0 + samples / 10)
         read = self.bench.wait(
-            "force and arm: the unloaded sensor",
-            lambda: unloaded(self.bench.recorder.buffers, self.stand.push, span),
-            30.0,
+            "force and arm: the sample after those", lambda: unloaded(buffers, self.stand.push, span), 30.0
         )
         return ZeroReading(span, read)
 
@@ -152,7 +165,7 @@ class ProbeMotion:
         self.go(along, -self.stand.standoff, p.speed)
         since = self.bench.clock.now()
         self.zero = self.force.zero(p.zero_samples)
-        zero = self._unloaded((since, self.bench.clock.now()))
+        zero = self.read_unloaded(since)
         depth = self.near
         self.go(along, depth, p.speed)
         free = 0.0
@@ -165,7 +178,7 @@ class ProbeMotion:
                 if held >= TOUCHES * p.contact_force:
                     break
                 free = shown
-            if depth > p.radius:
+            if depth > self.radius:
                 self._say_missing(depth)
             depth += p.approach_step
             self.go(along, depth, p.push_speed)

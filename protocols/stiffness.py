@@ -17,21 +17,20 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.errors import DeviceFault
 from recordings.states.rules import Probe, Window
 from recordings.states.zeros import Zeros, drift
 from recordings.trials import TrialRow
 
-from .actions import home, jam_lost, set_spine, vent
+from .actions import home, keep_jammed, set_spine, vent
 from .bench import Bench, Setup
-from .errors import JamLost, NotPushing, NotReached, ProtocolError, Suspended, TooMuchForce
+from .errors import NotPushing, ProtocolError, TooMuchForce
 from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials, with_probe
-from .parameters import Jam, Parameters, SpineLength, SpineMotion, Vacuum
-from .probe import Contact, ProbeMotion
-from .suspension import TRIES, through_pauses
+from .parameters import Jam, SpineLength, SpineMotion, Vacuum
+from .probe import Contact, ProbeMotion, Probing
+from .suspension import through_jams, through_pauses
 
 
-class Stiffness(Parameters):
+class Stiffness(Probing):
     """Parameters of stiffness trials."""
 
     specimen: Literal["spine", "body"] = "spine"
@@ -46,26 +45,11 @@ class Stiffness(Parameters):
     """Deflections read, evenly spaced."""
     deflection_ratio: float = Field(0.02, gt=0, le=0.1, json_schema_extra={"unit": ""})
     """Largest deflection over the cantilever's length; eq. 8 holds for small ones."""
-    max_force: float = Field(25.0, gt=0, le=100, json_schema_extra={"unit": "N"})
-    """A trial ends early here."""
-    contact_force: float = Field(0.3, gt=0, le=10, json_schema_extra={"unit": "N"})
-    """Contact counts as made above this."""
-    approach_step: float = Field(1e-3, gt=0, le=5e-3, json_schema_extra={"unit": "m"})
-    clearance: float = Field(5e-3, gt=0, le=0.1, json_schema_extra={"unit": "m"})
-    """The approach in steps begins so far from where the specimen is expected."""
     specimen_radius: float | None = Field(None, gt=0, le=0.2, json_schema_extra={"unit": "m"})
     """Distance from the specimen's axis to its surface; None: 29 mm for the spine, 50 mm for the body."""
-    speed: float = Field(0.05, gt=0, le=0.25, json_schema_extra={"unit": "m/s"})
-    """Free moves."""
-    push_speed: float = Field(5e-3, gt=0, le=0.05, json_schema_extra={"unit": "m/s"})
-    """Moves near and in contact."""
-    acceleration: float = Field(0.3, gt=0, le=2, json_schema_extra={"unit": "m/s^2"})
     dwell: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
     """Wait at each deflection before it is read."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    min_samples: int = Field(50, ge=1, le=10_000)
-    """Force samples a reading holds at least; a sensor that sends slowly is averaged longer."""
-    zero_samples: int = Field(100, ge=1, le=10_000)
     vacuum: Vacuum = Field(80e3, json_schema_extra={"unit": "Pa"})
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
@@ -144,7 +128,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
     bench.operator.prepare(_setup(p))
     if bench.pressure is not None:
         vent(bench)
-    probe = ProbeMotion(bench, p, stand)
+    probe = ProbeMotion(bench, p, stand, p.radius)
     home(bench)
     for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.lengths), 2 + p.steps):
         bench.check_stop()
@@ -155,7 +139,8 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
         trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, specimen=p.specimen)
         with trials.doing(trial):
             try:
-                _push_until_done(bench, p, trial, trials, Pushing(probe, p.cantilever(spine), grow))
+                work = Pushing(probe, p.cantilever(spine), grow)
+                through_jams(trials, trial, partial(_push, bench, p, trial, trials, work))
             except ProtocolError:
                 with contextlib.suppress(Exception):  # what ended the trial is told, not what came of the retreat
                     probe.retreat()
@@ -179,39 +164,19 @@ RISES = 5.0
 """Standard errors by which the force on a jammed specimen must have risen at the last deflection."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Pushing:
     """One trial's work: the probe, where along the specimen it pushes (m), and how the specimen is jammed anew."""
 
     probe: ProbeMotion
     length: float
     jam: Callable[[], object]
-    soft: bool = False
-    """The specimen was felt to be soft, whatever the gauge shows."""
 
     def come_back(self, depth: float) -> None:
         """After a pause: away from the specimen, and to where it is nearly touched. Raises JamLost where it was soft."""
         self.probe.retreat()
-        if self.soft or jam_lost(self.probe.bench):
-            self.jam()
-            self.soft = False
-            raise JamLost("the spine was jammed anew")
-        self.probe.come_back(self.length, depth)
-
-
-def _push_until_done(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing) -> None:
-    """The states of a trial; where its spine was soft, all of them are read again with the spine jammed anew."""
-    for again in reversed(range(TRIES + 1)):
-        try:
-            _push(bench, p, trial, trials, work)
-            return
-        except JamLost as e:
-            if not again:
-                raise NotReached(
-                    f"{e} {TRIES} times in trial {trial.number}; check pump, valve, hoses and gauge"
-                ) from e
-            bench.say(f"{e}: trial {trial.number} begins again")
-            trials.begin_again(trial)
+        keep_jammed(self.probe.bench, self.jam)
+        self.probe.go(self.length, depth, self.probe.p.speed)
 
 
 def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing) -> None:
@@ -288,15 +253,7 @@ def _feel(trial: Trial, trials: Trials, work: Pushing, depth: float, least: floa
             f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again"
         )
         return
-    _suspend_soft(trial, trials, work, f"it pushes back with {held:.2f} N, expected are {least:.2f} N or more")
-
-
-def _suspend_soft(trial: Trial, trials: Trials, work: Pushing, seen: str) -> None:
-    """The specimen is soft although the gauge shows a vacuum: marked, and a person is asked."""
-    work.soft = True
-    text = f"trial {trial.number}: the jammed specimen is soft although the gauge shows its vacuum: {seen}"
-    trials.mark(trial, "soft", text)
-    raise Suspended(DeviceFault("gauge", f"{text}; check gauge, hoses and membrane, and how the specimen is mounted"))
+    raise trials.soft(trial, f"it pushes back with {held:.2f} N, expected are {least:.2f} N or more")
 
 
 def _retreat(bench: Bench, trial: Trial, trials: Trials, work: Pushing, contact: Contact) -> None:
@@ -311,9 +268,7 @@ def _retreat(bench: Bench, trial: Trial, trials: Trials, work: Pushing, contact:
     if bench.jammed is None or last is None or last.trial != trial.number or last.force is None or last.doubt:
         return
     if last.force < (least := RISES * math.hypot(start.read.error, end.read.error)):
-        _suspend_soft(
-            trial, trials, work, f"the force rose by {last.force:.2f} N, expected are more than {least:.2f} N"
-        )
+        raise trials.soft(trial, f"the force rose by {last.force:.2f} N, expected are more than {least:.2f} N")
 
 
 def _longest_gap(bench: Bench) -> float:

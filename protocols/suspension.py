@@ -6,12 +6,15 @@ A pause that a person asks for comes between two pieces of work. After a standst
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from drivers.errors import InstrumentError
 
 from .bench import Bench
-from .errors import StoodStill, Suspended
+from .errors import JamLost, NotReached, StoodStill, Suspended
+
+if TYPE_CHECKING:
+    from .experiment import Trial, Trials
 
 T = TypeVar("T")
 TRIES = 3
@@ -42,3 +45,21 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
             if paused > TRIES or not (isinstance(e, Suspended) or bench.recoverable(cause)):
                 raise cause from e
             bench.recover(cause, not isinstance(e, StoodStill))
+
+
+def through_jams(trials: Trials, trial: Trial, work: Callable[[], None]) -> None:
+    """Read the states of a trial; where its spine had to be jammed anew in between, all of them once more.
+
+    So all states of a trial belong to one jamming. Raises NotReached where it is lost again and again.
+    """
+    for again in reversed(range(TRIES + 1)):
+        try:
+            work()
+            return
+        except JamLost as e:
+            if not again:
+                raise NotReached(
+                    f"trial {trial.number}: {e} {TRIES} times, and lost each time; check pump, valve, hoses and gauge"
+                ) from e
+            trials.bench.say(f"Trial {trial.number} begins again: {e}")
+            trials.begin_again(trial)

@@ -120,13 +120,25 @@ def same_body(a: bytes, b: bytes) -> bool:
     return _body(one) == _body(other)
 
 
-def clipped_note(table: Table) -> list[str]:
-    """One line that names the states on whose way the rig's limits clipped set-points; none when there are none."""
-    states = [f"trial {row.trial} step {row.step}" for row in table.clipped]
-    if not states:
-        return []
-    named = ", ".join(states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
-    return [f"set-points were clipped to the rig's limits before {len(states)} of {len(table)} states: {named}"]
+DOUBTS = {
+    "soft": "the jammed spine was soft",
+    "drift": "the force sensor's zero moved, and not at a constant pace, so its drift is not removed",
+}
+"""What each of `recordings.trials.DOUBTS` means, for people."""
+
+
+def marked_notes(table: Table) -> list[str]:
+    """One line that names the states on whose way the rig's limits clipped set-points, and one for each doubt about states."""
+    notes = [("set-points were clipped to the rig's limits before", table.clipped)]
+    notes += [
+        (f"{text} in", tuple(row for row in table.doubtful if row.doubt == doubt)) for doubt, text in DOUBTS.items()
+    ]
+    return [f"{text} {len(rows)} of {len(table)} states: {_named(rows)}" for text, rows in notes if rows]
+
+
+def _named(rows: Sequence[TrialRow]) -> str:
+    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
+    return ", ".join(f"trial {row.trial} step {row.step}" for row in rows[:5]) + more
 
 
 def _names(recordings: Sequence[Recording]) -> str:

@@ -15,7 +15,7 @@ from model.compare import ErrorTable
 from ..comparison import comparison
 from ..console import note, out
 from ..files.config import ConfigError
-from ..files.inputs import clipped_note, read_case
+from ..files.inputs import marked_notes, read_case
 from ..files.own_effects import stated_by
 from ..pages.figures import tip_curves
 from ..pages.sensors_figure import quantities, sensors
@@ -41,7 +41,7 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
         print(json.dumps(data, indent=1))
         return 0
     out.print(sheet(c.table))
-    note(clipped_note(case.table))
+    note(marked_notes(case.table))
     if c.unsolved:
         out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
     for path in (figure, measured):

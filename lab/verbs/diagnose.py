@@ -27,7 +27,7 @@ from ..cluster import cluster
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable
-from ..files.inputs import Case, clipped_note, read_case
+from ..files.inputs import Case, marked_notes, read_case
 from ..files.own_effects import catalogue
 from ..processes import for_case
 
@@ -82,7 +82,7 @@ def diagnose(
     if comparisons.baseline is not None or comparisons.simulator is not None:
         case = _of_robot(case)
     note(case.table.warnings)
-    note(clipped_note(case.table))
+    note(marked_notes(case.table))
     if case.robot.residual is not None:
         note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
     with cluster(scheduler) if scheduler is not None else for_case(len(case.table), cores) as others:

@@ -22,7 +22,7 @@ from ..console import note, out
 from ..files.arviz_file import write_inference
 from ..files.config import ConfigError, load
 from ..files.crate import write_crate
-from ..files.inputs import clipped_note, same_body
+from ..files.inputs import marked_notes, same_body
 
 DIAGNOSIS = "diagnosis.json"
 IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
@@ -150,7 +150,7 @@ def _report(files: Sequence[Path], as_json: bool, table: Table | None = None) ->
         print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
         return
     if table is not None:
-        note(clipped_note(table))
+        note(marked_notes(table))
     for path in files:
         out.print(str(path))
 

@@ -35,7 +35,7 @@ from recordings.trials import Table
 from ..console import Screen, answer, clock, err, note, out
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.config import ConfigError, Source, check, parse_yaml, read_yaml
-from ..files.inputs import same_body
+from ..files.inputs import marked_notes, same_body
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.about import PLAN
@@ -278,6 +278,7 @@ def run(
         out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
         for topic, n in lost.items():
             out.print(f"  lost on {topic}: {n} samples")
+        note(marked_notes(result.table))
         if not result.safe:
             err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
         if again is not None:
@@ -286,7 +287,7 @@ def run(
         raise result.error
     if not result.safe or (result.error is not None and (result.asked or not result.displaced)):
         return 1
-    return 3 if lost or result.displaced else 0
+    return 3 if lost or result.displaced or result.table.doubtful else 0
 
 
 def resume_command(file: Path, rig_path: Path, own: Path | None = None) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from lab.cli import main
 from lab.files.example import paper_robot
-from lab.files.inputs import clipped_note, read_case, same_body
+from lab.files.inputs import marked_notes, read_case, same_body
 from recordings.file.writer import Recorder
 from recordings.states.rules import State, Window
 from recordings.trials import Table, TrialRow
@@ -30,8 +30,8 @@ def test_a_robot_stays_the_same_when_the_pressure_it_bears_is_written_down() -> 
 
 
 def test_clipped_states_are_counted_and_named() -> None:
-    assert clipped_note(Table((row(1, False),))) == []
-    (note,) = clipped_note(Table(tuple(row(step, step != 2) for step in range(1, 10))))
+    assert marked_notes(Table((row(1, False),))) == []
+    (note,) = marked_notes(Table(tuple(row(step, step != 2) for step in range(1, 10))))
     assert "8 of 9 states" in note and "trial 1 step 1, trial 1 step 3" in note and note.endswith("and 3 more")
 
 

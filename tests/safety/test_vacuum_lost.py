@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from house import House
+from house import House, until
 from test_pauses import BENDING, STIFFNESS, during, lab
 
 from lab.files.inputs import read_case
@@ -140,3 +140,54 @@ def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
     settings = [*BENDING, "--set", "reading=hold", "--set", "hold_times=[100]"]
     assert lab(house, tmp_path, "bending", *settings) == 1
     assert "gauge: its reading has been the same to the last digit" in capsys.readouterr().err
+
+
+def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    fakes = house.fakes
+
+    def lose() -> None:
+        fakes.set_faults("gauge", {"freeze": True})
+        vacuum(house, 0.0)
+
+    def put_right(trouble: str) -> None:
+        fakes.switch.end()
+        vacuum(house, PLANNED)
+
+    fakes.on_confirm = put_right
+    during(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, lose)
+    assert lab(house, tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]") in (0, 3), "".join(
+        capsys.readouterr()
+    )
+    assert any("soft although the gauge" in trouble for trouble in fakes.troubles)
+    recording = one(tmp_path)
+    table = table_of(recording)
+    assert [row.step for row in table] == [1, 2, 3, 4, 5] and recording.marks and not table.doubtful
+    assert table["x"][3] == pytest.approx(table["x"][1], abs=3e-3)
+
+
+def test_a_spine_that_stays_soft_marks_its_trial(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    fakes = house.fakes
+
+    def lose() -> None:
+        fakes.set_faults("gauge", {"freeze": True})
+        vacuum(house, 0.0)
+
+    def each_time() -> None:
+        if until(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, 60.0):
+            lose()
+
+    def put_right(trouble: str) -> None:
+        fakes.switch.end()
+        vacuum(house, PLANNED)
+        during(lambda: float(fakes.plant.regulator.max()) < 1e3, each_time)
+
+    fakes.on_confirm = put_right
+    during(lambda: True, each_time)
+    assert lab(house, tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]") == 3, "".join(capsys.readouterr())
+    assert set(table_of(one(tmp_path))["doubt"]) == {"soft"}
