@@ -74,9 +74,16 @@ class NumatoFake(PtyFake):
             return "00000008"
         if command == "id get":
             return self.identity
+        digits = max(2, len(self.coils) // 4)
         if command == "relay readall":
             mask = sum(on << i for i, on in enumerate(self.coils))
-            return f"{mask:0{max(2, len(self.coils) // 4)}x}"
+            return f"{mask:0{digits}x}"
+        match = re.fullmatch(rf"relay writeall ([0-9a-f]{{{digits}}})", command)
+        if match or command == "reset":
+            mask = int(match[1], 16) if match else 0
+            if not self.faults.extra.get("stuck"):
+                self.coils = [bool(mask >> i & 1) for i in range(len(self.coils))]
+            return ""
         match = re.fullmatch(r"relay (on|off|read) ([0-9A-V])", command)
         if match is None or NAMES.index(match[2]) >= len(self.coils):
             return ""

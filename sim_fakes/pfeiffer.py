@@ -7,6 +7,7 @@ Faults by name in `faults.extra`:
 - "value" (float): pressure shown instead of the true one, Pa.
 - "refuse" (str): every request is answered with this: "NO_DEF", "_RANGE" or "_LOGIC".
 - "wrong_address" (bool): answers carry the next address.
+- "keeps_correction" (bool): a new correction factor is acknowledged and not taken.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .clock import SimClock
 from .plant import Plant
 from .pty_fake import PtyFake
 
-ERROR, VERSION, NAME, PRESSURE = 303, 312, 349, 740
+ERROR, VERSION, NAME, PRESSURE, CORRECTION = 303, 312, 349, 740, 742
 PA_PER_HPA = 100.0
 
 
@@ -64,6 +65,8 @@ class PfeifferFake(PtyFake):
         self.address = address
         self.kind = kind
         self.noise = noise
+        self.correction: int | None = 100
+        """Hundredths by which the pressure is multiplied, kept without power; None: it has no such parameter."""
         self.seen = plant.vacuum_absolute
         """Pressure at the gauge's cell, Pa absolute; stands still while frozen."""
 
@@ -87,18 +90,29 @@ class PfeifferFake(PtyFake):
         match = re.fullmatch(r"(\d{3})00(\d{3})02=\?(\d{3})", text)
         if match and int(match[1]) == self.address and match[3] == checksum(text[:-3]):
             self._answer(int(match[2]))
+        match = re.fullmatch(r"(\d{3})1074206(\d{6})(\d{3})", text)
+        if match and int(match[1]) == self.address and match[3] == checksum(text[:-3]):
+            if self.correction is not None and not self.faults.extra.get("keeps_correction"):
+                self.correction = int(match[2])
+            self._send(CORRECTION, match[2] if self.correction is not None else "NO_DEF")
         return True
 
     def _answer(self, parameter: int) -> None:
         extra = self.faults.extra
         value = extra.get("value")
         pascal = value if isinstance(value, float) else self.seen * (1 + self.noise * self.random.gauss(0, 1))
+        pascal *= 1.0 if self.correction is None else self.correction / 100
         data = {
             ERROR: str(extra.get("error", "000000")),
             VERSION: "010100",
             NAME: self.kind,
             PRESSURE: pressure_digits(pascal),
+            CORRECTION: "NO_DEF" if self.correction is None else f"{self.correction:06d}",
         }.get(parameter, "NO_DEF")
+        self._send(parameter, data)
+
+    def _send(self, parameter: int, data: str) -> None:
+        extra = self.faults.extra
         data = str(extra.get("refuse", data))
         sender = self.address + bool(extra.get("wrong_address"))
         text = f"{sender:03d}10{parameter:03d}{len(data):02d}{data}"

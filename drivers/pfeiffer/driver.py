@@ -21,8 +21,10 @@ from ..spec import Driver
 
 PA_PER_BAR = 1e5
 SUITABLE = ("CPT 100", "RPT 100")
-ERROR_EVERY = 20
-"""Readings between two looks at the gauge's own error code."""
+HEALTH_EVERY = 20
+"""Readings between two checks of the gauge's error code and correction factor."""
+LACKS = b"NO_DEF"
+"""Answer of a gauge that has no such parameter."""
 T = TypeVar("T")
 Query = Callable[["_Wire", int], T]
 
@@ -107,8 +109,8 @@ class PfeifferGauge:
             absolute = PA_PER_BAR * self._query("pressure", protocol.read_pressure)
             t = self._clock.now()
             plausible = self._config.lowest <= absolute <= self._config.highest
-            if not plausible or self._readings % ERROR_EVERY == 0:
-                self._check_error_code()
+            if not plausible or self._readings % HEALTH_EVERY == 0:
+                self._check_health()
             self._readings += 1
             if not plausible:
                 raise DeviceFault(
@@ -127,14 +129,33 @@ class PfeifferGauge:
                 f"{', '.join(SUITABLE)}",
             )
         version = self._query("software version", protocol.read_software_version)
-        self._check_error_code()
+        self._check_health()
         return Identity("Pfeiffer Vacuum", model, firmware=".".join(str(part) for part in version))
 
-    def _check_error_code(self) -> None:
+    def _check_health(self) -> None:
+        """Raises `DeviceFault` for an error of the gauge; writes a correction factor that is not 1."""
         code = self._query("error code", protocol.read_error_code)
         if code is not protocol.ErrorCode.NO_ERROR:
             what = code.name.lower().replace("_", " ")
             raise DeviceFault(self.name, f"reports a {what}; power-cycle it, and replace it if the error persists")
+        found = self._correction()
+        if found is not None and found != 1.0:
+            self._query("correction factor", lambda wire, address: protocol.write_correction_value(wire, address, 1.0))
+            if (now := self._correction()) != 1.0:
+                raise WrongDevice(
+                    self.name,
+                    f"correction factor (parameter 742) was {found:g}, is {now:g} and must be 1: it multiplies the pressure; "
+                    "set it to 1.00, and keep other programs off the line",
+                )
+
+    def _correction(self) -> float | None:
+        """The factor for other gases; None for a gauge without one."""
+        try:
+            return float(self._query("correction factor", protocol.read_correction_value))
+        except BadReply:
+            if LACKS in self._wire.heard:
+                return None
+            raise
 
     def _query(self, what: str, query: Query[T]) -> T:
         """Ask, once more after silence or noise."""

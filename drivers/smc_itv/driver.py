@@ -184,6 +184,26 @@ class SmcItv:
             measured = tuple(counts[channel] * self.step for channel in range(self.channels))
             return PressureSample(self._clock.now(), self._confirmed(), measured)
 
+    def confirm_settings(self) -> None:
+        """Read the set-points back: a unit has no other setting that its line tells.
+
+        Raises WrongDevice when one is not what was confirmed: changed at the panel, by another program, or by a loss of power.
+        """
+        with self._lock:
+            self._need_open()
+            self._lock.sleep(self._polled_at + self.config.poll_interval - time.monotonic())
+            counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"REQ"))
+            self._polled_at = time.monotonic()
+            self._raise_first(errors)
+            for channel, needed in enumerate(self._counts):
+                if (found := counts[channel]) != needed:
+                    raise WrongDevice(
+                        self.name,
+                        f"channel {channel + 1}: set-point (REQ) is {found} counts ({found * self.step / 1e3:.1f} kPa), "
+                        f"{needed} ({needed * self.step / 1e3:.1f} kPa) was confirmed: its panel, another program or a loss "
+                        "of power changed it; lock its keys, check its supply, then run again",
+                    )
+
     def vent(self) -> None:
         """All set-points to zero, not rate-limited; whatever else is under way gives way.
 

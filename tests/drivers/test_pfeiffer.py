@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from drivers.errors import BadReply, DeviceFault, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import VacuumGauge
-from drivers.pfeiffer.driver import ERROR_EVERY, Config, PfeifferGauge
+from drivers.pfeiffer.driver import HEALTH_EVERY, Config, PfeifferGauge
 from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
@@ -99,7 +99,7 @@ def test_a_defective_gauge_is_a_fault_at_open_and_while_reading(make: Make, fake
     gauge.open()
     fake.faults.extra["error"] = "Err001"
     with pytest.raises(DeviceFault, match="defective transmitter"):
-        for _ in range(ERROR_EVERY + 1):
+        for _ in range(HEALTH_EVERY + 1):
             gauge.read()
     gauge.close()
     with pytest.raises(DeviceFault, match="defective transmitter"):
@@ -197,3 +197,28 @@ def test_another_device_on_the_port_is_reported_quickly(plant: Plant) -> None:
         PfeifferGauge("gauge", Config(port=other.port), SimClock()).open()
     assert time.monotonic() - start < 3
     other.stop()
+
+
+def test_a_correction_factor_that_multiplies_the_pressure_is_set_back(make: Make, fake: PfeifferFake) -> None:
+    fake.correction = 420
+    gauge = make()
+    gauge.open()
+    assert fake.correction == 100
+    fake.correction = 50  # another program on the line, while it is open
+    for _ in range(HEALTH_EVERY + 1):
+        gauge.read()
+    assert fake.correction == 100
+
+
+def test_a_correction_factor_that_stays_is_refused_by_name(make: Make, fake: PfeifferFake) -> None:
+    fake.correction = 420
+    fake.faults.extra["keeps_correction"] = True
+    with pytest.raises(WrongDevice, match=r"correction factor \(parameter 742\).*4\.2.*must be 1"):
+        make().open()
+
+
+def test_a_gauge_without_a_correction_factor_is_as_good(make: Make, fake: PfeifferFake) -> None:
+    fake.correction = None
+    gauge = make()
+    gauge.open()
+    assert gauge.read().absolute == pytest.approx(AMBIENT, rel=0.05)

@@ -282,3 +282,19 @@ def test_another_instrument_on_a_port_is_told_at_opening(
 def test_a_configuration_that_cannot_work_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         Config(**({"ports": list("abcdefghi"), "full_scale": FULL_SCALE} | changes))
+
+
+def test_a_setpoint_that_was_changed_at_the_panel_is_refused_by_name(
+    make: Callable[..., SmcItv], fakes: list[SmcItvFake]
+) -> None:
+    regulators = make()
+    regulators.open()
+    regulators.confirm_settings()
+    regulators.confirm_settings()
+    fakes[1].device.setpoint = 41
+    with pytest.raises(
+        WrongDevice, match=r"channel 2: set-point \(REQ\) is 41 counts \(20\.0 kPa\), 0 .*was confirmed"
+    ):
+        regulators.confirm_settings()
+    regulators.vent()
+    regulators.confirm_settings()

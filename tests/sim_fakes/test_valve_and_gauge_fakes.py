@@ -46,6 +46,15 @@ def test_commands_are_echoed_and_end_with_a_prompt(relay: serial.Serial) -> None
     assert typed(relay, "relay readall") == b"relay readall\n\r01\n\r>"
 
 
+def test_all_relays_are_written_at_once_and_reset(relay: serial.Serial, plant: Plant) -> None:
+    assert typed(relay, "relay writeall 05") == b"relay writeall 05\n\r>"
+    assert typed(relay, "relay readall") == b"relay readall\n\r05\n\r>"
+    assert typed(relay, "reset") == b"reset\n\r>"
+    assert typed(relay, "relay readall") == b"relay readall\n\r00\n\r>"
+    assert typed(relay, "relay writeall 5") == b"relay writeall 5\n\r>"
+    assert not plant.valve_on
+
+
 @pytest.mark.parametrize("command", ["RELAY ON 0", "relay  on 0", "relay on 9", "relay on", "on 0", "relay on 00"])
 def test_anything_else_does_nothing(relay: serial.Serial, plant: Plant, command: str) -> None:
     assert typed(relay, command) == command.encode() + b"\n\r>"
