@@ -61,6 +61,7 @@ faults: $(READY_DEV)
 	$(MAKE) test LONG=1
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
 	$(BIN)/python -m benchmarks.faults.stops
+	$(BIN)/python -m benchmarks.faults.bad_day
 	$(BIN)/python -m benchmarks.faults.kills --count 50
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal INT
