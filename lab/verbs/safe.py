@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..guard.door import Landed, land, names_of_path
+from ..guard.door import Landed, land, names_of_path, owners
 from ..guard.report import SafeReport, SafeStep
 
 if TYPE_CHECKING:
@@ -110,7 +110,11 @@ def _landed(rig_path: Path, clear: bool) -> Result:
             _land_rest(rig_path, latch, result, clear)
         except ConfigError as e:
             if not result.names:
-                raise
+                live = ", ".join(owner.rig for owner in owners()) or "none"
+                raise ConfigError(
+                    f"{e}\nno run owns this path; rigs in use on this computer: {live}. `lab safe --all` lands them, and those "
+                    "that were not left safe"
+                ) from e
             result.notes.append(str(e))
     if not result.names or os.access(latch.path.parent, os.R_OK | os.X_OK):
         result.locked = str(latch.read() or "")
