@@ -45,6 +45,7 @@ def main() -> int:
     text, path, names, why = read_json(sys.stdin.buffer.read())
     rig = RigFile.model_validate_json(text).read_from(Path(path) if path else None)
     guard = Guard(rig, RigClock(rig.clock.speed), despite_latch=True, about=why)
+    guard.ending = True  # it commands nothing, and is gone when it has landed the rig
     try:
         guard.take_over()
     except RigLocked:

@@ -205,14 +205,15 @@ class Actuators:
         self.call("", "unlock")
 
     def close(self) -> str:
-        """Land safe and end the process; kills it when it does not end by itself.
+        """Land safe and end the process; kills it when it does not end by itself, and raises ActuatorsLost then.
 
         Returns what is not confirmed safe; the process then lives on for a while and goes on landing it.
         """
         going = ""
-        with contextlib.suppress(ActuatorsLost):
+        try:
             going = self.call("", "end")
-        self._end(lives_on=bool(going))
+        finally:
+            self._end(lives_on=bool(going))
         return going
 
     def _end(self, lives_on: bool = False) -> None:

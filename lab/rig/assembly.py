@@ -268,17 +268,24 @@ class Rig:
         self.record_to(None)
         with Shielded():
             with contextlib.suppress(Exception):
-                if going := self.actuators.close():
-                    self.notices.append(
-                        f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and notes in "
-                        f"{self.file.path and self.file.path.with_suffix('.guard.log')} what it reaches"
-                    )
-            with contextlib.suppress(Exception):
-                if self.actuators.lost and self._after_loss is None:
-                    self.make_safe()
+                self._close_actuators()
             for driver in self.streams.values():
                 with contextlib.suppress(Exception):
                     driver.close()
+
+    def _close_actuators(self) -> None:
+        """By the guard; by this program when the guard was lost and nobody has landed the rig since."""
+        try:
+            going = self.actuators.close()
+        except act.ActuatorsLost:
+            if self._after_loss is None:
+                self.make_safe()
+            return
+        if going:
+            self.notices.append(
+                f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and notes in "
+                f"{self.file.path and self.file.path.with_suffix('.guard.log')} what it reaches"
+            )
 
     def __enter__(self) -> Self:
         return self
