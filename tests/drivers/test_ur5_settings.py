@@ -40,7 +40,7 @@ def as_delivered(rig: Rig) -> Iterator[None]:
 
 @contextmanager
 def an_arm(rig: Rig, **changes: Any) -> Iterator[UR5]:
-    arm = UR5("arm", Config(**{"host": rig.host, "timeout": 3.0} | changes), rig.clock)
+    arm = UR5("arm", Config(**{"host": rig.host, "timeout": 10.0} | changes), rig.clock)
     arm.open()
     try:
         yield arm
