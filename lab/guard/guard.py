@@ -98,6 +98,9 @@ class Guard:
         instruments = Instruments(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
+        """It polls its instruments."""
+        self.gone = False
+        """Everything is disconnected, and the rig given back."""
         self.energised = False
         """Something may not be in its safe state."""
         self.landed = ""
@@ -423,6 +426,7 @@ class Guard:
         if self._last.confirmed and not self.energised and (self.latch is None or self.latch.read() is None):
             forget(self.rig)
         self._door.close()
+        self.gone = True
 
     def _disconnect(self, names: Sequence[str]) -> None:
         closing = [threading.Thread(target=self._close, args=(n,), name=f"close-{n}", daemon=True) for n in names]

@@ -69,7 +69,7 @@ class ProgramWatch(threading.Thread):
     def run(self) -> None:
         """Until the program or the guard ends."""
         guard, heard, beat_back = self._guard, self._awake.now, 0.0
-        while guard.running:
+        while not guard.gone:  # to the last: an arm takes its time to disconnect
             wait([self._pulse.pipe], LOOK)
             records = self._pulse.take()
             now = self._awake.look()
