@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -17,8 +17,6 @@ from lab.rig.assembly import Rig
 from sim_fakes.alicat import AlicatFake
 
 HELD = 60e3
-MARGIN = 20e3
-"""Pa that a pressure may rise between a panel's change and the landing."""
 
 
 @pytest.fixture
@@ -62,25 +60,19 @@ def test_a_unit_of_measure_changed_while_inflated_lands_the_rig(house: House, ri
 
 
 @pytest.mark.parametrize("unit", ["psi", "bar", "Pa"])
-def test_one_changed_during_a_ramp_lets_no_pressure_through(house: House, rig: Rig, unit: str) -> None:
-    highest = [0.0]
-    ended = threading.Event()
-
-    def watch() -> None:
-        while not ended.wait(0.002):
-            highest[0] = max(highest[0], house.highest())
-
-    watching = threading.Thread(target=watch, daemon=True)
-    watching.start()
+def test_one_changed_during_a_ramp_is_sent_at_most_one_more_pressure(house: House, rig: Rig, unit: str) -> None:
+    """The answer to that one shows the jump; how high the pressure is by then depends on how fast the fakes run."""
     with pytest.raises(InstrumentError):
         for step in range(1, 400):
             rig.actuators.call("pressure", "set", (200.0 * step,) * 3)
             if step == 50:
                 turn(house, "B", unit)
-    ended.set()
-    watching.join()
+                units(house).requests.clear()
+    with units(house).lock:
+        requests = list(units(house).requests)
     assert until(lambda: rig.vital.landed is not None and rig.vital.landed.report is not None)
-    assert highest[0] < 10e3 + MARGIN
+    sent = [float(text[2:]) for text in requests if re.fullmatch(rb"BS ?[\d.]+", text)]
+    assert requests and len([pressure for pressure in sent if pressure > 0]) <= 1, requests
     assert until(lambda: house.highest() < 5e3)
 
 
