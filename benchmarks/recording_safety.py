@@ -12,10 +12,11 @@ import textwrap
 import time
 from pathlib import Path
 
-from recordings.file.container import walk
+from mcap.opcode import Opcode
+
 from recordings.file.reader import Recording
+from recordings.file.records import Contents, Record, index, records
 from recordings.file.recover import recover
-from recordings.file.scan import messages, scan
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
 
@@ -76,20 +77,25 @@ def kills(folder: Path, times: int, seed: int = 1) -> Figure:
     )
 
 
+def messages(data: bytes) -> list[bytes]:
+    """All messages that can be read."""
+    walk = records(memoryview(data), Contents("", len(data)), unpack=True)
+    return [item.content() for item in walk if isinstance(item, Record) and item.opcode == Opcode.MESSAGE]
+
+
 def truncation(folder: Path) -> Figure:
     """Cut a file at every byte of its last two chunks: all messages of whole chunks must come back, and no others."""
     path = folder / "cut.mcap"
     record(path, 1.0)
     data = path.read_bytes()
-    chunks = walk(memoryview(data), "").chunks
-    per_chunk = [list(messages(memoryview(data), c, "")) for c in scan(memoryview(data), "").chunks]
-    everything = [message for part in per_chunk for message in part]
+    chunks = index(memoryview(data), "").chunks
+    everything = messages(data)
+    needed = [len(messages(data[: chunk.data_end])) for chunk in chunks]
     wrong = cuts = 0
     for cut in range(chunks[-2].start if len(chunks) > 1 else chunks[-1].start, chunks[-1].data_end + 1):
-        view = memoryview(data[:cut])
-        kept = [message for c in scan(view, "").chunks for message in messages(view, c, "")]
-        needed = sum(len(part) for chunk, part in zip(chunks, per_chunk, strict=True) if chunk.data_end <= cut)
-        wrong += len(kept) < needed or kept != everything[: len(kept)]
+        kept = messages(data[:cut])
+        least = max((n for n, chunk in zip(needed, chunks, strict=True) if chunk.data_end <= cut), default=0)
+        wrong += len(kept) < least or kept != everything[: len(kept)]
         cuts += 1
     return Figure(
         "truncation at every byte of the last two chunks",
@@ -105,7 +111,7 @@ def flips(folder: Path, count: int, seed: int = 2) -> Figure:
     path, bad = folder / "flip.mcap", folder / "flipped.mcap"
     record(path, 2.0)
     data, choose, found = bytearray(path.read_bytes()), random.Random(seed), 0
-    chunks = walk(memoryview(bytes(data)), "").chunks
+    chunks = index(memoryview(bytes(data)), "").chunks
     for _ in range(count):
         chunk = choose.choice(chunks)
         at, bit = choose.randrange(chunk.start, chunk.data_end), 1 << choose.randrange(8)

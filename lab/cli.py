@@ -260,6 +260,12 @@ class Version(argparse.Action):
         parser.exit()
 
 
+READERS = (
+    "watch", "info", "runs", "verify", "recover", "replay", "export", "import", "fit", "compare", "diagnose", "investigate"
+)  # fmt: skip
+"""Verbs that read recordings, whose limits of size can be lifted."""
+
+
 def parser() -> argparse.ArgumentParser:
     """All verbs and their options."""
     top = argparse.ArgumentParser(
@@ -269,11 +275,18 @@ def parser() -> argparse.ArgumentParser:
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
     def verb(name: str, handler: Handler, text: str, reads: bool = False) -> argparse.ArgumentParser:
+        """`reads`: the result can be had as JSON."""
         plain = text.replace("%", "%%")  # argparse formats what it is given
         p = verbs.add_parser(name, help=plain, description=plain)
         p.set_defaults(handler=handler)
         if reads:
             p.add_argument("--json", action="store_true", help="print the result as JSON")
+        if name in READERS:
+            p.add_argument(
+                "--any-size",
+                action="store_true",
+                help="read recordings that claim to hold more than a file of their size should; only if you trust them",
+            )
         return p
 
     def own_effects(p: argparse.ArgumentParser) -> None:
@@ -631,6 +644,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return USAGE
     a = parser().parse_args(arguments)
     plain_failures()
+    if getattr(a, "any_size", False):
+        from recordings.file.budget import lift
+
+        lift()
     try:
         handler: Handler = a.handler
         return handler(a)

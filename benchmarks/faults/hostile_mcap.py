@@ -17,7 +17,8 @@ from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 
 from recordings.events import STATE, TRIAL
-from recordings.file.container import MAGIC, chunk_place, head_at, records_in
+from recordings.file import records as walk
+from recordings.file.records import MAGIC, Contents
 
 Record = tuple[int, bytes]
 Edit = Callable[[list[Record], random.Random], None]
@@ -39,14 +40,15 @@ def split(data: bytes) -> tuple[list[Record], dict[int, list[Record]]]:
     """The records of a sound file up to its end of data, and those inside each chunk, by the chunk's place."""
     records: list[Record] = []
     inside: dict[int, list[Record]] = {}
-    view, at = memoryview(data), len(MAGIC)
-    while (head := head_at(view, at)) is not None and head.opcode != Opcode.DATA_END:
-        if head.opcode == Opcode.CHUNK:
-            place = chunk_place(view, head)
-            raw = zstandard.decompress(data[place.data_start : place.data_end])
-            inside[len(records)] = [(r.opcode, raw[r.body : r.end]) for r in records_in(raw)]
-        records.append((head.opcode, data[head.body : head.end]))
-        at = head.end
+    view = memoryview(data)
+    for item in walk.records(view, Contents("sound", len(data)), unpack=True):
+        assert isinstance(item, walk.Record)
+        if item.opcode == Opcode.DATA_END:
+            break
+        if item.source is not view:
+            inside.setdefault(len(records) - 1, []).append((item.opcode, item.content()))
+        else:
+            records.append((item.opcode, item.content()))
     return records, inside
 
 

@@ -21,13 +21,13 @@ from recordings.events import Request
 from recordings.file.player import play as played
 from recordings.file.reader import Recording
 
-from ..console import out
+from ..console import note, out
 from ..files.config import ConfigError
 from ..files.units import unit_text
 
 
 def info(files: Sequence[Path], as_json: bool) -> int:
-    """Print what recordings hold; 3 when one ended abruptly or samples were lost."""
+    """Print what recordings hold; 3 when the end of one is missing or samples were lost."""
     found = [(file, summary(file)) for file in files]
     if as_json:
         _print_json([(file, s.to_dict()) for file, s in found])
@@ -54,11 +54,18 @@ def _show(file: Path, s: Info) -> None:
         t.add_row(topic, str(at.count), f"{at.rate:.1f} Hz", f"{jitter} ms", str(at.gaps), f"{at.longest:.3f} s",
                   *("?" if n is None else str(n) for n in (stream.dropped, stream.lost)))  # fmt: skip
     out.print(t)
-    ended = s.outcome or f"ended abruptly; {s.readable} of {s.size} bytes can be read"
+    if s.finished:
+        ended = s.outcome or "finished, without a word on how it ended"
+    else:
+        ended = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `lab recover {file}` keeps them"
     out.print(
         f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
     )
-    out.print(f"attached: {', '.join(s.attachments)}")
+    out.print(f"attached: {', '.join(s.attachments) or 'nothing'}")
+    for topic, stream in s.streams.items():
+        if stream.channels > 1:
+            out.print(f"{topic}: {stream.channels} channels carry this topic, counted together")
+    note(s.notes)
     for request in s.requests:
         place = f", trial {request.trial} state {request.step}" if request.trial else ""
         out.print(f"{request.t:.1f} s{place}: {said(request)}")

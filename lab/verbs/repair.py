@@ -7,6 +7,7 @@ from pathlib import Path
 
 from recordings.file.recover import recover as recovered
 from recordings.file.verify import verify as inspect
+from recordings.file.writer import LIBRARY
 
 from ..console import out
 
@@ -15,7 +16,7 @@ SHOWN = 20
 
 
 def verify(file: Path, as_json: bool) -> int:
-    """Check every byte; 3 when something is wrong."""
+    """Check every byte; 3 when something is wrong. Parts that no checksum covers are named."""
     v = inspect(file)
     if as_json:
         print(json.dumps(v.to_dict(), indent=1))
@@ -25,11 +26,13 @@ def verify(file: Path, as_json: bool) -> int:
     if len(v.problems) > SHOWN:
         out.print(f"and {len(v.problems) - SHOWN} more; --json prints all")
     found = f"{v.chunks} chunks, {v.messages} messages, {v.checksums} checksums compared"
-    if v.ok:
-        out.print(f"{file} is intact: {found}")
-    else:
+    if not v.ok:
         out.print(f"{file} is DAMAGED ({found}); `lab recover {file}` keeps all that can be read")
-    return 0 if v.ok else 3
+        return 3
+    out.print(f"{file} is {v.verdict}: {found}")
+    if v.uncovered:
+        out.print(f"no checksum covers: {'; '.join(v.uncovered)}")
+    return 0
 
 
 def recover(file: Path, target: Path | None, as_json: bool) -> int:
@@ -47,6 +50,9 @@ def recover(file: Path, target: Path | None, as_json: bool) -> int:
         out.print(f"  {topic}: {n} messages are missing")
     if r.nameless:
         out.print(f"  {r.nameless} messages of topics whose description is lost")
+    if r.oversized:
+        out.print(f"left out: {r.oversized}")
     if not r.finished:
-        out.print("The recording ended abruptly: up to 0.2 s of data in memory was never written.")
+        ours = "up to 0.2 s of data" if r.library == LIBRARY else "what its recorder still held"
+        out.print(f"The recording ended abruptly: {ours} in memory was never written.")
     return 3

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
+from ..errors import Foreign, NotARecording, OtherVersion
 from ..events import Request
 from ..file.clocks import ClockModel, clocks
 from ..file.counts import counted
 from ..file.reader import Recording
 from ..file.timing import Timing, timing
 from ..states.concluding import of_sensor
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,8 @@ class StreamInfo:
     lost: int | None
     restarts: int = 0
     """How often its numbers or its instrument's stamps went back: the stream began anew; what was lost then is not known."""
+    channels: int = 1
+    """Channels that carry the topic."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,8 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Info:
-    """Summary of a file. `readable` of `size` bytes are whole records; `outcome` None: it ended abruptly."""
+    """Summary of a file. `readable` of `size` bytes are whole records; `finished`: its end is there; `outcome` None: it
+    does not state how it ended."""
 
     path: str
     size: int
@@ -65,10 +74,12 @@ class Info:
     """What people asked of the run while it went on, and what of it was carried out; notes among them."""
     sensors: dict[str, dict[str, Quantity]]
     """Of sensors of the lab's own: topic -> name -> what was measured."""
+    notes: tuple[str, ...] = ()
+    """What could not be worked out, and why."""
 
     @property
     def complete(self) -> bool:
-        """Finished, and no message was dropped or lost on the way."""
+        """Finished, and as far as the file states no message was dropped or lost on the way."""
         return self.finished and all(not (s.dropped or s.lost) for s in self.streams.values())
 
     def to_dict(self) -> dict[str, Any]:
@@ -90,19 +101,26 @@ def info(path: str | os.PathLike[str]) -> Info:
     counts = counted(metadata)
     metadata.pop("counts", None)
     outcome = metadata.pop("outcome", {})
-    streams: dict[str, StreamInfo] = {}
-    start = recording.start_wall_ns if "recording" in metadata else 0
-    first: int | None = None
-    last = 0
-    for topic in recording.topics:
-        log_times = recording.log_times(topic)
-        if len(log_times):
-            first = int(log_times[0]) if first is None else min(first, int(log_times[0]))
-            last = max(last, int(log_times[-1]))
-        stated = counts.get(topic, {})
-        restarts = recording.restarts(topic) if topic in recording.streams else 0
-        since = (log_times - start) / 1e9
-        streams[topic] = StreamInfo(timing(since), stated.get("dropped"), stated.get("lost"), restarts)
+    notes: list[str] = []
+    try:
+        start = recording.start_wall_ns
+    except Foreign:
+        start = 0
+    times = {topic: recording.log_times(topic) for topic in recording.topics}
+    several = Counter(channel.topic for channel in recording.contents.channels.values())
+    streams = {
+        topic: StreamInfo(
+            timing((log_times - start) / 1e9),
+            counts.get(topic, {}).get("dropped"),
+            counts.get(topic, {}).get("lost"),
+            _or(0, notes, partial(recording.restarts, topic)) if topic in recording.streams else 0,
+            several[topic],
+        )
+        for topic, log_times in times.items()
+    }
+    first = min((int(t[0]) for t in times.values() if len(t)), default=None)
+    last = max((int(t[-1]) for t in times.values() if len(t)), default=0)
+    sensors = [topic for topic in recording.streams if of_sensor(topic)]
     return Info(
         path=str(recording.path),
         size=recording.contents.size,
@@ -112,15 +130,25 @@ def info(path: str | os.PathLike[str]) -> Info:
         detail=outcome.get("detail", ""),
         start="" if first is None else datetime.fromtimestamp(first / 1e9, UTC).isoformat(timespec="seconds"),
         duration=0.0 if first is None else (last - first) / 1e9,
-        states=streams["/state"].timing.count if "/state" in streams else 0,
-        rows=streams["/trial"].timing.count if "/trial" in streams else 0,
+        states=len(times["/state"]) if recording.knows("/state") else 0,
+        rows=len(times["/trial"]) if recording.knows("/trial") else 0,
         streams=streams,
         attachments={name: len(data) for name, data in recording.attachments.items()},
-        clocks=clocks(recording),
+        clocks=_or({}, notes, partial(clocks, recording)),
         metadata=metadata,
-        requests=recording.requests,
-        sensors={topic: _quantities(recording, topic) for topic in recording.streams if of_sensor(topic)},
+        requests=_or([], notes, lambda: recording.requests),
+        sensors={topic: _or({}, notes, partial(_quantities, recording, topic)) for topic in sensors},
+        notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _or(otherwise: T, notes: list[str], way: Callable[[], T]) -> T:
+    """What `way` gives; where several channels carry a topic or its version is another one, a note and `otherwise`."""
+    try:
+        return way()
+    except (NotARecording, OtherVersion) as error:
+        notes.append(str(error))
+        return otherwise
 
 
 def _quantities(recording: Recording, topic: str) -> dict[str, Quantity]:

@@ -66,11 +66,11 @@ def merged(recordings: Sequence[Recording]) -> Table:
 
 def _begin(recording: Recording) -> int:
     """Wall time (ns) of a recording's first message: rig time 0 may lie long before it."""
-    chunks = recording.contents.chunks
-    return min(chunk.first_time for chunk in chunks) if chunks else recording.start_wall_ns
+    span = recording.contents.span
+    return span[0] if span else recording.start_wall_ns
 
 
 def _end(recording: Recording) -> float:
     """Rig time (s) of a recording's last message."""
-    last = max((chunk.last_time for chunk in recording.contents.chunks), default=recording.start_wall_ns)
-    return (last - recording.start_wall_ns) / 1e9
+    span = recording.contents.span
+    return (span[1] - recording.start_wall_ns) / 1e9 if span else 0.0

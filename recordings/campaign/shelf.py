@@ -42,8 +42,8 @@ _COLUMNS = "path, size, changed, start, duration, protocol, spines, outcome, det
 @dataclass(frozen=True)
 class Run:
     """One recording. `path`: below the folder. `start`: wall time of its first message, ISO 8601 UTC. `spines`: lengths
-    (m). `outcome`: completed, stopped, failed, abrupt (it was never finished), or unreadable. `lost`: samples dropped
-    or lost, as far as known."""
+    (m). `outcome`: completed, stopped, failed, finished (it does not state how), abrupt (its end is missing), or
+    unreadable. `lost`: samples dropped or lost, as far as known."""
 
     path: str
     size: int
@@ -184,7 +184,7 @@ def _entry(file: Path) -> tuple[Any, ...]:
         changed = datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="seconds")
         return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "", "{}", 0)
     lost = sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values())
-    outcome = (summary.outcome if summary.finished else None) or "abrupt"
+    outcome = (summary.outcome or "finished") if summary.finished else "abrupt"
     protocols = ", ".join(sorted({state.protocol for state in states})) or _planned(recording)
     spines = json.dumps(sorted({state.spine_length for state in states}))
     campaign = summary.metadata.get("campaign", {}).get("id", "")

@@ -18,33 +18,49 @@ MAX_CHUNK = 64 * 2**20
 """Bytes that the largest chunk of the largest file may hold; ours hold 1 MB at most."""
 SMALL_CHUNK = 8 * 2**20
 """Bytes that a chunk of any file may hold."""
-MAX_CHANNELS = 256
-"""Channels of a file; ours have some fifteen."""
 MAX_MESSAGE = 64 * 2**10
 """Bytes of one message that the protobuf runtime takes apart; a state has about a thousand."""
+PER_TEXT = 12
+"""Bytes of memory that a byte of metadata costs at most, once its short texts are taken apart."""
+PER_CHANNEL = 1000
+"""Bytes of memory that a channel costs, however little it says."""
 
 
 class Cost(Enum):
     """What is counted: (what it is called, free of charge, as much for each byte of the file)."""
 
     UNPACKED = ("bytes in its chunks", 8 * 2**20, 24.0)
-    RECORDS = ("records in its chunks, walked over one by one", 10_000, 1 / 16)
-    DEFINITIONS = ("bytes of schemas and channels", 2**20, 0.0)
+    RECORDS = ("records in its chunks, walked over one by one", 50_000, 1 / 4)
+    DEFINITIONS = ("bytes of schemas, channels and metadata", 16 * 2**20, 4.0)
     EVENTS = ("bytes of states, rows and log lines", 2**20, 4.0)
     LOOKED_AT = ("samples, looked at state by state", 500_000, 4.0)
 
 
 MAX_TOTAL = 4 * 2**30
 """Of any of these, whatever the size of the file: bytes of more than twelve hours of the rig."""
+OPTION = "--any-size"
+"""Of every verb that reads recordings: lifts these limits."""
+_lifted = False
+
+
+def lift() -> None:
+    """Read files of this process whatever size they claim, as far as the memory goes."""
+    global _lifted
+    _lifted = True
 
 
 def largest_chunk(size: int) -> int:
     """Bytes that a chunk of a file of `size` bytes may hold."""
-    return max(SMALL_CHUNK, min(size, MAX_CHUNK))
+    return MAX_TOTAL if _lifted else max(SMALL_CHUNK, min(size, MAX_CHUNK))
+
+
+def largest_message() -> int:
+    """Bytes of one message that the protobuf runtime takes apart."""
+    return MAX_TOTAL if _lifted else MAX_MESSAGE
 
 
 def _most(cost: Cost, size: int) -> int:
-    return min(int(cost.value[1] + cost.value[2] * size), MAX_TOTAL)
+    return 2**62 if _lifted else min(int(cost.value[1] + cost.value[2] * size), MAX_TOTAL)
 
 
 @dataclass
@@ -73,6 +89,6 @@ class Budget:
         if self._left[cost] < 0:
             what, most = cost.value[0], _most(cost, self.size)
             raise Oversized(
-                f"{self.name}: claims to hold more than {most} {what}, the limit for a file of {self.size} bytes; it is "
-                "damaged or malicious"
+                f"{self.name}: claims to hold more than {most} {what}, the limit for a file of {self.size} bytes; "
+                f"if you trust the file, {OPTION} lifts the limit"
             )

@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import os
 import struct
-import threading
-import zlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-import lz4.frame
 import numpy as np
-import zstandard
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from ..errors import Damaged, Oversized
-from .budget import MAX_CHUNK, Budget, largest_chunk
-from .container import ChunkPlace, Contents, records_in
+from ..errors import Damaged
+from .budget import Budget
+from .chunks import MESSAGE, Chunk, decompress, records_in
+from .records import Contents
 
 BATCH = 4 * 2**20
 """Bytes of decompressed chunks held at a time; small enough for the allocator to use the same memory again."""
@@ -38,8 +34,7 @@ HEAD = _RECORD.itemsize
 """Bytes of a message record in front of the message itself."""
 HEAD_IN_LENGTH = HEAD - 9
 """Of these, so many are counted in the record's length."""
-MESSAGE = struct.Struct("<HIQ")
-"""Channel, sequence and log time (ns) of a message record."""
+_PAIR = struct.Struct("<QQ")
 
 
 @dataclass(frozen=True)
@@ -69,90 +64,16 @@ class Picked:
         return [self.data[a:b] for a, b in zip(self.starts.tolist(), self.ends.tolist(), strict=True)]
 
 
-def check_chunk(data: memoryview, chunk: ChunkPlace, name: str) -> None:
-    """Raises `Oversized` or `Damaged` when what a chunk says of its size cannot be true; unpacks nothing."""
-    where = f"{name}: chunk at byte {chunk.start}"
-    packed, most = data[chunk.data_start : chunk.data_end], largest_chunk(len(data))
-    if chunk.size > most:
-        raise Oversized(f"{where} claims to hold {chunk.size} bytes, limit {most}; run `lab verify`")
-    if chunk.compression not in ("", "lz4", "zstd"):
-        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
-    size = len(packed)
-    if chunk.compression == "zstd":
-        # The size inside the packed data is what the library would reserve memory for.
-        try:
-            size = zstandard.frame_content_size(packed)
-        except zstandard.ZstdError as error:
-            raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
-    if chunk.compression != "lz4" and size not in (chunk.size, -1):
-        raise Damaged(f"{where} fails its checksum: its compressed data have a different size; run `lab verify`")
-
-
-def decompress(data: memoryview, chunk: ChunkPlace, name: str) -> bytes:
-    """The records of a chunk; raises `Damaged` when they are not what was written, `Oversized` when too many.
-
-    Whoever calls has counted `chunk.size` against the file's budget.
-    """
-    where = f"{name}: chunk at byte {chunk.start}"
-    packed = data[chunk.data_start : chunk.data_end]
-    check_chunk(data, chunk, name)
-    try:
-        raw = _unpacked(packed, chunk)
-    except (zstandard.ZstdError, RuntimeError) as error:
-        raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
-    if len(raw) != chunk.size or (chunk.crc and zlib.crc32(raw) != chunk.crc):
-        raise Damaged(f"{where} fails its checksum; run `lab verify`")
-    return raw
-
-
-def _unpacked(packed: memoryview, chunk: ChunkPlace) -> bytes:
-    """Never more than one byte beyond the size that the chunk tells."""
-    if chunk.compression == "":
-        return bytes(packed)
-    if chunk.compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size + 1))
-    return _unpacker().decompress(packed, max_output_size=chunk.size + 1)
-
-
-def _unpacker() -> zstandard.ZstdDecompressor:
-    """One for each thread: they cannot be shared."""
-    if not hasattr(_LOCAL, "zstd"):
-        _LOCAL.zstd = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK)
-    unpacker: zstandard.ZstdDecompressor = _LOCAL.zstd
-    return unpacker
-
-
-_LOCAL = threading.local()
-
-
-def find_channels(data: memoryview, contents: Contents, name: str) -> None:
-    """Add to `contents` the schemas and channels that stand inside chunks (in a file without a summary)."""
-    budget = Budget(name, len(data))
-    for chunk in contents.chunks:
-        if not chunk.indexes or any(channel not in contents.channels for channel, _, _ in chunk.indexes):
-            raw = decompress(data, chunk, name)
-            try:
-                for head in records_in(raw, budget):
-                    if head.opcode != Opcode.MESSAGE:
-                        contents.add(head.opcode, raw[head.body : head.end], budget)
-            except (struct.error, McapError, UnicodeDecodeError) as error:
-                raise _senseless(name, chunk, error) from error
-
-
-def _senseless(name: str, chunk: ChunkPlace, error: Exception) -> Damaged:
-    return Damaged(f"{name}: the chunk at byte {chunk.start} cannot be parsed ({error}); run `lab recover`")
-
-
-def pick(data: memoryview, contents: Contents, name: str) -> Iterator[Picked]:
+def pick(data: memoryview, contents: Contents) -> Iterator[Picked]:
     """All messages of a file, channel by channel, batch by batch, in the file's order.
 
     Chunks are unpacked by threads, one batch ahead of what is picked.
     """
-    budget = Budget(name, len(data))
+    budget = Budget(contents.name, len(data))
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
-        ahead: list[tuple[list[ChunkPlace], list[Future[bytes]]]] = []
+        ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
         for batch in _batches(contents.chunks):
-            ahead.append((batch, [pool.submit(decompress, data, chunk, name) for chunk in batch]))
+            ahead.append((batch, [pool.submit(decompress, data, chunk, budget) for chunk in batch]))
             if len(ahead) > 1:
                 chunks, raws = ahead.pop(0)
                 yield from _pick(data, chunks, [raw.result() for raw in raws], budget)
@@ -160,8 +81,8 @@ def pick(data: memoryview, contents: Contents, name: str) -> Iterator[Picked]:
             yield from _pick(data, chunks, [raw.result() for raw in raws], budget)
 
 
-def _batches(chunks: Sequence[ChunkPlace]) -> Iterator[list[ChunkPlace]]:
-    batch: list[ChunkPlace] = []
+def _batches(chunks: Sequence[Chunk]) -> Iterator[list[Chunk]]:
+    batch: list[Chunk] = []
     size = 0
     for chunk in chunks:
         if batch and size + chunk.size > BATCH:
@@ -173,7 +94,7 @@ def _batches(chunks: Sequence[ChunkPlace]) -> Iterator[list[ChunkPlace]]:
         yield batch
 
 
-def _pick(data: memoryview, batch: list[ChunkPlace], raws: list[bytes], budget: Budget) -> Iterator[Picked]:
+def _pick(data: memoryview, batch: list[Chunk], raws: list[bytes], budget: Budget) -> Iterator[Picked]:
     name = budget.name
     bases = np.zeros(len(batch) + 1, np.int64)
     pairs: dict[int, list[bytes | memoryview]] = {}
@@ -229,20 +150,18 @@ def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) 
     return Picked(channel, log_times, sequences, offsets + HEAD, ends, whole)
 
 
-def _index(raw: bytes, chunk: ChunkPlace, budget: Budget) -> list[tuple[int, bytes]]:
-    """The index of a chunk that has none: walk over its records."""
+def _index(raw: bytes, chunk: Chunk, budget: Budget) -> list[tuple[int, bytes]]:
+    """(channel, pairs of log time and offset) of a chunk without an index: walk over its records."""
+    out: dict[int, list[bytes]] = {}
     try:
-        return [(channel, pairs.tobytes()) for channel, pairs in index_of(raw, budget).items()]
+        for record in records_in(raw, budget):
+            if record.opcode == Opcode.MESSAGE:
+                channel, _, log_time, _ = MESSAGE.unpack_from(raw, record.body)
+                out.setdefault(channel, []).append(_PAIR.pack(log_time, record.start))
     except struct.error as error:
         raise _senseless(budget.name, chunk, error) from error
+    return [(channel, b"".join(pairs)) for channel, pairs in out.items()]
 
 
-def index_of(raw: bytes, budget: Budget | None = None) -> dict[int, NDArray[np.uint64]]:
-    """(log time ns, offset) of each channel's messages in a decompressed chunk, shape (n, 2), as a message index lists
-    them; struct.error when a record is not whole. `budget`: see `records_in`."""
-    out: dict[int, list[tuple[int, int]]] = {}
-    for head in records_in(raw, budget):
-        if head.opcode == Opcode.MESSAGE:
-            channel, _, log_time = MESSAGE.unpack_from(raw, head.body)
-            out.setdefault(channel, []).append((log_time, head.start))
-    return {channel: np.array(pairs, "<u8") for channel, pairs in out.items()}
+def _senseless(name: str, chunk: Chunk, error: Exception) -> Damaged:
+    return Damaged(f"{name}: the chunk at byte {chunk.start} cannot be parsed ({error}); run `lab recover`")

@@ -35,7 +35,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from .container import MAGIC
+from .records import MAGIC
 
 MOST = 2**20
 """Bytes of messages after which a chunk is full."""

@@ -56,7 +56,7 @@ def messages(recording: Recording) -> Iterator[Played]:
     """All messages in the order of their log time; at equal times in the order of the channels."""
     start = recording.start_wall_ns
     recording.load()
-    topics = [topic for topic in dict.fromkeys(recording.topics) if recording.knows(topic)]
+    topics = [topic for topic in recording.topics if recording.knows(topic)]
     makers = [_stream(recording, topic) if is_stream(topic) else _events(recording, topic) for topic in topics]
     times = [_times(recording, topic) for topic in topics]
     of = np.repeat(np.arange(len(topics)), [len(t) for t in times])
@@ -88,7 +88,9 @@ def play(recording: Recording, sink: Callable[[Played], None], speed: float = ma
 
 def _times(recording: Recording, topic: str) -> np.ndarray[Any, np.dtype[np.int64]]:
     if is_stream(topic):
-        return recording.log_times(topic)  # in the order of the stream's own stamps, from which they are made
+        return recording.log_times(
+            topic, samples=True
+        )  # in the order of the stream's own stamps, from which they are made
     return np.array([log_time for log_time, _ in recording.payloads(EVENTS[topic])], dtype=np.int64)
 
 

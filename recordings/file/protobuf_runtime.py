@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import Damaged, OtherVersion, Oversized
 from ..messages import MAX_NUMBERS, Field, MessageType
-from .budget import MAX_MESSAGE
+from .budget import OPTION, largest_message
 
 
 def message_class(schema: Schema) -> type[Any]:
@@ -45,8 +45,8 @@ def _class(schema: Schema) -> type[Any]:
 
 def parse(kind: type[Any], payload: bytes, topic: str) -> Any:
     """One message; raises `Damaged` when the bytes are not one, `Oversized` for one that is longer than any of ours."""
-    if len(payload) > MAX_MESSAGE:
-        raise Oversized(f"{topic}: a message of {len(payload)} bytes, limit {MAX_MESSAGE}")
+    if len(payload) > (most := largest_message()):
+        raise Oversized(f"{topic}: a message of {len(payload)} bytes, limit {most}; {OPTION} lifts the limit")
     try:
         return kind.FromString(payload)
     except DecodeError as error:

@@ -26,9 +26,9 @@ from ..states.zeros import Drift, Zeros
 from ..trials import DOUBTS, TrialRow
 from . import protobuf_runtime
 from .budget import Budget, Cost
-from .container import Contents, walk
-from .gather import find_channels, pick
+from .gather import pick
 from .order import ordered
+from .records import Contents, Hole, index, inside
 from .samples import Samples, check_version, message_of, ours, version_of, written_name
 
 SAID = tuple(e.topic for e in (events.STATE, events.TRIAL, events.LOG, events.REQUEST, events.ZERO, events.MARK))
@@ -123,21 +123,26 @@ class Recording:
         """
         path = Path(path)
         data = mapped(path)
-        contents = walk(data, str(path))
+        contents = index(data, str(path))
         if not contents.finished and not truncated:
+            first, last = contents.span or (0, 0)
             raise Truncated(
                 f"{path} was not finished (the recording ended abruptly or the copy is incomplete): {contents.end} of "
-                f"{contents.size} bytes, {len(contents.chunks)} chunks, {_seconds(contents):.1f} s are readable; "
+                f"{contents.size} bytes, {len(contents.chunks)} chunks, {(last - first) / 1e9:.1f} s are readable; "
                 "run `lab recover` to get them"
             )
-        find_channels(data, contents, str(path))
+        for chunk in contents.chunks:  # without a summary, schemas and channels may stand in chunks alone
+            if not chunk.bare and (not chunk.indexes or any(n not in contents.channels for n, _, _ in chunk.indexes)):
+                for item in inside(data, chunk, contents):
+                    if isinstance(item, Hole):
+                        raise item.error
         return cls(path, data, contents)
 
     # -- what is in it
     @property
     def topics(self) -> tuple[str, ...]:
-        """All topics, in the order of their channels."""
-        return tuple(channel.topic for _, channel in sorted(self.contents.channels.items()))
+        """All topics, in the order of their channels; one that several channels carry is named once."""
+        return tuple(dict.fromkeys(channel.topic for _, channel in sorted(self.contents.channels.items())))
 
     @property
     def attachments(self) -> Mapping[str, bytes]:
@@ -180,7 +185,7 @@ class Recording:
     @property
     def streams(self) -> tuple[str, ...]:
         """The topics with samples as this software writes them, in the order of their channels."""
-        return tuple(topic for topic in dict.fromkeys(self.topics) if is_stream(topic) and self.knows(topic))
+        return tuple(topic for topic in self.topics if is_stream(topic) and self.knows(topic))
 
     def _ours(self, channel: Channel) -> bool:
         return ours(channel, self.contents.schemas.get(channel.schema_id))
@@ -220,12 +225,16 @@ class Recording:
         first, last = np.searchsorted(samples["t"], t0), np.searchsorted(samples["t"], t1, side="right")
         return samples[first:last]
 
-    def log_times(self, topic: str) -> NDArray[np.int64]:
-        """Log times (ns since the epoch) of a topic's messages, ascending."""
-        channel = self._channel(topic)
-        if not self._loaded:
-            self._load({channel.id})
-        return np.sort(np.concatenate([np.zeros(0, np.int64), *self._log_times.get(channel.id, [])]))
+    def log_times(self, topic: str, samples: bool = False) -> NDArray[np.int64]:
+        """Log times (ns since the epoch) of a topic's messages on all its channels, ascending; `samples`: of those that
+        `stream` gives."""
+        numbers = {number for number, channel in self.contents.channels.items() if channel.topic == topic}
+        if samples:
+            numbers = {self._channel(topic).id}
+        if not self._loaded and numbers:
+            self._load(numbers)
+        found = (part for number in numbers for part in self._log_times.get(number, []))
+        return np.sort(np.concatenate([np.zeros(0, np.int64), *found]))
 
     def restarts(self, topic: str) -> int:
         """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
@@ -267,7 +276,7 @@ class Recording:
                 self._samples[number] = Samples(message, min(listed[number], self._unpacked // message.size))
         kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
         first = not self._loaded
-        for picked in pick(self._data, self.contents, str(self.path)):
+        for picked in pick(self._data, self.contents):
             if first:
                 self._log_times.setdefault(picked.channel, []).append(picked.log_times)
                 self._sequences.setdefault(picked.channel, []).append(picked.sequences)
@@ -306,7 +315,7 @@ class Recording:
             schema = self.contents.schemas.get(channel.schema_id)
             if schema is None:
                 raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-            batches = pick(self._data, self.contents, str(self.path))
+            batches = pick(self._data, self.contents)
             payloads = (payload for p in batches if p.channel == channel.id for payload in p.messages())
             count = sum(len(part) for part in self._log_times.get(channel.id, []))
             samples = protobuf_runtime.decode(self._message(channel), schema, payloads, count)
@@ -437,11 +446,3 @@ def _text(message: Any) -> str:
         return str(message.json)
     except UnicodeDecodeError as error:
         raise Damaged(f"a state or row is not text ({error}); run `lab verify`") from error
-
-
-def _seconds(contents: Contents) -> float:
-    """Rig seconds that the chunks span."""
-    if not contents.chunks:
-        return 0.0
-    first = min(chunk.first_time for chunk in contents.chunks)
-    return (max(chunk.last_time for chunk in contents.chunks) - first) / 1e9

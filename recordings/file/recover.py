@@ -14,17 +14,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
-from ..errors import NotARecording, RecordingError, WriteFailed
+from ..errors import Damaged, Oversized, RecordingError, WriteFailed
 from ..messages import is_stream
 from ..own_files import replacing
-from .container import MAGIC
+from .chunks import MESSAGE, Record
 from .counts import StreamCounts, counted
 from .reader import mapped
-from .scan import Message, Scan, messages, scan
+from .records import Contents, Fields, Hole, attachment_crc, demand_mcap, records
+from .samples import ours
 from .timing import timing
-from .verify import verify
+from .verify import check
+
+OWN = ("counts", "outcome", "recovery")
+"""Metadata that are written anew."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,8 @@ class Recovery:
     target: str
     finished: bool
     """The source had its end: nothing beyond what it holds was ever written."""
+    library: str
+    """What wrote the source."""
     messages: dict[str, int]
     """Kept, by topic."""
     lost: dict[str, int]
@@ -46,6 +54,8 @@ class Recovery:
     """Rig seconds between the messages before and behind each hole, and to the end that a torn chunk tells."""
     bytes_skipped: int
     holes: int
+    oversized: str
+    """Why parts were left out that claim more than the limits allow; empty: none were."""
 
     @property
     def complete(self) -> bool:
@@ -59,18 +69,18 @@ class Recovery:
 
 @dataclass
 class _Kept:
-    """One topic's messages on their way into the new file."""
+    """One channel's messages on their way into the new file. `numbered`: their numbers count what there was."""
 
     topic: str
     channel: int
-    count: int = 0
+    numbered: bool
     numbers: array[int] = field(default_factory=lambda: array("q"))
     log_times: array[int] = field(default_factory=lambda: array("q"))
 
-    def add(self, message: Message) -> None:
-        self.count += 1
-        self.numbers.append(message.sequence)
-        self.log_times.append(message.log_time)
+    @property
+    def count(self) -> int:
+        """Messages kept."""
+        return len(self.numbers)
 
     @property
     def generated(self) -> int:
@@ -78,8 +88,8 @@ class _Kept:
 
         In the order of time: numbers that go back are a stream that began anew, and both its parts count.
         """
-        if not self.numbers:
-            return 0
+        if not self.numbers or not self.numbered:
+            return self.count
         if not is_stream(self.topic):  # events may be told later than they happened
             return max(self.numbers)
         numbers = np.array(self.numbers)[np.lexsort((self.numbers, self.log_times))]
@@ -100,16 +110,17 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     source = Path(source)
     target = source.with_name(f"{source.stem}-recovered.mcap") if target is None else Path(target)
     data = mapped(source)
-    if bytes(data[: len(MAGIC)]) != MAGIC:
-        raise NotARecording(f"{source} is not an MCAP file: it begins with {bytes(data[:8])!r}")
+    demand_mcap(data, str(source))
     if target.exists():
         raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
-    found = scan(data, str(source))
+    found = Contents(str(source), len(data))
+    for _ in records(data, found, unpack=True):
+        pass  # what describes the messages may stand behind them
     try:
         with replacing(target) as (file, partial):
-            result = _write(data, found, source, target, file)
+            result = _write(data, found, target, file)
             file.flush()
-            problems = verify(partial).problems
+            problems = check(partial).problems
             if problems:
                 raise RecordingError(
                     f"{target}: the recovered file is wrong: {problems[0].text}; the source is untouched"
@@ -119,77 +130,106 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     return result
 
 
-def _write(data: memoryview, found: Scan, source: Path, target: Path, file: Any) -> Recovery:
-    """Everything found, in the order of the file; the record `recovery` tells what is missing."""
+def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recovery:
+    """Everything found, in the order of the file; the record `recovery` states what is missing."""
     writer = Writer(file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    writer.start(library=found.library)
-    for name, texts in found.metadata.items():
-        if name not in ("counts", "outcome"):
-            writer.add_metadata(name, texts)
-    for attachment in found.attachments.values():
-        writer.add_attachment(
-            attachment.create_time, attachment.log_time, attachment.name, attachment.media_type, attachment.data
-        )
+    header = found.header
+    writer.start("" if header is None else header.profile, "" if header is None else header.library)
     kept = _register(writer, found)
+    holes: list[Hole] = []
     nameless, seconds_lost, first, newest = 0, 0.0, math.inf, -math.inf
-    holes = {hole.behind: hole for hole in found.holes}
-    for number, chunk in enumerate(found.chunks):
-        before = newest
-        earliest = math.inf
-        for message in messages(data, chunk, str(source)):
-            entry = kept.get(message.channel)
-            if entry is None or message.log_time >= 2**63:
+    before: float | None = None
+    """Newest log time when a hole began, while no message has come behind it."""
+    for item in records(data, Contents(found.name, found.size), unpack=True):
+        if isinstance(item, Record) and item.opcode == Opcode.MESSAGE:
+            number, sequence, log_time, publish_time = MESSAGE.unpack_from(item.source, item.body)
+            entry = kept.get(number)
+            if entry is None or log_time >= 2**63:
                 nameless += 1
                 continue
-            entry.add(message)
-            writer.add_message(entry.channel, message.log_time, message.data, message.publish_time, message.sequence)
-            earliest, newest = min(earliest, message.log_time), max(newest, message.log_time)
-        first = min(first, earliest)
-        if number in holes and math.isfinite(before) and math.isfinite(earliest):
-            seconds_lost += max(0.0, (earliest - before) / 1e9)
-    last = holes.get(len(found.chunks))
-    if last is not None and last.until is not None and math.isfinite(newest):
-        seconds_lost += max(0.0, (last.until - newest) / 1e9)
+            entry.numbers.append(sequence)
+            entry.log_times.append(log_time)
+            payload = bytes(item.source[item.body + MESSAGE.size : item.end])
+            writer.add_message(entry.channel, log_time, payload, publish_time, sequence)
+            if before is not None and math.isfinite(before):
+                seconds_lost += max(0.0, (log_time - before) / 1e9)
+            before, first, newest = None, min(first, log_time), max(newest, log_time)
+        elif isinstance(item, Record):
+            hole = _outside(writer, item)
+            holes += [] if hole is None else [hole]
+        else:
+            holes.append(item)
+            before = newest if before is None else before
+            if item.torn is not None and math.isfinite(newest) and item.torn.last_time < 2**63:
+                seconds_lost += max(0.0, (item.torn.last_time - newest) / 1e9)
     counts = _counts(kept, found)
     result = Recovery(
-        source=str(source),
+        source=found.name,
         target=str(target),
         finished=found.finished,
-        messages={entry.topic: entry.count for entry in kept.values()},
+        library="" if header is None else header.library,
+        messages={topic: c.written for topic, c in counts.items()},
         lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete},
         nameless=nameless,
         seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0,
         seconds_lost=seconds_lost,
-        bytes_skipped=sum(hole.end - hole.start for hole in found.holes),
-        holes=len(found.holes),
+        bytes_skipped=sum(hole.end - hole.start for hole in holes),
+        holes=len(holes),
+        oversized=next((str(hole.error) for hole in holes if isinstance(hole.error, Oversized)), ""),
     )
-    outcome = {"outcome": "abrupt", "detail": f"recovered, {seconds_lost:.3f} s lost", "closed_wall_ns": ""}
     writer.add_metadata("counts", {topic: json.dumps(asdict(c)) for topic, c in counts.items()})
     writer.add_metadata("recovery", {name: json.dumps(value) for name, value in result.to_dict().items()})
-    writer.add_metadata("outcome", found.metadata.get("outcome", outcome))
+    if "outcome" in found.metadata:
+        writer.add_metadata("outcome", found.metadata["outcome"])
+    elif not found.finished:
+        lost = f"recovered, {seconds_lost:.3f} s lost"
+        writer.add_metadata("outcome", {"outcome": "abrupt", "detail": lost, "closed_wall_ns": ""})
     writer.finish()
     return result
 
 
-def _register(writer: Writer, found: Scan) -> dict[int, _Kept]:
+def _outside(writer: Writer, record: Record) -> Hole | None:
+    """Write an attachment or metadata; a hole where an attachment fails its checksum."""
+    if record.opcode == Opcode.ATTACHMENT:
+        computed, stored = attachment_crc(record)
+        if stored not in (0, computed):
+            return Hole(record.start, record.end, Damaged("an attachment fails its checksum"))
+        found = Attachment.read(Fields(record))
+        writer.add_attachment(found.create_time, found.log_time, found.name, found.media_type, found.data)
+    elif record.opcode == Opcode.METADATA:
+        texts = Metadata.read(Fields(record))
+        if texts.name not in OWN:
+            writer.add_metadata(texts.name, texts.metadata)
+    return None
+
+
+def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
     """Schemas and channels of the new file, by the channel numbers of the old one."""
     schemas = {0: 0}
     for number, schema in sorted(found.schemas.items()):
         schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
     return {
-        number: _Kept(c.topic, writer.register_channel(c.topic, c.message_encoding, schemas[c.schema_id], c.metadata))
+        number: _Kept(
+            c.topic,
+            writer.register_channel(c.topic, c.message_encoding, schemas[c.schema_id], c.metadata),
+            ours(c, found.schemas.get(c.schema_id)),
+        )
         for number, c in sorted(found.channels.items())
         if c.schema_id in schemas
     }
 
 
-def _counts(kept: dict[int, _Kept], found: Scan) -> dict[str, StreamCounts]:
-    """Counts of the new file: the messages' numbers tell how many there were before the last one that is kept."""
+def _counts(kept: dict[int, _Kept], found: Contents) -> dict[str, StreamCounts]:
+    """Counts of the new file by topic: the messages' numbers state how many there were before the last one that is kept."""
     start = min((entry.log_times[0] for entry in kept.values() if entry.log_times), default=0)
-    out, before = {}, counted(found.metadata)
+    before = counted(found.metadata)
+    topics: dict[str, list[_Kept]] = {}
     for entry in kept.values():
-        told = before.get(entry.topic, {})
-        generated = max(entry.generated, entry.count, told.get("generated", 0))
-        at = timing((np.sort(np.array(entry.log_times, dtype=np.int64)) - start) / 1e9)
-        out[entry.topic] = StreamCounts.of(generated, entry.count, told.get("lost", 0), at)
+        topics.setdefault(entry.topic, []).append(entry)
+    out = {}
+    for topic, entries in topics.items():
+        told, count = before.get(topic, {}), sum(entry.count for entry in entries)
+        generated = max(sum(max(entry.generated, entry.count) for entry in entries), told.get("generated", 0))
+        times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.int64) for entry in entries]))
+        out[topic] = StreamCounts.of(generated, count, told.get("lost", 0), timing((times - start) / 1e9))
     return out

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import os
 import stat
-import struct
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Metadata
+from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
@@ -25,24 +24,19 @@ from ..errors import Damaged, NotARecording, Oversized
 from ..events import Request
 from ..messages import MessageType, is_stream
 from . import protobuf_runtime
-from .budget import MAX_CHUNK, Budget, Cost
-from .container import MAGIC, Contents, Head, chunk_place, head_at, records_in, stream, take_chunk
-from .gather import MESSAGE, check_chunk, decompress
+from .budget import OPTION, Cost, largest_chunk
+from .chunks import HEAD, MESSAGE, Record
 from .reader import SAID, LogLine, StateEvent, TrialEvent, log_line, request_event, state_event, trial_event
+from .records import MAGIC, Contents, Hole, demand_mcap, inside, records
 from .samples import check_version, message_of, ours
 
 BLOCK = 2**20
 """Bytes that are read at a time; more where one record has more."""
-LARGEST_RECORD = MAX_CHUNK + 2**20
-_HEAD = struct.Struct("<BQ")
-_UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
-_NUMBER = MESSAGE.size + 8
-"""Bytes of a message record in front of the message itself, behind its own head."""
 
 
 @dataclass
 class Piece:
-    """What one chunk holds. Log times in ns since the epoch."""
+    """What one chunk holds, or messages outside chunks that follow each other. Log times in ns since the epoch."""
 
     until: int = 0
     """Log time of its last message."""
@@ -79,9 +73,8 @@ class Tail:
         if not stat.S_ISREG(os.fstat(self._fd).st_mode):
             self.close()
             raise NotARecording(f"{self.path} is not a file")
-        self.contents = Contents(0)
+        self.contents = Contents(str(self.path), 0)
         """Channels, schemas, attachments and metadata so far; `end`: how far it was read; `finished`: its end mark was."""
-        self._budget = Budget(str(self.path), 0)
         self._more = False
         """The last reading ended because it had enough."""
         self._layouts: dict[int, MessageType | None] = {}
@@ -97,7 +90,13 @@ class Tail:
         while len(pieces) < most and not self.contents.finished:
             data = self._block()
             before = self.contents.end
-            if not self._records(data, pieces, most) or self.contents.end == before:
+            if before == 0:
+                if len(data) < len(MAGIC):
+                    break
+                demand_mcap(data, str(self.path))
+                self.contents.end = len(MAGIC)
+            self._take(data, pieces, most)
+            if self.contents.end == before:
                 break
         self._more = len(pieces) >= most
         return pieces
@@ -105,64 +104,39 @@ class Tail:
     def _block(self) -> memoryview:
         """What follows what was read, at least one record where it is all there."""
         size = os.fstat(self._fd).st_size
+        at = self.contents.base = self.contents.end
         self.contents.size = size
-        self._budget.grow(size)
-        at = self.contents.end
+        self.contents.budget.grow(size)
         data = os.pread(self._fd, BLOCK, at)
-        if at and len(data) >= _HEAD.size and (need := _HEAD.unpack_from(data)[1] + _HEAD.size) > len(data):
-            if need > LARGEST_RECORD:
-                raise Oversized(f"{self.path}: the record at byte {at} claims {need} bytes, limit {LARGEST_RECORD}")
+        if at and len(data) >= HEAD.size and (need := HEAD.unpack_from(data)[1] + HEAD.size) > len(data):
+            if need > (most := largest_chunk(2**62) + BLOCK):
+                raise Oversized(
+                    f"{self.path}: the record at byte {at} claims {need} bytes, limit {most}; {OPTION} lifts the limit"
+                )
             data = os.pread(self._fd, need + len(MAGIC), at) if at + need <= size else b""
         return memoryview(data)
 
-    def _records(self, data: memoryview, pieces: list[Piece], most: int) -> bool:
-        """Take the whole records of a block; False where nothing more can be done with it."""
-        at = 0
-        if self.contents.end == 0:
-            if len(data) < len(MAGIC):
-                return False
-            if bytes(data[: len(MAGIC)]) != MAGIC:
-                raise NotARecording(f"{self.path} is not an MCAP file: it begins with {bytes(data[:8])!r}")
-            at = self.contents.end = len(MAGIC)
-        while len(pieces) < most and (head := head_at(data, at)) is not None:
-            if head.opcode == Opcode.FOOTER:
-                self.contents.finished = bytes(data[head.end : head.end + len(MAGIC)]) == MAGIC
-                return False
-            try:
-                self._take(data, head, pieces)
-            except _UNPARSABLE as error:
-                raise Damaged(
-                    f"{self.path}: the record at byte {self.contents.end} cannot be parsed ({error}); run `lab verify`"
-                ) from error
-            self.contents.end += head.end - at
-            at = head.end
-        return True
+    def _take(self, data: memoryview, pieces: list[Piece], most: int) -> None:
+        """Make pieces of the whole records of a block, until there are enough."""
+        bare: list[Record] = []
+        for item in records(data, self.contents, growing=True):
+            if isinstance(item, Hole):
+                raise item.error
+            if item.opcode == Opcode.MESSAGE:
+                bare.append(item)
+            elif item.opcode == Opcode.CHUNK:
+                self._add(pieces, bare)
+                bare, chunk = [], self.contents.chunks[-1]
+                pieces.append(self._piece(inside(data, chunk, self.contents), chunk.last_time))
+                if len(pieces) >= most:
+                    break
+        self._add(pieces, bare)
+        self.contents.chunks.clear()
 
-    def _take(self, data: memoryview, head: Head, pieces: list[Piece]) -> None:
-        if head.opcode == Opcode.CHUNK:
-            place = chunk_place(data, head)
-            check_chunk(data, place, str(self.path))
-            take_chunk(place, self._budget)
-            raw = decompress(data, replace(place, start=self.contents.end), str(self.path))
-            pieces.append(self._piece(raw, place.last_time))
-        elif head.opcode == Opcode.ATTACHMENT:
-            attachment = Attachment.read(stream(data, head))
-            self.contents.attachments[attachment.name] = attachment.data
-        elif head.opcode == Opcode.METADATA:
-            self._budget.take(Cost.DEFINITIONS, head.end - head.body)
-            metadata = Metadata.read(stream(data, head))
-            self.contents.metadata[metadata.name] = metadata.metadata
-        elif head.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            self._define(head.opcode, bytes(data[head.body : head.end]))
-
-    def _define(self, opcode: int, body: bytes) -> None:
-        """A schema or channel; in the summary of a finished file they stand once more."""
-        if opcode == Opcode.CHANNEL and struct.unpack_from("<H", body)[0] in self._layouts:
-            return
-        self.contents.add(opcode, body, self._budget)
-        if opcode == Opcode.CHANNEL:
-            channel = self.contents.channels[struct.unpack_from("<H", body)[0]]
-            self._layouts[channel.id] = self._layout(channel)
+    def _add(self, pieces: list[Piece], bare: list[Record]) -> None:
+        """A piece of messages outside chunks."""
+        if bare:
+            pieces.append(self._piece(bare, max(MESSAGE.unpack_from(r.source, r.body)[2] for r in bare)))
 
     def _layout(self, channel: Channel) -> MessageType | None:
         schema = self.contents.schemas.get(channel.schema_id)
@@ -171,28 +145,33 @@ class Tail:
         check_version(channel, str(self.path))
         return message_of(channel, schema, str(self.path))
 
-    def _piece(self, raw: bytes, until: int) -> Piece:
-        """The messages of an unpacked chunk."""
+    def _piece(self, found: Iterable[Record | Hole], until: int) -> Piece:
+        """The messages among records."""
         payloads: dict[int, list[tuple[int, int, bytes]]] = {}
         piece = Piece(until)
-        for record in records_in(raw, self._budget):
-            if record.opcode == Opcode.MESSAGE and record.end - record.body >= _NUMBER:
-                number, sequence, log_time = MESSAGE.unpack_from(raw, record.body)
-                payload = raw[record.body + _NUMBER : record.end]
+        for record in found:
+            if isinstance(record, Hole):
+                raise record.error
+            if record.opcode == Opcode.MESSAGE:
+                number, sequence, log_time, _ = MESSAGE.unpack_from(record.source, record.body)
+                payload = bytes(record.source[record.body + MESSAGE.size : record.end])
                 payloads.setdefault(number, []).append((sequence, log_time, payload))
                 piece.messages.append((number, log_time, payload))
-            elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._define(record.opcode, raw[record.body : record.end])
-        for number, found in payloads.items():
+        for number, held in payloads.items():
             channel = self.contents.channels.get(number)
             if channel is None:
                 raise Damaged(f"{self.path}: a message of channel {number}, which is not described; run `lab verify`")
-            layout = self._layouts.get(number)
+            if number not in self._layouts:
+                self._layouts[number] = self._layout(channel)
+            layout = self._layouts[number]
             if layout is not None:
-                piece.samples[channel.topic] = self._samples(channel, layout, [payload for *_, payload in found])
-                piece.numbers[channel.topic] = [sequence for sequence, *_ in found]
+                samples = self._samples(channel, layout, [payload for *_, payload in held])
+                numbers = [sequence for sequence, *_ in held]
+                if channel.topic in piece.samples:
+                    raise Damaged(f"{self.path}: several channels carry {channel.topic}, as in files that were merged")
+                piece.samples[channel.topic], piece.numbers[channel.topic] = samples, numbers
             elif ours(channel, self.contents.schemas.get(channel.schema_id)):
-                self._said(piece, channel, found)
+                self._said(piece, channel, held)
         return piece
 
     def _samples(self, channel: Channel, layout: MessageType, payloads: list[bytes]) -> NDArray[np.void]:
@@ -211,7 +190,7 @@ class Tail:
         if topic not in (*SAID, events.PROGRESS.topic):
             return
         check_version(channel, str(self.path))
-        self._budget.take(Cost.EVENTS, sum(len(payload) for *_, payload in found))
+        self.contents.budget.take(Cost.EVENTS, sum(len(payload) for *_, payload in found))
         for _, log_time, payload in found:
             message = protobuf_runtime.parse(events.EVENTS[topic].message_class, payload, topic)
             if topic == events.STATE.topic:

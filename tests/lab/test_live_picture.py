@@ -17,7 +17,7 @@ from lab.live.about import PLAN, about
 from lab.live.feed import following
 from lab.live.picture import Picture
 from lab.live.viewers import event
-from recordings.file.container import Contents
+from recordings.file.records import Contents
 from recordings.file.tail import Tail
 from recordings.file.writer import Recorder
 
@@ -116,7 +116,7 @@ def test_text_from_outside_does_nothing(tmp_path: Path) -> None:
 )
 def test_attachments_that_cannot_be_understood_leave_out_what_they_would_tell(tmp_path: Path, plan: bytes) -> None:
     contents = Contents(
-        0, attachments={PLAN: plan, "rig.yaml": b"name: [", "robot.yaml": b"\xff", "protocol.yaml": b"- 1"}
+        "", 0, attachments={PLAN: plan, "rig.yaml": b"name: [", "robot.yaml": b"\xff", "protocol.yaml": b"- 1"}
     )
     found = about(tmp_path / "run.mcap", contents)
     assert found.steps == () and found.limits == {} and found.protocol == "" and found.robot == ""
@@ -132,7 +132,7 @@ instruments:
   pressure: {driver: alicat, port: /dev/null, units: [A, B, C], chambers: [[1, 2, 3], [4, 5, 6], [7, 8, 9]], full_scale: 413 kPa}
 """
     robot = re.sub(rb"max_pressure: [^\n]*", b"max_pressure: 150 kPa", paper_robot().read_bytes())
-    contents = Contents(0, attachments={"rig.yaml": rig, "robot.yaml": robot, "protocol.yaml": PROTOCOL})
+    contents = Contents("", 0, attachments={"rig.yaml": rig, "robot.yaml": robot, "protocol.yaml": PROTOCOL})
     found = about(tmp_path / "run.mcap", contents)
     assert not [why for why in found.missing if "limits" in why], found.missing
     assert (found.limits["pressure"], found.limits["force"], found.protocol) == (150e3, 12.0, "bending")

@@ -17,8 +17,8 @@ from test_recording_hostile import chunk, definitions, index, record, whole
 
 from recordings.errors import Damaged, OtherVersion, Oversized
 from recordings.file.budget import SMALL_CHUNK, Budget, Cost, largest_chunk
-from recordings.file.container import MAGIC
 from recordings.file.reader import Recording
+from recordings.file.records import MAGIC
 from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.messages import PRESSURE

@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
 from recordings.file.budget import MAX_CHUNK
-from recordings.file.container import MAGIC
+from recordings.file.records import MAGIC
 from recordings.messages import PRESSURE
 
 HUGE = 2**62

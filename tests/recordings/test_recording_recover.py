@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from synthetic_run import Run
 
 from recordings.campaign.info import info
 from recordings.errors import NotARecording, WriteFailed
-from recordings.file.container import walk
 from recordings.file.reader import Recording
+from recordings.file.records import Contents, Record, index, records
 from recordings.file.recover import Recovery, recover
-from recordings.file.scan import messages, scan
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
 
@@ -59,6 +59,14 @@ def held(path: Path) -> list[Key]:
         return [(channel.topic, message.log_time, message.sequence, message.data) for _, channel, message in found]
 
 
+def by_chunk(data: bytes) -> list[list[bytes]]:
+    """What the messages hold that can be read, chunk by chunk."""
+    walk = records(memoryview(data), Contents("", len(data)), unpack=True)
+    found = [r for r in walk if isinstance(r, Record) and r.opcode == Opcode.MESSAGE]
+    chunks = dict.fromkeys(id(r.source) for r in found)
+    return [[r.content()[22:] for r in found if id(r.source) == chunk] for chunk in chunks]
+
+
 def recovered(data: bytes, folder: Path) -> tuple[Recovery, Path]:
     (folder / "bad.mcap").write_bytes(data)
     (folder / "good.mcap").unlink(missing_ok=True)
@@ -82,19 +90,18 @@ def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
             recorder.push(topic, t, values)
     source = copied(tmp_path / "short.mcap", tmp_path / "source.mcap", compression)
     data = source.read_bytes()
-    chunks = walk(memoryview(data), "").chunks
+    chunks = index(memoryview(data), "").chunks
     ends = []  # (byte at which a message is whole, messages until then)
     count = 0
-    for chunk, place in zip(chunks, scan(memoryview(data), "").chunks, strict=True):
-        for message in messages(memoryview(data), place, ""):
+    for chunk, held_here in zip(chunks, by_chunk(data), strict=True):
+        for message in held_here:
             count += 1
             if compression is CompressionType.NONE:
-                ends.append((data.index(message.data, chunk.data_start) + len(message.data), count))
+                ends.append((data.index(message, chunk.data_start) + len(message), count))
         ends.append((chunk.data_end, count))
     all_messages = held(source)
     for cut in range(chunks[-2].start, chunks[-1].data_end + 200, every):
-        found = scan(memoryview(data[:cut]), "")
-        kept = sum(len(list(messages(memoryview(data[:cut]), chunk, ""))) for chunk in found.chunks)
+        kept = sum(map(len, by_chunk(data[:cut])))
         assert kept >= max(n for end, n in ends if end <= cut), cut
         if cut % 61 < every:
             result, target = recovered(data[:cut], tmp_path)
@@ -104,7 +111,7 @@ def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
 
 def test_a_broken_chunk_costs_its_own_messages_and_seconds_only(whole: Path, tmp_path: Path) -> None:
     data = bytearray(whole.read_bytes())
-    chunks = walk(memoryview(bytes(data)), "").chunks
+    chunks = index(memoryview(bytes(data)), "").chunks
     broken = chunks[len(chunks) // 2]
     data[(broken.data_start + broken.data_end) // 2] ^= 4
     result, target = recovered(bytes(data), tmp_path)
@@ -120,8 +127,8 @@ def test_a_broken_chunk_costs_its_own_messages_and_seconds_only(whole: Path, tmp
 def test_any_changed_byte_costs_one_chunk_at_most(whole: Path, tmp_path: Path) -> None:
     random = np.random.default_rng(8)
     data, all_messages = whole.read_bytes(), set(held(whole))
-    chunks = walk(memoryview(data), "").chunks
-    largest = max(len(list(messages(memoryview(data), c, ""))) for c in scan(memoryview(data), "").chunks)
+    chunks = index(memoryview(data), "").chunks
+    largest = max(map(len, by_chunk(data)))
     for at in random.integers(chunks[1].start, len(data), 40).tolist():
         bad = bytearray(data)
         bad[at] ^= 1 << int(random.integers(8))
@@ -137,7 +144,7 @@ def test_what_is_missing_is_counted_in_the_new_file_and_shown_by_info(tmp_path: 
             if k == 50:
                 recorder.push("/vacuum", 0.0, absolute=1.0)
     data = (tmp_path / "a.mcap").read_bytes()
-    result, target = recovered(data[: walk(memoryview(data), "").chunks[-1].data_end], tmp_path)
+    result, target = recovered(data[: index(memoryview(data), "").chunks[-1].data_end], tmp_path)
     assert result.lost == {"/vacuum": 1} and not result.finished
     summary = info(target)
     assert (summary.outcome, summary.streams["/vacuum"].dropped, summary.complete) == ("abrupt", 1, False)

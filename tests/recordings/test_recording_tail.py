@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from synthetic_run import TARGETS, Run
 
 from recordings.errors import Damaged, NotARecording, Oversized, RecordingError
-from recordings.file.container import walk
 from recordings.file.reader import Recording
+from recordings.file.records import index
 from recordings.file.tail import Piece, Tail
 from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
@@ -125,7 +125,7 @@ def test_an_older_recording_is_followed_too() -> None:
 
 def test_a_changed_byte_in_a_chunk_is_told(path: Path, tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
-    chunk = walk(memoryview(bytes(data)), "run").chunks[2]
+    chunk = index(memoryview(bytes(data)), "run").chunks[2]
     data[chunk.data_end - 5] ^= 1
     (damaged := tmp_path / "damaged.mcap").write_bytes(data)
     with Tail(damaged) as tail, pytest.raises(RecordingError, match="lab verify"):

@@ -1,0 +1,388 @@
+"""The records of an MCAP file, in its order: one tolerant walk, of which everything that reads files is a fold.
+
+    contents = Contents(name, len(data))
+    for item in records(data, contents): ...          Record or Hole
+
+Layout: https://mcap.dev/spec. Nothing that a file says of lengths is believed before it is held against the bytes that
+are there. A record may be longer than its fields need, and of a kind that is not known: both are legal. What makes no
+sense is a `Hole`; the walk goes on behind it.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
+
+from ..errors import Damaged, NotARecording, Oversized, RecordingError
+from .budget import PER_CHANNEL, PER_TEXT, Budget, Cost, largest_chunk
+from .chunks import HEAD, MESSAGE, SMALLEST, Chunk, Record, chunk_of, decompress, records_in, torn_bytes
+
+MAGIC = b"\x89MCAP0\r\n"
+UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
+"""What parsing of bytes raises that are not what they should be."""
+LAYOUT: dict[int, tuple[int, ...]] = {
+    Opcode.HEADER: (-4, -4), Opcode.FOOTER: (20,), Opcode.SCHEMA: (2, -4, -4, -4), Opcode.CHANNEL: (4, -4, -4, -4),
+    Opcode.MESSAGE: (22,), Opcode.CHUNK: (28, -4, -8), Opcode.MESSAGE_INDEX: (2, -4), Opcode.CHUNK_INDEX: (32, -4, 8, -4, 16),
+    Opcode.ATTACHMENT: (16, -4, -4, -8, 4), Opcode.ATTACHMENT_INDEX: (40, -4, -4), Opcode.STATISTICS: (42, -4),
+    Opcode.METADATA: (-4, -4), Opcode.METADATA_INDEX: (16, -4), Opcode.SUMMARY_OFFSET: (17,), Opcode.DATA_END: (4,),
+}  # fmt: skip
+"""Fields of each kind: bytes of fixed fields, or -4 and -8 for bytes counted by a number of so many bytes in front of them."""
+CHAIN = 3
+"""Records that must follow each other where the walk goes on behind a hole."""
+PLAUSIBLE = 2**32
+"""Bytes that a record may claim beyond the end of a file that was cut off."""
+ZEROS = 4096
+"""Bytes of zeros behind a record that are taken for the end of what was written."""
+RUN = 2**20
+"""Bytes of messages outside chunks that are read together."""
+_BEGIN = re.compile(rb"(?=[\x01-\x0f][\x00-\xff]{4}\x00{4})")
+"""Where kind and length of a record below 4 GiB may stand."""
+_LENGTHS = {4: struct.Struct("<I"), 8: struct.Struct("<Q")}
+_INDEX = struct.Struct("<HI")
+
+
+@dataclass(frozen=True)
+class Hole:
+    """Bytes of the file that are no record, and why. `torn`: a chunk that goes beyond the end of the file."""
+
+    start: int
+    end: int
+    error: RecordingError
+    torn: Chunk | None = None
+
+
+class Fields(ReadDataStream):
+    """A record's content, for the library to parse. Unlike the library's stream it never gives fewer bytes than asked for."""
+
+    def __init__(self, record: Record) -> None:
+        super().__init__(None)  # type: ignore[arg-type]
+        self._record = record
+
+    def read(self, length: int) -> bytes:
+        """The next bytes; raises EndOfFile where the record has fewer."""
+        at = self._record.body + self._count
+        if length > self._record.end - at:
+            raise EndOfFile()
+        self._count += length
+        return bytes(self._record.source[at : at + length])
+
+
+@dataclass
+class Contents:
+    """What a walk over a file of `size` bytes has found; `name` is used in messages."""
+
+    name: str
+    size: int
+    base: int = 0
+    """Byte of the file at which the walked bytes begin."""
+    end: int = 0
+    """Where the last whole record ends; behind the end mark of a finished file."""
+    finished: bool = False
+    """Footer and end mark are there."""
+    header: Header | None = None
+    chunks: list[Chunk] = field(default_factory=list)
+    """With the runs of messages outside chunks."""
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    holes: list[Hole] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.budget = Budget(self.name, self.size)
+        self._seen: set[int] = set()
+        """Of definitions: one that is repeated costs nothing."""
+        self._indexed: Chunk | None = None
+        """The chunk whose message indexes come next."""
+
+    def take(self, record: Record) -> None:
+        """Take note of a record of the file; raises what `UNPARSABLE` lists, or a `RecordingError`."""
+        opcode, indexed, self._indexed = record.opcode, self._indexed, None
+        if opcode == Opcode.MESSAGE:
+            self._message(record)
+        elif opcode == Opcode.MESSAGE_INDEX:
+            channel, length = _INDEX.unpack_from(record.source, record.body)
+            if length % 16:
+                raise struct.error("a message index whose length is wrong")
+            pairs = record.body + _INDEX.size
+            if indexed is not None:
+                indexed.indexes.append((channel, pairs, pairs + length))
+            self._indexed = indexed
+        elif opcode == Opcode.CHUNK:
+            chunk = chunk_of(memoryview(record.source), record.start, record.end, self.base)
+            if chunk.size <= largest_chunk(self.size):  # one that nothing could hold is not unpacked
+                self.budget.take(Cost.UNPACKED, max(chunk.size, SMALLEST))
+            self.chunks.append(chunk)
+            self._indexed = chunk
+        elif opcode == Opcode.HEADER:
+            self.header = self.header or Header.read(Fields(record))
+        elif opcode == Opcode.ATTACHMENT:
+            attachment = Attachment.read(Fields(record))
+            self.attachments[_unique(attachment.name, self.attachments)] = attachment.data
+        elif opcode == Opcode.METADATA:
+            self.budget.take(Cost.DEFINITIONS, PER_TEXT * (record.end - record.body))
+            metadata = Metadata.read(Fields(record))
+            self.metadata[_unique(metadata.name, self.metadata)] = metadata.metadata
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self.define(record)
+
+    def note(self, hole: Hole) -> None:
+        """Take note of a hole; indexes behind it belong to no chunk."""
+        self.holes.append(hole)
+        self._indexed = None
+
+    def define(self, record: Record) -> None:
+        """Take note of a schema or channel, wherever in the file it stands; raises like `take`."""
+        body = record.content()
+        key = hash((record.opcode, body))
+        if key in self._seen:
+            return
+        kind: type[Schema] | type[Channel] = Schema if record.opcode == Opcode.SCHEMA else Channel
+        self.budget.take(Cost.DEFINITIONS, len(body) if kind is Schema else PER_CHANNEL + PER_TEXT * len(body))
+        found = kind.read(Fields(record))
+        known: dict[int, Schema] | dict[int, Channel] = self.schemas if kind is Schema else self.channels
+        if _identity(known.setdefault(found.id, found)) != _identity(found):  # type: ignore[arg-type]
+            raise Damaged(
+                f"{self.name}: describes {kind.__name__.lower()} {found.id} twice, and differently; run `lab verify`"
+            )
+        self._seen.add(key)
+
+    def _message(self, record: Record) -> None:
+        _, _, log_time, _ = MESSAGE.unpack_from(record.source, record.body)
+        last = self.chunks[-1] if self.chunks else None
+        if last is None or not last.bare or last.data_end != record.start or last.size > RUN:
+            start, end = self.base + record.start, self.base + record.end
+            last = Chunk(start, end, log_time, log_time, 0, 0, "", record.start, record.start, bare=True)
+            self.chunks.append(last)
+        last.end, last.data_end = self.base + record.end, record.end
+        last.size = record.end - last.data_start
+        last.first_time, last.last_time = min(last.first_time, log_time), max(last.last_time, log_time)
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """First and last log time (ns) that chunks and messages outside chunks state; None where there are none."""
+        held = [chunk for chunk in self.chunks if chunk.first_time or chunk.last_time]
+        return (min(c.first_time for c in held), max(c.last_time for c in held)) if held else None
+
+
+def attachment_crc(record: Record) -> tuple[int, int]:
+    """The checksum of an attachment, and the one that was written (0: none)."""
+    at = _used(record.source, record.opcode, record.body) - 4
+    return zlib.crc32(record.source[record.body : at]), int(_LENGTHS[4].unpack_from(record.source, at)[0])
+
+
+def demand_mcap(data: memoryview, name: str) -> None:
+    """Raises `NotARecording` when a file does not begin as an MCAP file."""
+    if bytes(data[: len(MAGIC)]) != MAGIC:
+        raise NotARecording(f"{name} is not an MCAP file: it begins with {bytes(data[:8])!r}")
+
+
+def index(data: memoryview, name: str) -> Contents:
+    """Contents of a whole file, without looking into chunks; raises `NotARecording`, `Damaged` or `Oversized`.
+
+    The end may be missing, see `Contents.finished`.
+    """
+    demand_mcap(data, name)
+    contents = Contents(name, len(data))
+    for item in records(data, contents):
+        # What is behind the last record is the end that is missing, or follows the end mark.
+        if isinstance(item, Hole) and isinstance(item.error, Oversized):
+            raise item.error
+    for hole in contents.holes:
+        if hole.start < contents.end:
+            raise hole.error
+    if not contents.finished and contents.chunks:
+        # Some of its indexes may be cut off; without any, its records are walked over instead.
+        contents.chunks[-1].indexes.clear()
+    return contents
+
+
+def records(
+    data: memoryview, contents: Contents, *, unpack: bool = False, growing: bool = False
+) -> Iterator[Record | Hole]:
+    """Every record of a file in its order, with a hole for whatever is none; `contents` takes note of each.
+
+    `unpack`: each chunk is followed by the records in it. `growing`: the last record may still be on its way.
+    """
+    at = 0 if contents.base else len(MAGIC)
+    while at < len(data) and not contents.finished:
+        try:
+            record = _record_at(data, at)
+            if growing and record.opcode == Opcode.FOOTER and len(data) - record.end < len(MAGIC):
+                return
+            contents.take(record)
+        except (*UNPARSABLE, RecordingError) as error:
+            if growing and _unfinished(data, at):
+                return
+            hole, rest = _hole(data, at, error, contents)
+            contents.note(hole)
+            if unpack and hole.torn is not None:
+                for item in _unpacked(torn_bytes(data, hole.torn, contents.budget), hole.torn, contents):
+                    if isinstance(item, Record):
+                        yield item
+            yield hole
+            at = hole.end - contents.base
+            if rest is None:
+                continue
+            record = rest
+        at = record.end
+        contents.end = contents.base + at
+        if record.opcode == Opcode.FOOTER and data[at : at + len(MAGIC)] == MAGIC:
+            contents.finished, contents.end = True, contents.end + len(MAGIC)
+        yield record
+        if unpack and record.opcode == Opcode.CHUNK:
+            yield from inside(data, contents.chunks[-1], contents)
+    if contents.finished and not growing and contents.end < len(data):
+        behind = Damaged(f"{len(data) - contents.end} bytes follow the end mark")
+        contents.note(Hole(contents.end, len(data), behind))
+        yield contents.holes[-1]
+
+
+def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Record | Hole]:
+    """The records of a chunk, or a hole where it does not hold what was written."""
+    try:
+        raw = decompress(data, chunk, contents.budget)
+    except RecordingError as error:
+        yield Hole(chunk.start, chunk.end, error)
+        return
+    yield from _unpacked(raw, chunk, contents)
+
+
+def _unpacked(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Record | Hole]:
+    def hole(error: Exception) -> Hole:
+        if not isinstance(error, RecordingError):
+            text = f"{contents.name}: the chunk at byte {chunk.start} cannot be parsed ({error}); run `lab recover`"
+            error = Damaged(text)
+        return Hole(chunk.start, chunk.end, error)
+
+    try:
+        for record in records_in(raw, contents.budget):
+            if record.opcode == Opcode.MESSAGE:
+                if record.end - record.body < MESSAGE.size:
+                    yield hole(struct.error("a message shorter than its head"))
+                    continue
+            elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                try:
+                    contents.define(record)
+                except (*UNPARSABLE, Damaged) as error:
+                    yield hole(error)
+                    continue
+            yield record
+    except (struct.error, RecordingError) as error:
+        yield hole(error)
+
+
+def _record_at(data: memoryview, at: int) -> Record:
+    """The record that begins at a byte; raises what `UNPARSABLE` lists when it does not make sense."""
+    opcode, length = HEAD.unpack_from(data, at)
+    body = at + HEAD.size
+    end = body + length
+    if opcode == 0 or end > len(data):
+        raise struct.error("no complete record")
+    used = _used(data, opcode, body)
+    if used > end:
+        raise struct.error("its fields are longer than the record")
+    if used < end and not _plausible(data, end):
+        raise struct.error("no record follows where it ends")
+    return Record(opcode, at, body, end, data)
+
+
+def _used(data: memoryview | bytes, opcode: int, body: int) -> int:
+    """Where the fields of a record end."""
+    at = body
+    for size in LAYOUT.get(opcode, ()):
+        if size < 0:
+            size = -size + _LENGTHS[-size].unpack_from(data, at)[0]
+        at += size
+    return at
+
+
+def _plausible(data: memoryview, at: int) -> bool:
+    """Whether a record may begin here, or nothing comes any more, or only zeros do."""
+    left = len(data) - at - HEAD.size
+    if left < 0:
+        return True
+    opcode, length = HEAD.unpack_from(data, at)
+    if opcode == 0:
+        return not (length or any(data[at : at + ZEROS]))
+    return bool(length <= left or (opcode in LAYOUT and length < PLAUSIBLE))
+
+
+def _begins(data: memoryview, at: int, chain: int = CHAIN) -> bool:
+    """Whether a chain of known records begins here, or the last ones of the file."""
+    try:
+        for _ in range(chain):
+            record = _record_at(data, at)
+            if record.opcode not in LAYOUT:
+                return False
+            at = record.end
+            if record.opcode == Opcode.FOOTER or at == len(data):
+                return True
+    except UNPARSABLE:
+        return False
+    return True
+
+
+def _unfinished(data: memoryview, at: int) -> bool:
+    """Whether the record here, or the one behind it, is not all there yet."""
+    if len(data) - at < HEAD.size:
+        return True
+    opcode, length = HEAD.unpack_from(data, at)
+    return bool(opcode == 0 or length > len(data) - at - HEAD.size)
+
+
+def _hole(data: memoryview, at: int, error: Exception, contents: Contents) -> tuple[Hole, Record | None]:
+    """What is wrong at a byte up to where the walk goes on, and a record whose stated length alone is wrong."""
+    base = contents.base
+    if not isinstance(error, RecordingError):
+        text = f"{contents.name}: the record at byte {base + at} cannot be parsed ({error}); run `lab verify`"
+        error = Damaged(text)
+    end, torn, record = len(data), None, None
+    try:
+        opcode, length = HEAD.unpack_from(data, at)
+        stated, used = at + HEAD.size + length, _used(data, opcode, at + HEAD.size)
+    except UNPARSABLE:
+        opcode, stated, used = 0, 0, 0
+    if opcode in LAYOUT and opcode != Opcode.MESSAGE and stated == used > len(data):
+        if opcode == Opcode.CHUNK:
+            torn = _chunk_or_none(data, at, stated, base)
+    elif opcode in LAYOUT and opcode != Opcode.MESSAGE and stated != used and _begins(data, used):
+        end = at + HEAD.size
+        record = Record(opcode, at, end, used, data)
+        try:
+            contents.take(record)
+        except (*UNPARSABLE, RecordingError):
+            end, record = used, None
+    elif opcode and stated <= len(data) and (stated == len(data) or _begins(data, stated)):
+        end = stated
+    else:
+        end = next((m.start() for m in _BEGIN.finditer(data, at + 1) if _begins(data, m.start())), len(data))
+    return Hole(base + at, base + end, error, torn), record
+
+
+def _chunk_or_none(data: memoryview, start: int, end: int, base: int) -> Chunk | None:
+    try:
+        return chunk_of(data, start, end, base)
+    except UNPARSABLE:
+        return None
+
+
+def _unique(name: str, taken: dict[str, bytes] | dict[str, dict[str, str]]) -> str:
+    """The name, with a number behind it where it is taken."""
+    number, other = len(taken), name
+    while other in taken:
+        number, other = number + 1, f"{name} ({number + 1})"
+    return other
+
+
+def _identity(known: Schema | Channel) -> object:
+    """What messages depend on; a channel's metadata may be told differently."""
+    return known if isinstance(known, Schema) else (known.topic, known.message_encoding, known.schema_id)
