@@ -27,7 +27,7 @@ demo: $(READY)
 # once is compiled before, the plain rod and the virtual robot beside each other; the full rod is first needed by one process.
 test: room $(READY_DEV)
 	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait $$beside)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,6) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,3) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:
 	@$(if $(filter-out $(ROOMS),$(ROOM)),echo "ROOM=$(ROOM): no such room; one of: $(ROOMS)" >&2; exit 2)

@@ -1,4 +1,4 @@
-"""Tests run in six processes, more than two processors seem to have room for: most tests that talk to instruments wait. Whatever
+"""Tests run in three processes, one for each group of whole rigs at first: with more, rigs starve on two processors. Whatever
 runs a whole rig of fakes is in one of three, `WHOLE`, `SAFETY` and `OWN`, which also has what starts rigs of its own: with more
 rigs at once some would starve; what would starve a rig (a cluster of processes) is with them. Most of what solves rods shares one
 more, since each kind of rod is compiled once, in the process that first needs it; `ANSWERED` shares one diagnosis. On one

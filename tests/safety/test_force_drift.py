@@ -21,6 +21,8 @@ from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 from sim_fakes.ft300s import Ft300sFake
 
+pytestmark = pytest.mark.long
+"""Whole stiffness runs of minutes of rig time each."""
 TRUE_SLOPE = 3 * 1.323e6 * np.pi / 4 * 0.029**4 / 0.1**3
 """N/m of the spine of 0.1 m (Table II)."""
 ACROSS = np.array([0.0, 0.0, 1.0])

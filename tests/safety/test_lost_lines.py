@@ -34,7 +34,7 @@ LINES = (
 )
 PHASES = ("connecting", "ramping", "reading", "landing")
 CELLS = [
-    pytest.param(rig, name, phase, marks=[pytest.mark.long] if name in NETWORK and phase != "ramping" else [])
+    pytest.param(rig, name, phase, marks=[pytest.mark.long] if name in NETWORK else [])
     for (rig, name), phase in itertools.product(LINES, PHASES)
 ]
 
