@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import logging
 import os
 import sys
@@ -70,10 +71,10 @@ def complain(text: str) -> None:
     err.print(text, soft_wrap=True)
 
 
-def answer(text: str) -> None:
-    """The result for a program that reads it, as it is."""
+def answer(result: object) -> None:
+    """Print the result as JSON, for a program that reads it."""
     try:
-        print(text, flush=True)
+        print(json.dumps(result, indent=1), flush=True)
     except OSError:
         out.on_broken_pipe()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 import shlex
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ def plan(path: Path, rig_path: Path, as_json: bool) -> int:
     c = _checked(path, rig_path, as_json)
     said = plan_dict(c)
     if as_json:
-        answer(json.dumps(said, indent=1))
+        answer(said)
         return 0
     sheet = Sheet()
     for column in ("run", "block", "protocol", "condition", "about", "hands"):
@@ -179,7 +178,7 @@ def _tell(c: Campaign, folder: Path, journal: Journal, ended: Ended, as_json: bo
         told = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
                 "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
                 "resume": again}  # fmt: skip
-        answer(json.dumps(told, indent=1))
+        answer(told)
         return
     word = "completed" if ended.completed else f"ended: {ended.why}"
     out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)

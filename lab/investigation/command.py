@@ -136,7 +136,7 @@ def run(w: Wanted, as_json: bool) -> int:
     _keep(w, found, at.inputs)
     if as_json:
         told = {**found.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in at.inputs], "lost": at.lost}
-        answer(json.dumps(told, indent=1))
+        answer(told)
     else:
         out.print(found.answer.statement)
         out.print(f"{found.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)

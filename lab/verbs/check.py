@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 import time
@@ -62,7 +61,7 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
         err.print(f"warning: {text}")
     if as_json:
         told = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
-        answer(json.dumps(told | ({"moved": [asdict(m) for m in moved]} if move else {}), indent=1))
+        answer(told | ({"moved": [asdict(m) for m in moved]} if move else {}))
     else:
         out.print(_table(rig.file.name, rows, span))
         for f in failures:

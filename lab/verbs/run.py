@@ -196,7 +196,7 @@ def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> i
     p = j.plan
     speed = j.rig.clock.speed
     if as_json:
-        answer(json.dumps({**plan_dict(p), "clock_speed": speed, "host_seconds": p.seconds / speed}, indent=1))
+        answer({**plan_dict(p), "clock_speed": speed, "host_seconds": p.seconds / speed})
         return 0
     for i, step in enumerate(p.steps, 1):
         out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
@@ -272,8 +272,8 @@ def run(
     for text in rig.notices:
         err.print(f"warning: {text}")
     if as_json:
-        answer(json.dumps({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
-                          "safe": result.safe, "resume": again}, indent=1))  # fmt: skip
+        answer({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
+                          "safe": result.safe, "resume": again})  # fmt: skip
     else:
         out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
         for topic, n in lost.items():

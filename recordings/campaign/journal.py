@@ -24,7 +24,7 @@ from types import TracebackType
 
 from ..bounded import read_bounded
 from ..errors import BadJournal, WriteFailed
-from ..file.place import displaced
+from ..file.disk import displaced
 from ..json_text import read_json
 from ..own_files import opened, replaced
 
@@ -115,7 +115,7 @@ class Journal:
 
     # -- a file that is lost
     def displaced(self) -> str:
-        """How the file is no longer what its path names; empty while it is. See `file.place`."""
+        """How the file is no longer what its path names; empty while it is. See `file.disk`."""
         with self._lock:
             return displaced(self._place, self._fd, len(self._text))
 

@@ -6,10 +6,10 @@ import contextlib
 import os
 import threading
 from pathlib import Path
+from typing import Protocol
 
 from ..errors import WriteFailed
 from ..own_files import created
-from .place import displaced
 
 
 class Disk:
@@ -59,7 +59,7 @@ class Disk:
             self._wake.set()
 
     def displaced(self) -> str:
-        """How the file is no longer what its path names; empty while it is. See `place.displaced`."""
+        """How the file is no longer what its path names; empty while it is. See the function `displaced`."""
         return displaced(self._place, self._fd, self._position)
 
     def read(self, start: int, size: int) -> bytes:
@@ -120,3 +120,34 @@ class Disk:
             os.fsync(directory)
         finally:
             os.close(directory)
+
+
+class Companion(Protocol):
+    """A file that is kept with the recording: its journal."""
+
+    path: Path
+
+    def displaced(self) -> str:
+        """What happened to it, see `displaced`; empty while it is in place."""
+
+    def renew(self) -> bool:
+        """Write it anew where it was; False where that cannot be done."""
+
+    def follow(self, before: Path, recording: Path) -> bool:
+        """Go on next to another recording; False where that cannot be done."""
+
+
+def displaced(path: str, handle: int, size: int) -> str:
+    """How the open file no longer stands at its absolute path with the `size` bytes that were written; empty while it does."""
+    own = os.fstat(handle)
+    try:
+        there = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return "was renamed or moved" if own.st_nlink else "was deleted"
+    except OSError as error:
+        return f"cannot be reached ({error.strerror})"
+    if (there.st_dev, there.st_ino) != (own.st_dev, own.st_ino):
+        return "was replaced by another file"
+    if own.st_size < size:
+        return f"was truncated to {own.st_size} of {size} bytes"
+    return "was written to by another program" if own.st_size > size else ""

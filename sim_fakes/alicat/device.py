@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .plant import Plant
-from .pty_fake import Device
+from ..plant import Plant
+from ..pty_fake import Device
 
 UNIT_NAMES = {
     2: "Pa", 3: "hPa", 4: "kPa", 5: "MPa", 6: "mbar", 7: "bar", 9: "kg/cm2", 10: "PSI", 13: "torr", 15: "inHg", 18: "cmH2O",

@@ -17,7 +17,7 @@ Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     keep      these units keep their settings whatever is sent (a person may still change them)
     tail      bytes that a breakout box puts behind every line, such as "\\0"
     echo      True: the adapter returns what is sent
-The back door `device["A"]` is a unit's state (`alicat_device.py`): its set-point, range, model, firmware and settings;
+The back door `device["A"]` is a unit's state (`device.py`): its set-point, range, model, firmware and settings;
 `device["A"].panel("unit", "psi")` is a person at its front panel.
 """
 
@@ -28,10 +28,10 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from .alicat_device import PA_PER_UNIT, UNIT_NAMES, UNITS, AlicatDevice
-from .clock import SimClock
-from .plant import Plant
-from .pty_fake import PtyFake
+from ..clock import SimClock
+from ..plant import Plant
+from ..pty_fake import PtyFake
+from .device import PA_PER_UNIT, UNIT_NAMES, UNITS, AlicatDevice
 
 __all__ = ["PA_PER_UNIT", "UNITS", "AlicatDevice", "AlicatFake"]
 NOISE = 100.0
