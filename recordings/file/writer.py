@@ -42,9 +42,8 @@ from ..states.zeros import Drift, Zeros
 from ..trials import TrialRow
 from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
-from .disk import Disk
+from .disk import Companion, Disk
 from .mcap_file import McapFile
-from .place import Companion
 from .views import VIEWS, Pace
 
 FLUSH_PERIOD = 0.1
