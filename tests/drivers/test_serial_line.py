@@ -7,6 +7,7 @@ import tty
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -164,9 +165,14 @@ def test_a_silent_line_gets_a_new_handle_when_it_is_opened_again(
     end: OtherEnd, line: SerialLine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An adapter that was reset has forgotten its baud rate, and learns it when its port is opened."""
-    made = []
+    made: list[str] = []
     known = serial_line.serial.Serial
-    monkeypatch.setattr(serial_line.serial, "Serial", lambda *a, **b: made.append(known(*a, **b)) or made[-1])
+
+    def make(port: str, *how: Any, **more: Any) -> Any:
+        made.append(port)
+        return known(port, *how, **more)
+
+    monkeypatch.setattr(serial_line.serial, "Serial", make)
     line.open()
     assert not made
     with pytest.raises(NoReply):

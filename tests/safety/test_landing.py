@@ -168,7 +168,7 @@ def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.Mo
 
 def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> None:
     """The arm's controller and the gauge keep whoever opens them; the regulators are told, identified and read meanwhile."""
-    told, freed, opened = threading.Event(), threading.Event(), []
+    told, freed, opened = threading.Event(), threading.Event(), list[str]()
 
     class Regulators:
         def connect(self) -> None:

@@ -19,6 +19,7 @@ from lab.guard import new_guard
 from lab.guard.instruments import ACTUATORS
 from lab.guard.messages import Event, RigLanded
 from lab.guard.new_guard import make_safe_with_new_guard
+from lab.rig import assembly
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
@@ -170,6 +171,21 @@ def test_the_guard_lives_on_after_its_program_and_lands_what_comes_back(small: H
     assert "vented: confirmed" in small.rig.with_suffix(".guard.log").read_text()
     with Rig(load_rig(small.rig)) as rig:  # the guard has ended by itself
         assert rig.open_all(lambda name, outcome: None) == []
+
+
+def test_a_guard_that_ended_as_it_was_told_needs_no_rescue(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    rescues: list[str] = []
+    monkeypatch.setattr(assembly, "make_safe_after_loss", lambda *about: rescues.append("rescue"))
+    with Rig(load_rig(small.rig)) as rig:
+        assert rig.open_all(lambda name, outcome: None) == []
+        guard_ended = rig.actuators._end
+
+        def noticed(lives_on: bool = False) -> None:
+            guard_ended(lives_on)
+            assert until(lambda: bool(rig.actuators.lost))  # its pipe has ended
+
+        monkeypatch.setattr(rig.actuators, "_end", noticed)
+    assert rescues == []
 
 
 def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
