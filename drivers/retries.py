@@ -1,10 +1,15 @@
-"""Counts how often requests on a line have to be repeated: now and then is noise, as a rule it is a fault of the line."""
+"""Repeats requests on a disturbed line and counts that: now and then is noise, as a rule it is a fault of the line."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from typing import TypeVar
 
+from .errors import BadReply, NoReply
 from .serial_line import SerialLine
+
+T = TypeVar("T")
 
 WINDOW = 40
 """Requests over which repeats are counted."""
@@ -13,7 +18,7 @@ RULE = 10
 
 
 class Retries:
-    """One line's repeats, and what a person should be told of the line."""
+    """The requests of one line, and what a person should be told of the line."""
 
     def __init__(self, line: SerialLine) -> None:
         self._line = line
@@ -21,6 +26,17 @@ class Retries:
         self._told: set[str] = set()
         self.total = 0
         """Repeated requests since the line was made."""
+
+    def twice(self, request: Callable[[], T]) -> T:
+        """Make a request that can be repeated without harm, and repeat it once after a disturbed line."""
+        try:
+            answer = request()
+        except (NoReply, BadReply):
+            self.count(True)
+            self._line.listen(self._line.timeout)  # an answer that is only late must not be taken for the next one's
+            return request()
+        self.count(False)
+        return answer
 
     def count(self, repeated: bool) -> None:
         """A request was made; whether it had to be repeated."""

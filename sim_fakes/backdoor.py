@@ -7,6 +7,7 @@ user can reach.
     {"faults": {"pressure": {"silent": true}}}                                            faults of a serial fake
     {"fault": ["spine", "half"]}, {"fault": null}                                         one of sim_fakes/faults.py; none
     {"drop_out": ["pressure", 0.5]}                                                       a cable is out for so long, host s
+    {"panel": ["pressure", "A", "unit", "psi"]}, {"panel": ["pressure", "A", "unlock"]}                   a person at a panel
     {"accident": "burst"}, {"accident": null}                                             one of sim_fakes/accidents.py; none
     {"tip_visible": false}                                                                hide the tip from the cameras
     {"ur": {"do": "protective_stop"}}                                                     passed on to the arm's controller
@@ -86,6 +87,9 @@ class BackDoor:
             rig.switch.begin(*value) if value else rig.switch.end()
         elif what == "drop_out":
             rig.switch.drop_out(*value)
+        elif what == "panel":
+            line, *change = value
+            return {"changed": rig.lines[line].panel(*change)}
         elif what == "accident":
             rig.accidents.begin(value) if value else rig.accidents.end()
         elif what == "tip_visible":

@@ -46,6 +46,8 @@ class Faults:
     """The device's physics stands still; it still answers."""
     skew: float = 1.0
     """The device's own time runs so much faster than the rig's."""
+    echo: bool = False
+    """The adapter returns all that is sent."""
     replay: bool = False
     """Every answer is the one before it."""
     extra: dict[str, object] = field(default_factory=dict)
@@ -136,6 +138,10 @@ class PtyFake(threading.Thread):
     def restart(self) -> None:
         """What the device forgets without power; fakes with volatile state say so."""
 
+    def panel(self, *change: Any) -> bool:
+        """A person changes a setting at the instrument's panel; False when it is locked. Fakes with a panel say which."""
+        raise ValueError(f"{self.name} has no panel")
+
     # -- to be written by each fake
     def feed(self) -> bool:
         """Take one complete request from `self.buffer` and answer it with `send`; False when none is complete."""
@@ -200,6 +206,9 @@ class PtyFake(threading.Thread):
                         continue
                     self.heard += len(data)
                     time.sleep(len(data) * self.byte_time)
+                    if self.faults.echo:
+                        with contextlib.suppress(OSError):
+                            os.write(self._master, data)
                     self.buffer += data
                     while self.feed():
                         pass

@@ -8,7 +8,8 @@ Faults of its own, in `faults.extra`:
     ignore    set-points are acknowledged with the old one
     reading   counts that `MON` gives instead of the measured ones
     stuck     `MON` repeats the pressure that it gave when the fault began
-The back door `device` gives the unit's state: set-point in counts, range, highest count that it takes.
+The back door `device` gives the unit's state: set-point in counts, range, highest count that it takes;
+`panel("setpoint", 41)` is a person at its keys.
 """
 
 from __future__ import annotations
@@ -41,6 +42,16 @@ class ItvDevice(Device):
     """Counts of 0..1023 over the full scale."""
     highest: int = STEPS
     """Largest set-point that it takes."""
+    locked: bool = False
+    """Its keys are locked: by a person, its line has no word for that."""
+
+    def panel(self, setting: str, value: int) -> bool:
+        """A person changes the "setpoint" or the "highest" one (counts) by its keys; False when they are locked."""
+        if setting not in ("setpoint", "highest"):
+            raise ValueError(f"a panel has no {setting!r}")
+        if not self.locked:
+            setattr(self, setting, value)
+        return not self.locked
 
     def process(self, dt: float) -> None:
         """Drive the chambers' regulators."""
@@ -84,6 +95,11 @@ class SmcItvFake(PtyFake):
     def process(self, dt: float) -> None:
         """Advance the unit."""
         self.device.process(dt)
+
+    def panel(self, *change: Any) -> bool:
+        """A person at the unit's keys; see `ItvDevice.panel`."""
+        with self.lock:
+            return self.device.panel(*change)
 
     def restart(self) -> None:
         """The set-point is forgotten."""

@@ -8,13 +8,11 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import re
 import time
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
 from ..chambers import ChamberMap
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, StaleReading, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
 from ..retries import Retries
@@ -22,11 +20,11 @@ from ..serial_line import SerialLine
 from ..spec import Driver
 from .config import Config
 from .measure import Measure
+from .opening import find_units, pressure_controller, version_of
 from .settings import WRITTEN, check_loop, check_source, put_right
 from .wire import FAULT_CODES, LOCKED, AlicatUnit, Frame
 
 __all__ = ["DRIVER", "Alicat", "Config"]
-T = TypeVar("T")
 JUMP = 1.5
 """Factor by which a pressure must jump between two readings for its unit of measure to be asked again: two units that could
 be confused lie further apart."""
@@ -61,6 +59,7 @@ class Alicat:
         self._open_panels: set[int] = set()
         """Those that do not say that it is."""
         self._retries = Retries(self._line)
+        self._twice = self._retries.twice
         self._notices: list[str] = []
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._confirmed = [0.0] * self.channels
@@ -77,8 +76,8 @@ class Alicat:
         persistent settings right, and lock its front panel."""
         self._line.open()
         try:
-            firmwares = self._find_units()
-            self._versions = [_version(firmware) for firmware in firmwares]
+            firmwares = find_units(self.name, self._line, self._units, self._twice)
+            self._versions = [version_of(firmware) for firmware in firmwares]
             about = [self._check(channel, firmware) for channel, firmware in enumerate(firmwares)]
             for channel, unit in enumerate(self._units):
                 frame = self._twice(unit.poll)
@@ -195,38 +194,10 @@ class Alicat:
         return notices
 
     # -- opening
-    def _find_units(self) -> list[str]:
-        """Firmware of each unit; raises `Unreachable` naming the silent ones, `WrongDevice` for foreign answers."""
-        firmwares: dict[str, str] = {}
-        for unit in self._units:
-            with contextlib.suppress(NoReply):
-                try:
-                    firmwares[unit.letter] = self._twice(unit.firmware)
-                except BadReply as e:
-                    raise WrongDevice(
-                        self.name,
-                        f"the device on {self.config.port} at {self.config.baud} Bd is not Alicat unit {unit.letter} "
-                        f"({e.message}); check port and baud rate in rig.yaml",
-                    ) from e
-        silent = [unit.letter for unit in self._units if unit.letter not in firmwares]
-        if silent:
-            answered = ", ".join(firmwares) or "none"
-            raise Unreachable(
-                self.name,
-                f"no answer from unit {', '.join(silent)} on {self.config.port} at {self.config.baud} Bd (answered: "
-                f"{answered}); check power, cable, and the letter and baud rate in the unit's menu",
-            )
-        return list(firmwares.values())
-
     def _check(self, channel: int, firmware: str) -> tuple[str, str]:
         """Model and serial number of a unit that can be used; raises `WrongDevice` naming what was found instead."""
         unit, measure = self._units[channel], self._measures[channel]
-        model, serial = self._twice(unit.model_and_serial)
-        if not re.match(r"E?PC|IVC", model):
-            raise WrongDevice(
-                self.name,
-                f"unit {unit.letter} is a {model or 'device without a model name'}; a pressure controller (PC, PCD) is needed",
-            )
+        model, serial = self._twice(lambda: pressure_controller(self.name, unit))
         measure.begin(firmware, self._versions[channel])
         self._check_settings(channel)
         return model, serial
@@ -348,26 +319,9 @@ class Alicat:
                     f"unit {unit.letter} reports {code} at {frame.measured / 1e3:.2f} kPa: {FAULT_CODES[code]}",
                 )
 
-    # -- the line
-    def _twice(self, request: Callable[[], T]) -> T:
-        """Every request can be repeated without harm, and is, once, after a disturbed line."""
-        try:
-            answer = request()
-            self._retries.count(False)
-            return answer
-        except (NoReply, BadReply):
-            self._retries.count(True)
-            self._line.listen(self.config.timeout)  # an answer that is only late must not be taken for the next one's
-            return request()
-
     def _need_open(self) -> None:
         if not self._line.is_open:
             raise self._line.watch.not_open()
-
-
-def _version(firmware: str) -> tuple[int, int]:
-    match = re.match(r"(\d+)v(\d+)", firmware)
-    return (int(match[1]), int(match[2])) if match else (0, 0)
 
 
 DRIVER = Driver("pressure", Config, Alicat)

@@ -17,6 +17,7 @@ from pydantic import Field
 from ..configs import ValveConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, ValveSample
+from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
 
@@ -46,6 +47,7 @@ class NumatoValve:
         self._clock = clock
         self._relay = RELAY_NAMES[config.relay]
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
+        self._retries = Retries(self._line)
         self._lock = threading.RLock()
 
     def open(self) -> Identity:
@@ -97,6 +99,10 @@ class NumatoValve:
         with self._lock:
             return ValveSample(self._clock.now(), self._state())
 
+    def take_notices(self) -> list[str]:
+        """See the module `interfaces`."""
+        return self._retries.notices()
+
     def _state(self) -> bool:
         return self._value(f"relay read {self._relay}", "on|off") == "on"
 
@@ -111,11 +117,7 @@ class NumatoValve:
 
     def _answer(self, command: str, lines: int) -> list[str]:
         """Lines between echo and prompt. Every command may be repeated harmlessly, so noise gets a second try."""
-        try:
-            return self._exchange(command, lines)
-        except (NoReply, BadReply):
-            self._line.listen(self._config.timeout)  # an answer that is only late must not be taken for the next one's
-            return self._exchange(command, lines)
+        return self._retries.twice(lambda: self._exchange(command, lines))
 
     def _exchange(self, command: str, lines: int) -> list[str]:
         raw = self._line.ask(command.encode() + b"\r", PROMPT)

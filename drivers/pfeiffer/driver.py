@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from ..configs import GaugeConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, GaugeSample, Identity
+from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
 
@@ -53,13 +54,21 @@ class _Wire:
 
     def __init__(self, line: SerialLine) -> None:
         self._line = line
-        self.heard = b""
+        self._sent = self.heard = b""
 
     def write(self, data: bytes) -> None:
         """Send one request; an answer that came too late for the last one is dropped."""
         self._line.flush()
-        self.heard = b""
+        self._sent, self.heard = data, b""
         self._line.write(data)
+        if self._line.echoes:
+            self.read(len(data))
+            self.heard = b""
+
+    def recognise_echo(self) -> None:
+        """Note that the adapter returns what is sent, when what was heard begins with that; it is skipped from then on."""
+        if self._sent and self.heard.startswith(self._sent):
+            self._line.echoes = True
 
     def read(self, count: int) -> bytes:
         """`count` bytes, or none when the line stays silent."""
@@ -80,6 +89,7 @@ class PfeifferGauge:
         self._clock = clock
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
         self._wire = _Wire(self._line)
+        self._retries = Retries(self._line)
         self._lock = threading.RLock()
         self._readings = 0
 
@@ -120,6 +130,10 @@ class PfeifferGauge:
                 )
             return GaugeSample(t, absolute)
 
+    def take_notices(self) -> list[str]:
+        """See the module `interfaces`."""
+        return self._retries.notices()
+
     def _meet(self) -> Identity:
         model = self._query("gauge type", protocol.read_gauge_type)
         if model not in SUITABLE:
@@ -159,11 +173,7 @@ class PfeifferGauge:
 
     def _query(self, what: str, query: Query[T]) -> T:
         """Ask, once more after silence or noise."""
-        try:
-            return self._ask(what, query)
-        except (NoReply, BadReply):
-            self._line.listen(self._config.timeout)  # an answer that is only late must not be taken for the next one's
-            return self._ask(what, query)
+        return self._retries.twice(lambda: self._ask(what, query))
 
     def _ask(self, what: str, query: Query[T]) -> T:
         try:
@@ -171,6 +181,7 @@ class PfeifferGauge:
         except (ValueError, protocol.InvalidCharError) as e:
             if isinstance(e, InstrumentError):
                 raise
+            self._wire.recognise_echo()
             where = f"address {self._config.address} on {self._config.port}"
             if not self._wire.heard:
                 raise NoReply(

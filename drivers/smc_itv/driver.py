@@ -11,18 +11,18 @@ import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
-
-from pydantic import Field, model_validator
 
 from ..chambers import ChamberMap
-from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Clock, Identity, PressureSample
 from ..pressure_limits import PressureLimits
+from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
 from ..stop_first import StopFirst
+from .config import Config
+
+__all__ = ["DRIVER", "Config", "SmcItv"]
 
 BAUD = 9600
 END = b"\r\n"
@@ -33,49 +33,12 @@ MARK = b"WHO"
 """Not a command: answered by UNKNOWN COMMAND, and by that known from every other answer."""
 QUIET = 1.2
 """Host seconds of silence on a line after which answers that are owed no longer come."""
+REREAD_EVERY = 10
+"""Readings between two checks that each unit still holds the set-point that it confirmed: that takes a poll of its own."""
 VENTED = 5e3
 """Pa; `close` waits for all channels to fall below this,"""
 VENT_WAIT = 0.5
 """but not longer than this, s of host time."""
-
-
-class Config(RegulatorsConfig):
-    """How to reach the units, their range, and what may be asked of them."""
-
-    ports: tuple[str, ...] = Field(min_length=1)
-    """Serial ports, in channel order."""
-    chambers: tuple[tuple[int, ...], ...] = ((1,), (2,), (3,), (4,), (5,), (6,), (7,), (8,), (9,))
-    """Chambers (1..9) on each channel."""
-    full_scale: float = Field(
-        gt=0,
-        le=1e6,
-        json_schema_extra={
-            "unit": "Pa",
-            "write": "the units cannot report it; see their label: ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
-        },
-    )
-    """Pressure at 1023 counts: without a default, because a wrong one is not seen in the readings."""
-    timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
-    """How long a unit may take to answer, host time; a failed request is repeated once."""
-    poll_interval: float = Field(0.1, ge=0.0, le=5, json_schema_extra={"unit": "s"})
-    """Shortest time between two polls of one unit, host time."""
-
-    widest: ClassVar[float | None] = 900e3
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Config:
-        ChamberMap(self.chambers)
-        if len(self.ports) != len(self.chambers):
-            raise ValueError(
-                f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give one port for each list"
-            )
-        if len(set(self.ports)) != len(self.ports):
-            raise ValueError(f"ports {', '.join(self.ports)}: a port is listed twice")
-        if self.max_pressure > self.full_scale:
-            raise ValueError(
-                f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
-            )
-        return self
 
 
 @dataclass
@@ -107,7 +70,11 @@ class SmcItv:
             SerialLine(name, port, BAUD, config.timeout, lock=self._lock, skip_echo=True) for port in config.ports
         ]
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
+        self._retries = [Retries(line) for line in self._lines]
         self._counts = [0] * self.channels
+        self._unsure: set[int] = set()
+        """Channels whose last set-point was sent and not confirmed: either may hold."""
+        self._readings = 0
         self._polled_at = 0.0
         self._behind: dict[int, _Behind] = {}
         self._highest = int(config.max_pressure / config.full_scale * STEPS)
@@ -131,7 +98,7 @@ class SmcItv:
                     line.open()
                     if (
                         lost
-                    ):  # of what was asked before nothing comes by the new port; the next answer is marked all the same
+                    ):  # what was asked before is not answered by the new port; the next answer is marked all the same
                         self._behind[channel] = _Behind()
                 except Unreachable as e:
                     failed.append(e)
@@ -174,9 +141,15 @@ class SmcItv:
             return self._confirmed()
 
     def read(self) -> PressureSample:
-        """Poll the measured pressures, waiting first until `poll_interval` has passed since the last poll."""
+        """Poll the measured pressures, waiting first until `poll_interval` has passed since the last poll.
+
+        Raises WrongDevice as `confirm_settings` does.
+        """
         with self._lock:
             self._need_open()
+            self._readings += 1
+            if self._readings % REREAD_EVERY == 0:
+                self.confirm_settings()
             self._lock.sleep(self._polled_at + self.config.poll_interval - time.monotonic())
             counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"MON"))
             self._polled_at = time.monotonic()
@@ -196,13 +169,17 @@ class SmcItv:
             self._polled_at = time.monotonic()
             self._raise_first(errors)
             for channel, needed in enumerate(self._counts):
-                if (found := counts[channel]) != needed:
+                if channel not in self._unsure and (found := counts[channel]) != needed:
                     raise WrongDevice(
                         self.name,
                         f"channel {channel + 1}: set-point (REQ) is {found} counts ({found * self.step / 1e3:.1f} kPa), "
                         f"{needed} ({needed * self.step / 1e3:.1f} kPa) was confirmed: its panel, another program or a loss "
                         "of power changed it; lock its keys, check its supply, then run again",
                     )
+
+    def take_notices(self) -> list[str]:
+        """See the module `interfaces`."""
+        return [notice for retries in self._retries for notice in retries.notices()]
 
     def vent(self) -> None:
         """All set-points to zero, not rate-limited; whatever else is under way gives way.
@@ -273,6 +250,7 @@ class SmcItv:
         """Send set-points in counts; returns the channels that confirmed and the errors of the others."""
         requests = {channel: b"SET %d" % n for channel, n in counts.items()}
         answers, errors = self._numbers(requests)
+        self._unsure = (self._unsure - answers.keys()) | errors.keys()
         for channel, answer in answers.items():
             before, self._counts[channel] = self._counts[channel], answer
             if answer != counts[channel]:
@@ -295,6 +273,7 @@ class SmcItv:
                 self._lock.sleep(self.config.poll_interval)
             answers, errors = self._ask_each({c: r for c, r in requests.items() if c not in numbers})
             for channel, answer in answers.items():
+                self._retries[channel].count(attempt > 0)
                 if answer.isdigit() and int(answer) <= STEPS:
                     numbers[channel] = int(answer)
                 else:

@@ -101,11 +101,14 @@ class AlicatDevice(Device):
         """Hold the valves, open the exhaust, or ("") control again."""
         self.held, self.held_at = how, self.pressure
 
-    def panel(self, setting: str, value: object) -> bool:
-        """A person changes a setting at the front panel; False when its buttons are locked.
+    def panel(self, setting: str, value: object = None) -> bool:
+        """A person changes a setting at the front panel; False when its buttons are locked. "unlock" is all four buttons held.
 
         `setting`: "unit" (its name), "source", "loop", "ramp", "zero_active", "auto_tare", "power_up_tare", "setpoint" (Pa).
         """
+        if setting == "unlock":
+            self.locked = False
+            return True
         if self.locked:
             return False
         if setting == "unit":

@@ -16,9 +16,9 @@ Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     swap      these units answer under the next letter
     keep      these units keep their settings whatever is sent (a person may still change them)
     tail      bytes that a breakout box puts behind every line, such as "\\0"
-    echo      True: the adapter returns what is sent
 The back door `device["A"]` is a unit's state (`device.py`): its set-point, range, model, firmware and settings;
-`device["A"].panel("unit", "psi")` is a person at its front panel.
+`panel("A", "unit", "psi")` is a person at a front panel. A unit in streaming mode (`A@ @`) sends a frame without its letter
+every 50 ms and has no letter until it is given one (`@@ A`).
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ from .device import PA_PER_UNIT, UNIT_NAMES, UNITS, AlicatDevice
 __all__ = ["PA_PER_UNIT", "UNITS", "AlicatDevice", "AlicatFake"]
 NOISE = 100.0
 """Standard deviation of a reading, Pa."""
+STREAM_PERIOD = 0.05
+"""Host seconds between two frames of a unit in streaming mode."""
 IDLE_BYTES = 3.5
 """Silence after a request before a unit acts on it, in byte times."""
 
@@ -71,17 +73,44 @@ class AlicatFake(PtyFake):
             )
             for i, (letter, group) in enumerate(zip(units, chambers, strict=True))
         }
+        self._streams: list[AlicatDevice] = []
+        """Units in streaming mode, which hear no request."""
         self._stuck: dict[str, float] = {}
 
     def process(self, dt: float) -> None:
         """Advance all units."""
-        for unit in self.device.values():
+        for unit in (*self.device.values(), *self._streams):
             unit.process(dt)
 
     def restart(self) -> None:
         """A loss of power."""
         for unit in self.device.values():
             unit.restart()
+
+    def panel(self, *change: Any) -> bool:
+        """A person at the front panel of a unit, given by its letter; see `AlicatDevice.panel`."""
+        letter, *change_there = change
+        with self.lock:
+            return self.device[letter].panel(*change_there)
+
+    def idle(self) -> float | None:
+        """Send what streams."""
+        if not self._streams:
+            return None
+        self.send(f"{self._frame('@', self._streams[0])}\r".encode("ascii"))
+        return STREAM_PERIOD
+
+    def _streaming(self, text: str) -> bool:
+        """Whether a line was about the streaming mode, which ends by giving the unit a letter."""
+        if match := re.fullmatch(r"@@\s*=?\s*([A-Z])", text.upper()):
+            for unit in self._streams:
+                self.device[match[1]] = unit
+            self._streams.clear()
+            return True
+        if (match := re.fullmatch(r"([A-Z])@\s*=?\s*@", text.upper())) and match[1] in self.device:
+            self._streams.append(self.device.pop(match[1]))
+            return True
+        return False
 
     def feed(self) -> bool:
         """Answer one line."""
@@ -92,9 +121,9 @@ class AlicatFake(PtyFake):
         self.requests.append(line + end)
         if rest:
             return True  # the next request came before this one's answer: the line is jammed and nobody answers
-        if self.faults.extra.get("echo"):
-            self.send(line + end)
         text = line.decode("ascii", "replace")
+        if self._streaming(text):
+            return True
         letter, words = text[:1].upper(), text[1:].strip().upper()
         unit = self.device.get(letter)
         if unit is None or self._has("dead", letter) or self._misses(letter):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+import serial
 
 from drivers.alicat.driver import Alicat, Config
 from drivers.errors import WrongDevice
@@ -134,8 +135,8 @@ def test_a_changed_unit_of_measure_is_refused_before_the_next_trial(
     regulators.vent()
     plant.chamber_pressure[:] = 0.0
     device = fake.device["ABC"[channel]]
-    device.locked = False
-    device.panel("unit", unit)
+    device.panel("unlock")
+    assert device.panel("unit", unit)
     with pytest.raises(WrongDevice, match=f"(?i)unit {'ABC'[channel]} shows {unit} .*register FPF 6.*kPa is needed"):
         regulators.confirm_settings()
     with pytest.raises(WrongDevice):
@@ -168,8 +169,8 @@ def test_a_unit_of_measure_that_changes_between_reading_and_set_point_lets_nothi
     regulators = opened()
     hold(regulators, plant, pressure)
     device = fake.device["A"]
-    device.locked = False
-    device.panel("unit", unit)
+    device.panel("unlock")
+    assert device.panel("unit", unit)
     with pytest.raises(WrongDevice, match="unit A shows"):
         regulators.set((pressure + 1e3,) * 3)
     assert device.setpoint < pressure + FAR
@@ -230,12 +231,26 @@ def test_what_a_breakout_box_puts_behind_a_line_costs_no_retry(opened: Open, fak
 
 
 def test_an_echoing_adapter_is_named_and_harmless(opened: Open, fake: AlicatFake) -> None:
-    fake.faults.extra["echo"] = True
+    fake.faults.echo = True
     regulators = opened()
     assert len(regulators.read().measured) == 3
     told = [text for text in regulators.take_notices() if "echo" in text]
     assert len(told) == 1 and fake.port in told[0]
     assert not any("echo" in text for text in regulators.take_notices())
+
+
+@pytest.mark.parametrize("start", ["B@ @", "B@=@"])
+def test_a_unit_that_streams_is_named_with_what_stops_it(opened: Open, fake: AlicatFake, start: str) -> None:
+    with serial.Serial(fake.port, 115200) as port:
+        port.write(start.encode() + b"\r")
+        assert port.read_until(b"\r")
+    with pytest.raises(WrongDevice, match="without being asked: a unit in streaming mode .stop it with `@@"):
+        opened()
+    with serial.Serial(fake.port, 115200, timeout=0.5) as port:
+        port.write(b"@@ B\r")
+        while port.read(1):
+            pass
+    assert len(opened().read().measured) == 3
 
 
 def test_retries_are_told_when_they_have_become_the_rule(opened: Open, fake: AlicatFake) -> None:

@@ -222,3 +222,12 @@ def test_a_gauge_without_a_correction_factor_is_as_good(make: Make, fake: Pfeiff
     gauge = make()
     gauge.open()
     assert gauge.read().absolute == pytest.approx(AMBIENT, rel=0.05)
+
+
+def test_an_echoing_adapter_is_named_and_harmless(make: Make, fake: PfeifferFake) -> None:
+    fake.faults.echo = True
+    gauge = make()
+    gauge.open()
+    assert gauge.read().absolute == pytest.approx(AMBIENT, rel=0.05)
+    (told,) = gauge.take_notices()
+    assert "echo" in told and fake.port in told

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from drivers.errors import BadReply, DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import PressureRegulators
-from drivers.smc_itv.driver import Config, SmcItv
+from drivers.smc_itv.driver import REREAD_EVERY, Config, SmcItv
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.clock import SimClock
 from sim_fakes.plant import Plant
@@ -298,3 +298,25 @@ def test_a_setpoint_that_was_changed_at_the_panel_is_refused_by_name(
         regulators.confirm_settings()
     regulators.vent()
     regulators.confirm_settings()
+
+
+def test_a_setpoint_changed_while_inflated_is_met_within_ten_readings(
+    make: Callable[..., SmcItv], fakes: list[SmcItvFake], clock: SimClock
+) -> None:
+    regulators = make(poll_interval=0.1)
+    regulators.open()
+    clock.sleep(2.0)
+    regulators.set((20e3,) * CHANNELS)
+    assert fakes[0].panel("setpoint", fakes[0].device.setpoint + 30)
+    with pytest.raises(WrongDevice, match=r"channel 1: set-point \(REQ\).*its panel"):
+        for _ in range(REREAD_EVERY):
+            regulators.read()
+
+
+def test_an_echoing_adapter_is_named_and_harmless(make: Callable[..., SmcItv], fakes: list[SmcItvFake]) -> None:
+    fakes[1].faults.echo = True
+    regulators = make()
+    regulators.open()
+    assert len(regulators.read().measured) == CHANNELS
+    (told,) = regulators.take_notices()
+    assert "echo" in told and fakes[1].port in told

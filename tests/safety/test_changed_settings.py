@@ -37,9 +37,8 @@ def units(house: House) -> AlicatFake:
 
 def turn(house: House, letter: str, unit: str) -> None:
     """A person unlocks the panel (all four buttons for three seconds) and chooses another unit of measure."""
-    with units(house).lock:
-        units(house).device[letter].locked = False
-        assert units(house).device[letter].panel("unit", unit)
+    units(house).panel(letter, "unlock")
+    assert units(house).panel(letter, "unit", unit)
 
 
 def inflate(rig: Rig, house: House, pressure: float = HELD) -> None:

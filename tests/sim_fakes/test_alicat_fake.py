@@ -1,5 +1,6 @@
 """What the fake Alicat units answer, line by line, to a plain serial port."""
 
+import re
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -140,3 +141,76 @@ def test_with_frozen_physics_a_set_point_is_confirmed_and_goes_nowhere(
     fake.faults.freeze = True
     assert numbers(ask("AS 50"))[1] == 50.0
     assert plant.regulator[0] == 0.0
+
+
+def rows(fake: AlicatFake, words: str, count: int) -> list[str]:
+    with serial.Serial(fake.port, 115200, timeout=20) as port:
+        port.write(words.encode() + b"\r")
+        return [port.read_until(b"\r").decode().rstrip("\r") for _ in range(count)]
+
+
+@pytest.mark.parametrize("firmware", ["6v21.0-R22", "8v17.0-R23", "10v20.0-R24"])
+def test_the_frame_format_names_each_number_of_a_frame_with_its_unit(fake: AlicatFake, ask: Ask, firmware: str) -> None:
+    fake.device["A"].firmware, fake.device["A"].unit_code = firmware, 10
+    head, *table = rows(fake, "A??D*", 12)
+    assert head.split() == ["A", "D00", "ID_", *head.split()[3:]] and head.split()[3].startswith("NAME_")
+    found = [re.fullmatch(r"A D(\d\d) (\d{3}) (.{26}) (.{11}) (.*)", row) for row in table]
+    fields = [match.groups() for match in found if match is not None]
+    assert [int(f[0]) for f in fields] == list(range(1, 12))
+    assert [(f[1], f[2].strip()) for f in fields[:3]] == [
+        ("700", "Unit ID"), ("006", "Gauge Press"), ("038", "Gauge Press Setpt"),
+    ]  # fmt: skip
+    assert all(f[4].split()[-3:] == ["010", "02", "PSI"] for f in fields[1:3])
+    assert {f[4].split()[-1] for f in fields[3:]} >= {"ADC", "POV", "HLD", "LCK"}
+    assert len(ask("A").split()) == 3
+
+
+def test_firmware_before_6v00_tells_its_frame_format_in_the_older_form(fake: AlicatFake) -> None:
+    fake.device["A"].firmware = "5v12.0-R22"
+    head, identity, pressure, setpoint, *_ = rows(fake, "A??D*", 12)
+    assert head.split() == ["A", "D00", "NAME_______", "TYPE_____", "MinVal_", "MaxVal_", "UNITS__"]
+    assert pressure.split() == ["A", "D02", "Pressure", "signed", "+000.00", "+400.00", "kPa"]
+    assert setpoint.split()[2] == "SetPoint" and identity.endswith("na")
+
+
+def test_the_oldest_firmware_wants_dollars_before_what_changes_something(fake: AlicatFake, ask: Ask) -> None:
+    assert numbers(ask("A$$S 20"))[1] == 20.0
+    fake.device["A"].firmware = "GP07R100"
+    assert ask("AS 50") == "?"
+    assert numbers(ask("A$$S 50"))[1] == 50.0
+    assert numbers(ask("A"))[1] == 50.0
+    assert ask("A$$R122") == "?" and ask("AR122") == "A   122 = 38"
+    assert ask("A$$W122=34") == "A   122 = 34"
+
+
+def test_a_locked_panel_refuses_a_change_until_it_is_unlocked(fake: AlicatFake, ask: Ask) -> None:
+    assert fake.panel("A", "unit", "psi") and fake.device["A"].unit_code == 10
+    assert ask("AL").endswith("LCK")
+    assert not fake.panel("A", "unit", "kPa") and fake.device["A"].unit_code == 10
+    assert fake.panel("A", "unlock") and fake.panel("A", "unit", "kPa")
+
+
+def test_settings_are_kept_without_power_and_the_set_point_as_its_source_says(fake: AlicatFake, ask: Ask) -> None:
+    unit = fake.device["A"]
+    for source, kept in (("S", 50e3), ("U", 0.0)):
+        ask(f"ALSS {source}")
+        ask("AS 50")
+        unit.zero_active, unit.locked = False, True
+        fake.restart()
+        assert (unit.setpoint, unit.source, unit.zero_active, unit.locked) == (kept, source, False, False)
+
+
+def test_a_ramp_of_its_own_slows_a_vent_and_a_passive_zero_keeps_the_pressure(
+    fake: AlicatFake, ask: Ask, plant: Plant
+) -> None:
+    ask("AS 50")
+    assert ask("ASR 1 5").split()[1] == "0.0"
+    ask("AS 0")
+    assert plant.regulator[8] > 40e3
+    assert ask("ASR 0 4").split()[1] == "0.0"
+    ask("AS 0")
+    assert plant.regulator[8] == 0.0
+    ask("ALCZA 0")
+    plant.chamber_pressure[:] = 30e3
+    ask("AS 0")
+    assert plant.regulator[8] == pytest.approx(30e3)
