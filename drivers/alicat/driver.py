@@ -56,11 +56,10 @@ class Alicat:
         """Channels whose unit of measure is asked again before the next reading is believed."""
         self._locked: set[int] = set()
         """Channels whose front panel is locked."""
-        self._open_panels: set[int] = set()
-        """Those that do not say that it is."""
         self._retries = Retries(self._line)
         self._twice = self._retries.twice
         self._notices: list[str] = []
+        self._told: set[str] = set()
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._confirmed = [0.0] * self.channels
         self._measured = [0.0] * self.channels
@@ -210,19 +209,23 @@ class Alicat:
             raise WrongDevice(self.name, measure.wrong)
         measure.check_range()
         if short := self._twice(lambda: check_source(self.name, unit, version)):
-            self._notices.append(short)
+            self._notice(short)
         self._twice(lambda: put_right(self.name, unit, version, WRITTEN))
 
     def _lock_panels(self) -> None:
         for channel, unit in enumerate(self._units):
             if self._twice(unit.lock):
                 self._locked.add(channel)
-            elif channel not in self._open_panels:
-                self._open_panels.add(channel)
-                self._notices.append(
+            else:
+                self._notice(
                     f"unit {unit.letter} does not say that its front panel is locked (command L, status {LOCKED}): nobody may "
                     "change its settings during a run"
                 )
+
+    def _notice(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            self._notices.append(text)
 
     # -- settings that change while it is open
     def _wrong(self) -> str:

@@ -96,7 +96,10 @@ def test_a_setting_that_stays_wrong_is_refused_with_register_values_and_remedy(
 
 def test_a_unit_that_cannot_forget_its_set_point_is_noticed(opened: Open, fake: AlicatFake) -> None:
     fake.faults.extra["keep"] = "C"
-    notices = opened().take_notices()
+    regulators = opened()
+    notices = regulators.take_notices()
+    regulators.confirm_settings()
+    assert regulators.take_notices() == []
     assert len(notices) == 1 and "unit C: set-point source (register LSS) is S and cannot be set to U" in notices[0]
 
 
