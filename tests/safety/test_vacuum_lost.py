@@ -189,5 +189,7 @@ def test_a_spine_that_stays_soft_marks_its_trial(
 
     fakes.on_confirm = put_right
     during(lambda: True, each_time)
-    assert lab(house, tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]") == 3, "".join(capsys.readouterr())
+    settings = (*BENDING, "--set", "spine_lengths=[0.25]")
+    # with a gauge that has frozen the vacuum's release is not confirmed
+    assert lab(house, tmp_path, "bending", *settings) == 1, "".join(capsys.readouterr())
     assert set(table_of(one(tmp_path))["doubt"]) == {"soft"}
