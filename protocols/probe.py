@@ -179,13 +179,15 @@ class ProbeMotion:
                     break
                 free = shown
             if depth > self.radius:
-                self._say_missing(depth)
+                self._give_up(depth)
             depth += p.approach_step
             self.go(along, depth, p.push_speed)
         at, offset = self._sensed(p.min_samples)
         return Contact(depth, held, offset, at, zero)
 
-    def _say_missing(self, depth: float) -> None:
+    def _give_up(self, depth: float) -> None:
+        """Nothing was touched up to this depth: away from what may become stiff while a person puts it right, and say so."""
+        self.retreat()
         none = (
             f"no contact above {self.p.contact_force:g} N up to {depth * 1e3:.0f} mm past the specimen's axis; "
             "check the stand in rig.yaml and that the specimen is mounted"

@@ -253,6 +253,7 @@ def _feel(trial: Trial, trials: Trials, work: Pushing, depth: float, least: floa
             f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again"
         )
         return
+    work.probe.retreat()  # it may become stiff while a person puts it right
     raise trials.soft(trial, f"it pushes back with {held:.2f} N, expected are {least:.2f} N or more")
 
 
