@@ -26,7 +26,7 @@ LAST = ("point", "axis")
 def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str) -> Series:
     """Arrays of one length as columns; a table (n, k) as columns NAME.1 .., or 1 .. when it was asked for."""
     if source.axes:
-        return Series(path, dict(_by_axes(path, given, source.axes)), {}, form)
+        return Series(path, dict(_by_axes(path, given, source.axes)), form)
     if source.variable is not None:
         given = {source.variable: _held(path, given, source.variable, "source.variable")}
     tables = {name: np.asarray(value) for name, value in given.items()}
@@ -44,7 +44,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str) 
         if len(table) == length:
             for k, column in enumerate(np.atleast_2d(table.T).astype(np.float64), 1):
                 numbers[str(k) if source.variable else name if table.ndim == 1 else f"{name}.{k}"] = column
-    return Series(path, numbers, {}, form)
+    return Series(path, numbers, form)
 
 
 def _held(path: Path, given: Mapping[str, Any], name: str, place: str) -> Any:

@@ -13,11 +13,10 @@ from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from .arrays import read_matlab, read_numpy
+from .columns import of_frame
 from .map_file import Source
-from .series import LARGEST, Array, Series, Texts, package, unique
-from .text_tables import read_text
-
-MOST_COLUMNS = 5000
+from .series import LARGEST, Series, cleaned, of_judged, package, unique
+from .text_tables import MOST_COLUMNS, read_text
 
 
 def read(path: Path, source: Source) -> Series:
@@ -25,7 +24,7 @@ def read(path: Path, source: Source) -> Series:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(READERS)}")
-    found = reader(path, source)
+    found = cleaned(reader(path, source), source.missing)
     if not len(found):
         raise ConfigError(f"{path}: has no rows of numbers")
     if len(found.names) > MOST_COLUMNS:
@@ -52,7 +51,7 @@ def _c3d(path: Path, source: Source) -> Series:
     numbers = {"time": np.arange(len(seen)) / float(reader.point_rate or 1.0)}
     for k, label in enumerate(unique(labels, seen.shape[1])):
         numbers |= {f"{label}.{axis}": seen[:, k, i] for i, axis in enumerate("xyz")}
-    return Series(path, numbers, {}, f"C3D, {float(reader.point_rate):g} Hz")
+    return Series(path, numbers, f"C3D, {float(reader.point_rate):g} Hz")
 
 
 def _parquet(path: Path, source: Source) -> Series:
@@ -62,23 +61,13 @@ def _parquet(path: Path, source: Source) -> Series:
         table = parquet.read_table(path)
     except Exception as e:
         raise ConfigError(f"{path}: is not a Parquet file ({type(e).__name__}: {str(e).splitlines()[0][:200]})") from e
-    numbers: dict[str, Array] = {}
-    words: dict[str, Texts] = {}
-    for name in table.column_names:
-        values = table[name].to_numpy(zero_copy_only=False)
-        if values.dtype.kind in "fiub":
-            numbers[name] = values.astype(np.float64)
-        elif values.dtype.kind == "M":
-            numbers[name] = (values - values[0]) / np.timedelta64(1, "s")
-        else:
-            words[name] = np.array([str(v) for v in values])
-    return Series(path, numbers, words, "Parquet")
+    return of_judged(path, {n: of_frame(table[n].to_pandas(), source.missing) for n in table.column_names}, "Parquet")
 
 
 def _recording(path: Path, source: Source) -> Series:
     from .recording_topics import read_topics
 
-    return Series(path, read_topics(path, source), {}, "MCAP")
+    return Series(path, read_topics(path, source), "MCAP")
 
 
 READERS: Mapping[str, Callable[[Path, Source], Series]] = {

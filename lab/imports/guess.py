@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.robot import Robot
+from recordings.trials import unit_of
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
+from .columns import is_missing
 from .headings import (
     BASE_WORDS,
     TIP_WORDS,
@@ -25,9 +27,11 @@ from .headings import (
     quadruples,
     quantity,
     triples,
+    turning,
 )
 from .map_file import Frame
 from .quantities import ATMOSPHERE
+from .reading import EPOCH, at_rest, unseen
 from .series import Series
 
 Array = NDArray[np.float64]
@@ -69,17 +73,29 @@ class Guess:
 def guess_map(series: Series, robot: Robot) -> Guess:
     """The most plausible map of a file's columns for a robot; raises ConfigError where no tip or pressure can be made out."""
     g = Guess()
-    headings = [heading(n) for n in series.names]
-    turns = quadruples(headings)
-    used = {name for four in turns for name in four}
+    headings = [heading(n, series.units.get(n, "")) for n in series.names if n in series.numbers or n in series.words]
+    turns, angles = quadruples(headings), turning(headings)
+    used = {name for four in turns for name in four} | {name for three in angles for name in three.columns}
     pressures = _pressures(g, series, [h for h in headings if h.name not in used], robot)
     used |= set(pressures)
     tip = _tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
     _turns(g, series, turns)
+    _angles(g, series, angles)
     used |= set(tip)
     _others(g, series, [h for h in headings if h.name not in used])
     _states(g, series, pressures)
+    _missing(g, series)
     return g
+
+
+def _missing(g: Guess, series: Series) -> None:
+    """Words of the columns in use that are no numbers."""
+    in_use = repr(g.values)
+    words = [w for name, strange in series.strange.items() if repr(name) in in_use for w in strange.words]
+    if words:
+        said = list(dict.fromkeys(words))
+        g.say("source.missing", said, "cells of these columns that are no numbers")
+        g.doubts.append(f"source.missing: {', '.join(map(repr, said))} are taken as missing values")
 
 
 # ------------------------------------------------------------------ pressures
@@ -99,7 +115,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
         )
     values = np.column_stack([series.numbers[n] for n in names])
-    unit, why, absolute = _pressure_unit(values, by[names[0]], names[0])
+    unit, why, absolute = _pressure_unit(values, by[names[0]], series)
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours
         own = names[k * len(names) // wanted] if len(names) <= wanted else names[k]
@@ -116,14 +132,14 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     return names
 
 
-def _pressure_unit(values: Array, h: Heading, name: str) -> tuple[str, str, bool]:
+def _pressure_unit(values: Array, h: Heading, series: Series) -> tuple[str, str, bool]:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
 
     def absolute(unit: str) -> bool:
         return abs(low * KINDS["Pa"][unit] - ATMOSPHERE) < AT_AMBIENT * ATMOSPHERE
 
-    if h.kind == "Pa":
-        return h.unit, f"the heading {name!r} says {h.unit}", absolute(h.unit)
+    if said := h.unit if h.kind == "Pa" else series.unit_of(h.name, "Pa"):
+        return said, f"the file says {said} of {h.name!r}", absolute(said)
     for unit in ("kPa", "bar", "mbar", "psi", "Pa"):
         if absolute(unit) and high > 1.02 * low:
             return unit, f"the lowest reading, {low:.4g}, is the atmosphere in {unit}", True
@@ -144,11 +160,17 @@ def _tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) ->
         )
     tips, bases = [t for t in found if t.words & TIP_WORDS], [t for t in found if t.words & BASE_WORDS]
     tips = tips or [max((t for t in found if t not in bases), key=lambda t: _spread(series, t))]
-    tip = np.mean([_xyz(series, t) for t in tips], axis=0)
-    rest = _at_rest(g, series, len(tip))
-    base = np.mean([_xyz(series, t) for t in bases], axis=0) if bases else np.zeros(3)
+    rest = _at_rest(g, series)
+    tip = np.mean([_xyz(series, t, rest) for t in tips], axis=0)
+    base = np.mean([_xyz(series, t, rest) for t in bases], axis=0) if bases else np.zeros(3)
     between = tip - base
-    unit, why = _length_unit(tips[0], between[rest], robot.length)
+    rest = rest & np.isfinite(between).all(axis=1)
+    if not rest.any():
+        raise ConfigError(
+            f"{series.path}: {' / '.join(tips[0].columns)}: no position is known while the pressures are lowest; "
+            "write map.yaml by hand (docs: data from elsewhere)"
+        )
+    unit, why = _length_unit(series, tips[0], between[rest], robot.length)
     names = [c for t in tips for c in t.columns]
     if bases or len(tips) > 1:
         g.say(
@@ -170,27 +192,29 @@ def _tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) ->
     return names
 
 
-def _xyz(series: Series, t: Triple) -> Array:
-    return np.column_stack([series.numbers[c] for c in t.columns])
+def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None) -> Array:
+    """(n, 3) of the file's numbers, without rows in which nothing was seen."""
+    found = np.column_stack([series.numbers[c] for c in t.columns])
+    return np.where(unseen(found, rest)[:, None], np.nan, found)
 
 
 def _spread(series: Series, t: Triple) -> float:
-    return float(np.nansum(np.nanstd(_xyz(series, t), axis=0)))
+    found = _xyz(series, t)
+    seen = found[np.isfinite(found).all(axis=1)]
+    return float(seen.std(axis=0).sum()) if len(seen) else 0.0
 
 
-def _at_rest(g: Guess, series: Series, n: int) -> NDArray[np.bool_]:
+def _at_rest(g: Guess, series: Series) -> NDArray[np.bool_]:
     """(n,) rows with the lowest pressures."""
     columns = [c["column"] for k, c in g.values.get("columns", {}).items() if k.startswith("p") and "column" in c]
     if not columns:
-        return np.ones(n, bool)
-    highest = np.column_stack([series.numbers[c] for c in dict.fromkeys(columns)])
-    highest = np.nanmax(highest - np.nanmin(highest, axis=0), axis=1)
-    return np.asarray(highest <= np.nanmin(highest) + 0.03 * (np.nanmax(highest) - np.nanmin(highest)))
+        return np.ones(len(series), bool)
+    return at_rest(np.column_stack([series.numbers[c] for c in dict.fromkeys(columns)]))
 
 
-def _length_unit(t: Triple, rest: Array, length: float) -> tuple[str, str]:
-    if t.unit:
-        return t.unit, f"the heading says {t.unit}"
+def _length_unit(series: Series, t: Triple, rest: Array, length: float) -> tuple[str, str]:
+    if said := t.unit or series.unit_of(t.columns[0], "m"):
+        return said, f"the file says {said} of {t.columns[0]!r}"
     far = float(np.nanmedian(np.linalg.norm(rest, axis=1)))
     best = min(("m", "cm", "mm"), key=lambda u: abs(np.log(max(far, 1e-9) * KINDS["m"][u] / length)))
     return best, f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
@@ -255,7 +279,7 @@ def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robo
     if any(c is None for c in columns):
         return 1.0
     pressure = np.column_stack([series.numbers[c["column"]] for c in columns])
-    pressure = pressure - np.nanmin(pressure, axis=0)
+    pressure = pressure - np.nanmin(pressure, axis=0)  # columns hold a number each
     pushed = -pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     across = (moved @ frame.matrix.T)[:, :2]
     seen = np.isfinite(pushed).all(axis=1) & np.isfinite(across).all(axis=1)
@@ -274,6 +298,27 @@ def _turns(g: Guess, series: Series, found: Sequence[tuple[str, str, str, str]])
             return
 
 
+def _angles(g: Guess, series: Series, found: Sequence[Triple]) -> None:
+    """Three angles as the tip's orientation; their order and axes are asked about."""
+    there = [t for t in found if all(c in series.numbers for c in t.columns)]
+    there = [t for t in there if t.words & TIP_WORDS] or [t for t in there if not t.words & BASE_WORDS]
+    if not there or "orientation" in g.reasons:
+        return
+    three = there[0]
+    largest = float(np.nanmax(np.abs([series.numbers[c] for c in three.columns])))
+    unit = three.unit or series.unit_of(three.columns[0], "deg") or ("deg" if largest > 2 * np.pi else "rad")
+    order = "rotation vector" if three.words & {"rotvec", "vector", "axis"} else "euler xyz"
+    g.say(
+        "orientation",
+        {"columns": list(three.columns), "order": order, "unit": unit},
+        f"three angles, up to {largest:.4g} {unit}",
+    )
+    g.doubts.append(
+        f"orientation: {' / '.join(three.columns)} are taken as {order} in {unit}; check the order (small letters: about "
+        "fixed axes, capital letters: about turned ones; robots of Universal Robots write a rotation vector)"
+    )
+
+
 # ------------------------------------------------------------------ the rest
 def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
     ignored = []
@@ -282,13 +327,20 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
         if column is None or f"columns.{column}" in g.reasons or (h.name in series.words and column != "branch"):
             ignored.append(h.name)
             continue
+        if column == "roll_deg" and _varies(series.numbers[h.name]):
+            g.doubts.append(
+                f"{h.name!r} changes from row to row: it is not how the body is mounted (roll_deg) and is not used"
+            )
+            continue
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
-        if h.unit:
-            entry["unit"], why = h.unit, f"{why} says {h.unit}"
+        if said := h.unit if h.unit in KINDS.get(unit_of(column), ()) else series.unit_of(h.name, unit_of(column)):
+            entry["unit"], why = said, f"the file says {said} of {h.name!r}"
         elif column == "t" and h.name in series.numbers:
-            step = float(np.nanmedian(np.diff(series.numbers[h.name]))) if len(series) > 1 else 1.0
-            if step >= 5 and len(series) > 200:
+            times = series.numbers[h.name]
+            times = times[np.isfinite(times)]
+            step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+            if step >= 5 and len(series) > 200 and float(times[0]) < EPOCH[0]:
                 entry["unit"], why = "ms", f"{why}, and steps of {step:g}"
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
@@ -306,11 +358,21 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
 
 
+def _varies(values: Array) -> bool:
+    """Whether an angle (deg) changes between most rows rather than now and then."""
+    steps = np.abs(np.diff(values[np.isfinite(values)]))
+    return bool(len(steps) and (steps > 0).mean() > 0.5)
+
+
 def _branches(series: Series, name: str) -> dict[str, str] | None:
     if name not in series.words:
         return None
     known = {w: branch for branch, words in WORDS_OF_BRANCH.items() for w in words.split()}
-    said = {str(w): known.get(str(w).strip().casefold()) for w in dict.fromkeys(series.words[name].tolist())}
+    said = {
+        str(w): known.get(str(w).strip().casefold())
+        for w in dict.fromkeys(series.words[name].tolist())
+        if not is_missing(str(w))
+    }
     return {w: b for w, b in said.items() if b} if all(said.values()) else None
 
 
@@ -318,11 +380,12 @@ def _states(g: Guess, series: Series, pressures: Sequence[str]) -> None:
     if not pressures:
         return
     values = np.column_stack([series.numbers[n] for n in pressures])
-    span = float(np.nanmax(values) - np.nanmin(values))
+    values = values[np.isfinite(values).all(axis=1)]
+    span = float(np.ptp(values)) if len(values) else 0.0
     stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
     stretches = 1 + int((~stays).sum())
     timed = "columns.t" in g.reasons or "time" in series.numbers
-    if len(series) >= FEW * stretches or (len(series) > 500 and stays.mean() > 0.5):
+    if len(values) >= FEW * stretches or (len(series) > 500 and stays.mean() > 0.5):
         unit = KINDS["Pa"][g.values["columns"]["p1"]["unit"]]
         steady = float(f"{STEADY * span * unit / 1e3:.2g}")
         why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"

@@ -31,12 +31,24 @@ WORDS_OF_BRANCH = {
     "load": "load up loading inflate inflating inflation rise rising increase auf hin forward",
     "unload": "unload down unloading deflate deflating deflation fall falling decrease ab zurueck backward",
 }
-UNITS = {
-    unit.casefold(): (kind, unit)
-    for kind in ("m", "Pa", "s", "kg", "N", "deg")
-    for unit in KINDS[kind]
-    if unit != "rad"
-}
+UNITS = {unit.casefold(): (kind, unit) for kind in ("m", "Pa", "s", "kg", "N", "deg") for unit in KINDS[kind]}
+UNIT_WORDS = {
+    "m": "meter meters metre metres mètres metros", "mm": "millimeter millimeters millimetre millimetres millimètres milímetros",
+    "cm": "centimeter centimeters centimetre centimetres zentimeter", "um": "µm μm micrometer micrometers",
+    "s": "sec secs second seconds sek sekunde sekunden secondes segundos", "ms": "msec millisecond milliseconds millisekunden",
+    "us": "µs μs usec microsecond microseconds", "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados",
+    "rad": "radian radians", "Pa": "pascal", "kPa": "kilopascal kpag kpa(g)", "bar": "barg bar(g)", "psi": "psig",
+    "g": "gram grams gramm", "kg": "kilogram kilograms", "N": "newton newtons", "mbar": "millibar", "hPa": "hektopascal",
+}  # fmt: skip
+"""Other ways in which units are written."""
+UNITS |= {word: UNITS[unit.casefold()] for unit, words in UNIT_WORDS.items() for word in words.split()}
+OTHER_UNIT_WORDS = """
+v mv uv ma a hz khz °c c k % 1 - -- – a.u. au n/a none n.u. frame frames sample samples # nm n·m n*m m/s mm/s rad/s deg/s °/s m/s²
+m/s^2 g/s l/min ml/min sccm v/v bool boolean unitless px counts lsb s^-1 pa/s kpa/s bar/s ohm kohm nt ut mt gauss date iso8601
+hh:mm:ss hh:mm:ss.000 date/time
+"""
+OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | {""}
+"""What else stands in a row of units."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +68,29 @@ class Heading:
         return bool(ASKED_FOR & set(self.words))
 
 
-def heading(name: str) -> Heading:
-    """Words and unit: "Tip X [mm]", "p1_kPa", "tip.x (m)"."""
-    unit, kind, rest = "", "", name
-    if bracket := re.search(r"[\[(/]\s*([^\])/]+?)\s*[\])]?\s*$", name):
-        found = UNITS.get(bracket[1].strip().casefold())
-        if found:
-            (kind, unit), rest = found, name[: bracket.start()]
+def unit_named(text: str) -> tuple[str, str] | None:
+    """SI unit and unit of a cell such as "[mm]" or "Sekunden"; None for anything that is no unit of this software."""
+    bare = text.strip().strip("[](){}<>").strip().casefold()
+    return UNITS.get(bare) or UNITS.get(text.strip().casefold())
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell could stand in a row of units."""
+    bare = text.strip().strip("[](){}<>").strip().casefold()
+    return unit_named(text) is not None or bare in OTHER_UNITS
+
+
+def heading(name: str, unit: str = "") -> Heading:
+    """Words and unit: "Tip X [mm]", "p1_kPa", "tip.x (m)", "Time, s"; `unit`: what the file says elsewhere."""
+    kind, unit = unit_named(unit) or ("", "")
+    rest = name
+    for said in (
+        *re.finditer(r"[\[(]([^\])]+)[\])]", name),
+        *re.finditer(r"(?:[/,]|\s[iI][nN]\s)\s*([^/,]+?)\s*$", name),
+    ):
+        if found := unit_named(said[1]) or unit_named((said[1].split() or [""])[0]):
+            (kind, unit), rest = found, f"{name[: said.start()]} {name[said.end() :]}"
+            break
     parts = [w for w in re.split(r"[^0-9A-Za-zÀ-ÿ]+", rest) if w]
     if not unit and parts and (len(parts) > 1 or parts[0] in ("mm", "s", "ms")) and parts[-1].casefold() in UNITS:
         kind, unit = UNITS[parts[-1].casefold()] if len(parts[-1]) > 1 or len(parts) == 1 else ("", "")
@@ -90,6 +118,29 @@ def chamber(h: Heading) -> int | None:
     return None
 
 
+TURN_WORDS = frozenset(
+    [
+        "rotation",
+        "rot",
+        "euler",
+        "angle",
+        "angles",
+        "winkel",
+        "orientation",
+        "attitude",
+        "rotvec",
+        "rpy",
+        "turn",
+        "drehung",
+    ]
+)
+TURNS = (("roll", "pitch", "yaw"), ("rollen", "nicken", "gieren"), ("roulis", "tangage", "lacet"),
+         ("alabeo", "cabeceo", "guiñada"),
+         ("rollio", "beccheggio", "imbardata"), ("bank", "pitch", "heading"), ("roll", "nick", "gier"), ("rx", "ry", "rz"),
+         ("rotx", "roty", "rotz"), ("alpha", "beta", "gamma"), ("phi", "theta", "psi"))  # fmt: skip
+"""Names of turns about x, y and z."""
+
+
 @dataclass(frozen=True)
 class Triple:
     """Three columns that differ by x, y and z alone."""
@@ -101,8 +152,33 @@ class Triple:
 
 
 def triples(headings: Sequence[Heading]) -> list[Triple]:
-    """Groups x, y, z, without those that are a quaternion's."""
+    """Groups x, y, z, without those that are a quaternion's or turns."""
+    turns = {name for t in turning(headings) for name in t.columns}
+    headings = [h for h in headings if h.name not in turns]
     return [Triple((c["x"], c["y"], c["z"]), words, unit) for words, unit, c in _groups(headings) if len(c) == 3]
+
+
+def turning(headings: Sequence[Heading]) -> list[Triple]:
+    """Groups of three angles: roll, pitch, yaw, or x, y, z of a rotation or in deg."""
+    out: list[Triple] = []
+    used: set[str] = set()
+    for names in TURNS:
+        found: dict[tuple[str, ...], dict[str, Heading]] = {}
+        for h in headings:
+            joined = " ".join(h.words)
+            for name in names:
+                if re.search(rf"(?:^|[ \d]){name}(?:$|[ \d])", joined) and h.name not in used:
+                    found.setdefault(tuple(joined.replace(name, "*").split()), {})[name] = h
+        for rest, group in found.items():
+            if len(group) == 3:
+                three = [group[n] for n in names]
+                words = frozenset(w for key in rest for w in [re.sub(r"[*\d]", "", key)] if w) | set(names)
+                out.append(Triple((three[0].name, three[1].name, three[2].name), words, three[0].unit))
+                used |= {h.name for h in three}
+    for words, unit, c in _groups([h for h in headings if h.name not in used]):
+        if len(c) == 3 and (unit in KINDS["deg"] or words & TURN_WORDS):
+            out.append(Triple((c["x"], c["y"], c["z"]), words, unit))
+    return out
 
 
 def quadruples(headings: Sequence[Heading]) -> list[tuple[str, str, str, str]]:

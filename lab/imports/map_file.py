@@ -43,6 +43,10 @@ class Source(Part):
     decimal: Literal[".", ","] | None = None
     heading: int | None = Field(default=None, ge=0, le=1000)
     """Line of the headings; 0: there are none."""
+    units: int | None = Field(default=None, ge=1, le=1000)
+    """Line of the units, where they stand in a line of their own."""
+    missing: tuple[str | FiniteFloat, ...] = ()
+    """Words and numbers that stand for a missing value, besides the usual ones (NA, NaN, -, ..)."""
     variable: str | None = None
     """The table, in a file of several (.mat, .npz)."""
     axes: dict[str, tuple[str, ...]] = {}
@@ -59,7 +63,7 @@ class Column(Part):
     column: Name
     """Its heading, or its number from 1."""
     unit: str = ""
-    """Of the file's numbers; the SI unit of the column unless given."""
+    """Of the file's numbers; unless given, as heading or file say, or the SI unit."""
     scale: FiniteFloat = 1.0
     """A factor of the sensor's own."""
     zero: Literal["none", "first", "absolute"] = "none"
@@ -74,8 +78,8 @@ class Points(Part):
     of: tuple[Point, ...] = Field(min_length=1)
     against: tuple[Point, ...] = ()
     """Markers at the base."""
-    unit: str = "m"
-    """Of the file's coordinates."""
+    unit: str = ""
+    """Of the file's coordinates; unless given, as the file says, or m."""
     turn: bool = False
     """The tip's orientation from how three markers or more turned."""
 
@@ -85,7 +89,8 @@ class Orientation(Part):
 
     columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
     order: Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"] = "wxyz"
-    unit: Literal["rad", "deg"] = "rad"
+    unit: Literal["rad", "deg"] | None = None
+    """Unless given, as the file says, or rad."""
 
     @model_validator(mode="after")
     def _counted(self) -> Orientation:

@@ -44,11 +44,23 @@ def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64], f
 
 
 def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: NDArray[np.int64]) -> list[Cut]:
-    """Stretches in which no pressure varies by more than `steady` within `shortest`, and no row is `steady` off the next."""
+    """Stretches in which no pressure varies by more than `steady` within `shortest`, and no row is `steady` off the next.
+
+    Rows without a pressure neither end nor begin a stretch.
+    """
+    seen = np.flatnonzero(np.isfinite(pressures).all(axis=1))
+    return [
+        Cut(slice(int(seen[c.rows.start]), int(seen[c.rows.stop - 1]) + 1), c.since)
+        for c in _stretches(wanted, t[seen], pressures[seen], trial[seen])
+    ]
+
+
+def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int64]) -> list[Cut]:
     n = len(t)
+    if not n:
+        return []
     step = float(np.median(np.diff(t))) if n > 1 else wanted.shortest
-    width = max(3, round(wanted.shortest / max(step, 1e-9)) | 1)
-    filled = np.where(np.isfinite(pressures), pressures, 0.0)
+    width = min(max(3, round(wanted.shortest / max(step, 1e-9)) | 1), 2 * n + 1)
     low = minimum_filter1d(filled, width, axis=0, mode="nearest")
     high = maximum_filter1d(filled, width, axis=0, mode="nearest")
     calm = (high - low).max(axis=1) <= wanted.steady

@@ -11,20 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recordings.trials import TEXTS
+from recordings.states.rules import BRANCHES
+from recordings.trials import TEXTS, unit_of
 
 from ..files.config import ConfigError
+from .columns import is_missing
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor
+from .reading import at_rest, name_of, numbers, seconds, unit_in, unseen
 from .series import Series
 
 Array = NDArray[np.float64]
 
 ATMOSPHERE = 101_325.0
 """Pa, taken off absolute pressures."""
+MOST_TURN = 12.0
+"""rad, about two turns: larger angles without a unit are asked about."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
-MOST_NAMED = 12
-"""Columns of a file that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -49,30 +52,65 @@ class Quantities:
     words: Mapping[str, NDArray[np.str_]]
     constants: Mapping[str, Any]
     """By column, for all rows."""
+    notes: tuple[str, ...] = ()
+    """What is missing."""
+
+
+@dataclass
+class _File:
+    """One file while its map is applied."""
+
+    series: Series
+    resting: NDArray[np.bool_]
+    notes: list[str]
+
+    def places(self, xyz: Array, name: str) -> Array:
+        """(n, 3) without rows in which nothing was seen."""
+        gone = unseen(xyz, self.resting)
+        if gone.any():
+            first = self.series.place(int(np.argmax(gone)))
+            self.notes.append(
+                f"{self.series.path.name}: {name} is exactly 0, 0, 0 in {int(gone.sum())} of {len(gone)} rows "
+                f"(first in {first}): taken as missing"
+            )
+        return np.where(gone[:, None], np.nan, xyz)
 
 
 def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> Quantities:
     """Read a file by its map; raises ConfigError naming the column that is missing."""
     values = {n: _number(series, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
-    words = {n: _words(series, n, c) for n, c in wanted.columns.items() if n in TEXTS}
+    words = {n: _words(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
     pressures = np.column_stack([values.pop(p) if p in values else np.full(n, constants[p]) for p in chambers])
+    file = _File(series, at_rest(pressures), [])
     if "tip" in wanted.points:
-        tip = _place(series, "tip", wanted.points["tip"]) @ frame.T
+        tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
-        tip = np.column_stack([values.pop(a) for a in "xyz"]) @ frame.T
-    turn, turned = _turn(series, wanted, frame)
+        tip = file.places(np.column_stack([values.pop(a) for a in "xyz"]), "the tip") @ frame.T
+    turn, turned = _turn(file, wanted, frame)
     names = [f"m{k}" for k in range(1, 100) if f"m{k}" in wanted.points or f"m{k}x" in values]
-    markers = [_marker(series, wanted, values, m) @ frame.T for m in names]
+    markers = [_marker(file, wanted, values, m) @ frame.T for m in names]
     t = values.pop("t", None)
-    if t is None:
-        t = _time(series, wanted)
+    t = _time(series, wanted) if t is None else _without_gaps(t, file)
     return Quantities(
         series.path, t, pressures, tip, turn, turned,
         np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
+        tuple(dict.fromkeys(file.notes)),
     )  # fmt: skip
+
+
+def _without_gaps(t: Array, file: _File) -> Array:
+    """Times, those that are missing between their neighbours."""
+    there = np.isfinite(t)
+    if there.all():
+        return t
+    file.notes.append(
+        f"{file.series.path.name}: {int((~there).sum())} of {len(t)} rows have no time: taken as between their neighbours"
+    )
+    rows = np.arange(len(t))
+    return np.asarray(np.interp(rows, rows[there], t[there]))
 
 
 def _time(series: Series, wanted: Map) -> Array:
@@ -88,24 +126,14 @@ def _time(series: Series, wanted: Map) -> Array:
     return np.arange(len(series), dtype=np.float64)
 
 
-def numbers(series: Series, name: Name, place: str) -> Array:
-    """A column by its heading or its number; raises ConfigError."""
-    names = series.names
-    if isinstance(name, int) and str(name) not in names:
-        if not 1 <= name <= len(names):
-            raise ConfigError(f"{series.path}: {place} = {name}: must be 1 .. {len(names)}, the columns of the file")
-        name = names[name - 1]
-    found = series.numbers.get(str(name))
-    if found is None:
-        there = ", ".join(repr(n) for n in names[:MOST_NAMED]) + (" .." if len(names) > MOST_NAMED else "")
-        what = "holds words, not numbers" if str(name) in series.words else f"is not there; there are {there}"
-        raise ConfigError(f"{series.path}: {place} = {str(name)[:80]!r}: this column {what}")
-    return found
-
-
 def _number(series: Series, name: str, column: Column) -> Array:
-    found = numbers(series, column.column, f"columns.{name}")
-    one = factor(column.unit, name, f"columns.{name}.unit")
+    place = f"columns.{name}"
+    found = numbers(series, column.column, place)
+    own = name_of(series, column.column, place)
+    unit = column.unit or unit_in(series, own, unit_of(name))
+    one = factor(unit, name, f"{place}.unit")
+    if name == "t":
+        return seconds(found * column.scale, unit, one)
     if column.zero == "first":
         finite = found[np.isfinite(found)]
         found = found - (finite[0] if finite.size else 0.0)
@@ -113,19 +141,23 @@ def _number(series: Series, name: str, column: Column) -> Array:
     return found - ATMOSPHERE if column.zero == "absolute" else found
 
 
-def _words(series: Series, name: str, column: Column) -> NDArray[np.str_]:
-    key = str(column.column)
-    if isinstance(column.column, int) and key not in series.names and 1 <= column.column <= len(series.names):
-        key = series.names[column.column - 1]
-    found = series.words.get(key)
+def _words(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:
+    """Translated words; empty where they are missing."""
+    place = f"columns.{name}"
+    own = name_of(series, column.column, place)
+    found = series.words.get(own)
     if found is None:
-        found = np.array([f"{v:g}" for v in numbers(series, column.column, f"columns.{name}")])
-    unknown = [str(w) for w in dict.fromkeys(found.tolist()) if column.values and w not in column.values]
-    if unknown:
-        raise ConfigError(
-            f"{series.path}: columns.{name}: says {unknown[0][:40]!r}, which columns.{name}.values does not translate"
-        )
-    return np.array([column.values.get(w, w) for w in found.tolist()])
+        found = np.array([f"{v:g}" if np.isfinite(v) else "" for v in numbers(series, own, place)], np.str_)
+    meaning = {w: column.values.get(w, "" if is_missing(w, missing) else w) for w in dict.fromkeys(found.tolist())}
+    allowed = tuple(column.values.values()) if column.values else BRANCHES if name == "branch" else None
+    for word, said in meaning.items():
+        if said and allowed is not None and said not in allowed:
+            row = int(np.argmax(found == word))
+            raise ConfigError(
+                f"{series.path}, {series.place(row)}, column {own!r} ({place}): says {word[:40]!r}, which {place}.values "
+                f"does not translate; add {word[:40]!r}: {allowed[0]} (or another of {', '.join(dict.fromkeys(allowed))})"
+            )
+    return np.array([meaning[w] for w in found.tolist()], np.str_)
 
 
 def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list[str]:
@@ -137,37 +169,42 @@ def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list
     return found
 
 
-def _xyz(series: Series, point: Point, place: str) -> Array:
+def _xyz(file: _File, point: Point, place: str) -> Array:
     names: Sequence[Name] = [f"{point}.{a}" for a in "xyz"] if isinstance(point, str) else point
-    return np.column_stack([numbers(series, name, place) for name in names])
+    shown = point if isinstance(point, str) else " / ".join(map(str, point))
+    return file.places(
+        np.column_stack([numbers(file.series, name, place) for name in names]), f"marker {shown} ({place})"
+    )
 
 
-def _place(series: Series, name: str, points: Points) -> Array:
-    one = factor(points.unit, "x", f"points.{name}.unit")
+def _place(file: _File, name: str, points: Points) -> Array:
+    place = f"points.{name}"
+    first = points.of[0] if isinstance(points.of[0], tuple) else (f"{points.of[0]}.x",)
+    one = factor(points.unit or unit_in(file.series, name_of(file.series, first[0], place), "m"), "x", f"{place}.unit")
 
     def middle(of: Sequence[Point]) -> Array:
-        return np.asarray(np.mean([_xyz(series, p, f"points.{name}") for p in of], axis=0))
+        return np.asarray(np.mean([_xyz(file, p, place) for p in of], axis=0))
 
     return one * (middle(points.of) - (middle(points.against) if points.against else 0.0))
 
 
-def _marker(series: Series, wanted: Map, values: dict[str, Array], name: str) -> Array:
+def _marker(file: _File, wanted: Map, values: dict[str, Array], name: str) -> Array:
     if name in wanted.points:
-        return _place(series, name, wanted.points[name])
+        return _place(file, name, wanted.points[name])
     missing = [f"{name}{a}" for a in "xyz" if f"{name}{a}" not in values]
     if missing:
         raise ConfigError(f"columns: {missing[0]} is missing beside the others of marker {name}")
-    return np.column_stack([values.pop(f"{name}{a}") for a in "xyz"])
+    return file.places(np.column_stack([values.pop(f"{name}{a}") for a in "xyz"]), f"marker {name}")
 
 
-def _turn(series: Series, wanted: Map, frame: Array) -> tuple[Rotation | None, NDArray[np.bool_]]:
+def _turn(file: _File, wanted: Map, frame: Array) -> tuple[Rotation | None, NDArray[np.bool_]]:
     """Rotations in the robot's axes."""
     if wanted.orientation is not None:
-        made, there = _stated(series, wanted.orientation)
+        made, there = _stated(file.series, wanted.orientation)
     elif (points := next((p for p in wanted.points.values() if p.turn), None)) is not None:
-        made, there = _fitted(series, points)
+        made, there = _fitted(file, points)
     else:
-        return None, np.zeros(len(series), bool)
+        return None, np.zeros(len(file.series), bool)
     onto = Rotation.from_matrix(frame)
     return onto * made * onto.inv(), there
 
@@ -180,14 +217,19 @@ def _stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.bo
         kept = np.where(there[:, None], values, [1.0, 0, 0, 0] if given.order == "wxyz" else [0, 0, 0, 1.0])
         return Rotation.from_quat(kept, scalar_first=given.order == "wxyz"), there
     kept = np.where(there[:, None], values, 0.0)
+    unit = given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), "deg") or "rad"
+    if given.unit is None and unit == "rad" and (largest := float(np.abs(kept).max(initial=0.0))) > MOST_TURN:
+        raise ConfigError(
+            f"{series.path}: orientation: angles up to {largest:.4g} rad; write unit: deg, or unit: rad if they are"
+        )
     if given.order == "rotation vector":
-        return Rotation.from_rotvec(kept, degrees=given.unit == "deg"), there
-    return Rotation.from_euler(given.order.split()[1], kept, degrees=given.unit == "deg"), there
+        return Rotation.from_rotvec(kept, degrees=unit == "deg"), there
+    return Rotation.from_euler(given.order.split()[1], kept, degrees=unit == "deg"), there
 
 
-def _fitted(series: Series, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:
+def _fitted(file: _File, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:
     """From the first row with all markers to each other one."""
-    every = np.stack([_xyz(series, p, "points.tip") for p in points.of], axis=1)
+    every = np.stack([_xyz(file, p, "points.tip") for p in points.of], axis=1)
     there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)
     if len(points.of) < 3 or not there.any():
         raise ConfigError("points.tip.turn: needs three markers or more, seen together at least once")

@@ -1,9 +1,10 @@
-"""A file of another program as columns of numbers."""
+"""A file of another program as columns, in the order and under the headings in which the file has them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.config import ConfigError
+from ..files.units import KINDS
+from .columns import Judged, Strange, without_fillers
+from .headings import unit_named
 
 Array = NDArray[np.float64]
 Texts = NDArray[np.str_]
@@ -22,21 +26,78 @@ LARGEST = 500_000_000
 
 @dataclass(frozen=True)
 class Series:
-    """Rows of a file: numbers (n,) by column, NaN where there is none, and columns of words."""
+    """Rows of a file (n): columns of numbers, NaN where a value is missing, and of words."""
 
     path: Path
-    numbers: Mapping[str, Array]
-    words: Mapping[str, Texts] = field(default_factory=dict)
+    columns: Mapping[str, Array | Texts]
     form: str = ""
     """How it was read, as a person would say it."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """By column, where the file states them outside of the headings."""
+    common_units: Mapping[str, str] = field(default_factory=dict)
+    """SI unit -> the unit in which the file says that all such columns are."""
+    strange: Mapping[str, Strange] = field(default_factory=dict)
+    """By column of numbers, cells that are none."""
+    lines: NDArray[np.int64] | None = None
+    """(n,) of a text table: where in the file each row stands."""
+    notes: tuple[str, ...] = ()
+    """What was left out."""
 
     def __len__(self) -> int:
-        return len(next(iter(self.numbers.values()), ()))
+        return len(next(iter(self.columns.values()), ()))
+
+    @cached_property
+    def numbers(self) -> dict[str, Array]:
+        """Columns that hold numbers, at least one."""
+        return {
+            n: np.asarray(c, np.float64)
+            for n, c in self.columns.items()
+            if c.dtype.kind == "f" and np.isfinite(c).any()
+        }
+
+    @cached_property
+    def words(self) -> dict[str, Texts]:
+        """Columns of words."""
+        return {n: np.asarray(c, np.str_) for n, c in self.columns.items() if c.dtype.kind == "U"}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all columns."""
-        return (*self.numbers, *self.words)
+        """Of all columns, as numbered in the file."""
+        return tuple(self.columns)
+
+    def place(self, row: int) -> str:
+        """Where a row stands in the file."""
+        return f"row {row + 1}" if self.lines is None else f"line {int(self.lines[row])}"
+
+    def unit_of(self, name: str, si: str) -> str:
+        """The unit the file states for a column outside of its heading, where it is one of an SI unit's; else empty."""
+        own = unit_named(self.units.get(name, ""))
+        unit = own[1] if own else self.common_units.get(si, "")
+        return unit if unit in KINDS.get(si, ()) else ""
+
+
+def of_judged(path: Path, judged: Mapping[str, Judged], form: str) -> Series:
+    """Columns that were judged one by one."""
+    return Series(
+        path, {n: j.values for n, j in judged.items()}, form, {n: j.unit for n, j in judged.items() if j.unit}, {},
+        {n: j.strange for n, j in judged.items() if j.strange},
+    )  # fmt: skip
+
+
+def cleaned(series: Series, missing: Sequence[str | float]) -> Series:
+    """The same without numbers that stand for a missing value, which are noted."""
+    columns, notes = dict(series.columns), list(series.notes)
+    for name, values in series.columns.items():
+        if values.dtype.kind == "f":
+            columns[name], found = without_fillers(np.where(np.isfinite(values), values, np.nan), missing)
+            notes += [
+                f"{series.path.name}: {n} of {len(values)} cells of {name!r} are {v:g}: taken as missing"
+                for v, n in found.items()
+            ]
+    series = replace(series, columns=columns, notes=tuple(notes))
+    if not series.numbers:
+        raise ConfigError(f"{series.path}: no column holds a number; check the export and source.missing")
+    return series
 
 
 def package(name: str, path: Path) -> Any:
@@ -56,7 +117,17 @@ def demand_bounded(path: Path, size: int) -> None:
 def unique(names: Sequence[str], width: int) -> list[str]:
     """Headings, or numbers from 1 where there is none; one that comes again gets the number of its column."""
     out: list[str] = []
+    taken: set[str] = set()
     for i in range(width):
         name = names[i] if i < len(names) and names[i] else str(i + 1)
-        out.append(name if name not in out else f"{name} {i + 1}")
+        while name in taken:
+            name = f"{name} {i + 1}"
+        out.append(name)
+        taken.add(name)
     return out
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Names as a message lists them."""
+    every = list(names)
+    return ", ".join(repr(n[:60]) for n in every[:most]) + (" .." if len(every) > most else "")

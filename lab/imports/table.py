@@ -24,6 +24,7 @@ from .lever import lever_off
 from .map_file import AXES, Map, quantities
 from .plateaus import Cut, cuts
 from .quantities import Quantities, quantities_of
+from .reading import EPOCH
 from .series import Series
 
 Array = NDArray[np.float64]
@@ -92,12 +93,15 @@ def imported(
     Raises ConfigError.
     """
     read_files, states, notes = [], [], []
-    group, start = 0, 0.0
+    group, start, origin = 0, 0.0, 0.0
     files = files_of(given, wanted)
     for number, (path, constants) in enumerate(files):
         progress(number, len(files))
         series = read(path, wanted.source)
         q = quantities_of(series, wanted, constants)
+        notes += [*series.notes, *q.notes]
+        origin = float(q.t[0]) if not number and q.t[0] >= EPOCH[0] else origin
+        q = replace(q, t=q.t - (origin if q.t[0] >= EPOCH[0] else 0.0))
         if wanted.straight == "first row":
             q = _straightened(q, 0, straight, wanted.sensor)
         if number and "t" not in wanted.columns or (number and q.t[0] < start):
@@ -125,10 +129,10 @@ def imported(
         states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
     if wanted.forces == "tip":
         states = [_force_turned(s, wanted.frame.matrix) for s in states]
-    branches_told = "branch" in wanted.columns or all("branch" in constants for _, constants in files)
-    rows = _numbered(states, bool({"repeat"} & wanted.columns.keys()), branches_told)
+    rows = _numbered(states, "repeat" in wanted.columns)
     if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
         notes.append(_lever_note(wanted.sensor[2], *off))
+    _demand_mounted(rows)
     if wanted.stiffness is not None:
         rows += _pushes(rows, read_files, wanted)
     try:
@@ -136,6 +140,17 @@ def imported(
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
     return Imported(table, tuple(read_files), tuple(notes))
+
+
+def _demand_mounted(rows: Sequence[TrialRow]) -> None:
+    """Raise ConfigError where the turn of the body in its mount changes within a trial."""
+    for trial in dict.fromkeys(r.trial for r in rows):
+        own = [r.roll_deg for r in rows if r.trial == trial and r.roll_deg is not None]
+        if own and max(own) - min(own) > SAME_ROLL:
+            raise ConfigError(
+                f"columns.roll_deg: from {min(own):.4g} to {max(own):.4g} deg within trial {trial}, but the body stays in its "
+                "mount; if this column is an angle of the tip, write it under orientation (columns, order, unit) instead"
+            )
 
 
 def _why(wanted: Map, q: Quantities) -> str:
@@ -214,14 +229,24 @@ def _quaternion(turn: Rotation | None) -> tuple[float, float, float, float] | No
 def _trials(q: Quantities, wanted: Map) -> NDArray[np.int64]:
     """(n,) trial of each row, from 0, in this file."""
     if "trial" in q.others:
-        named = q.others["trial"]
+        named = _carried(q.others["trial"])
         order = {v: i for i, v in enumerate(dict.fromkeys(named.tolist()))}
         return np.array([order[v] for v in named.tolist()], np.int64)
     if wanted.trials.begin != "rest":
         return np.zeros(len(q.t), np.int64)
-    resting = np.abs(q.pressures).max(axis=1) < wanted.trials.below
+    known = np.isfinite(q.pressures).all(axis=1)
+    resting = _carried(np.where(known, np.abs(q.pressures).max(axis=1) < wanted.trials.below, np.nan)) > 0
     begins = resting & ~np.concatenate([[True], resting[:-1]])
     return np.cumsum(begins).astype(np.int64)
+
+
+def _carried(values: Array) -> Array:
+    """Values, where one is missing the one before it, at the begin the first."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.zeros(len(values))
+    before = np.searchsorted(known, np.arange(len(values)), side="right") - 1
+    return np.asarray(values[known[np.maximum(before, 0)]])
 
 
 def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
@@ -242,7 +267,7 @@ def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
     )
     cells: dict[str, Any] = dict(q.constants)
     cells |= {name: float(np.nanmean(v[own])) for name, v in q.others.items() if np.isfinite(v[own]).any()}
-    cells |= {name: str(w[own][-1]) for name, w in q.words.items()}
+    cells |= {name: str(said[-1]) for name, w in q.words.items() if len(said := w[own][w[own] != ""])}
     if int(seen.sum()) > 1:
         if not cut.at_rest:
             cells |= {f"sd_p{k}": s for k, s in enumerate(pressure[seen].std(axis=0, ddof=1).tolist(), 1)}
@@ -251,8 +276,8 @@ def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
     numbered = ("trial", "step", "repeat", "branch", "force", "deflection")
     plain: dict[str, Any] = {"spine_length": 0.0, "protocol": "bending", "t": float(q.t[own][seen].mean())}
     plain |= {n: cells[n] for n in (*HEAD, *TAIL) if n in cells and n not in numbered}
-    branch = str(cells.get("branch", "load"))
-    if branch not in BRANCHES:
+    branch = str(cells.get("branch", ""))
+    if branch and branch not in BRANCHES:
         raise ConfigError(
             f"{q.path}: branch {branch[:40]!r} is not one of {', '.join(BRANCHES)}; translate it with columns.branch.values"
         )
@@ -266,7 +291,7 @@ def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
     return _State(file, group, row, turn)
 
 
-def _numbered(states: Sequence[_State], repeats_told: bool, branches_told: bool) -> list[TrialRow]:
+def _numbered(states: Sequence[_State], repeats_told: bool) -> list[TrialRow]:
     """Trials, steps and, where no column tells them, repeats (of the same inflation) and branches, from 1 on."""
     groups = list(dict.fromkeys(s.group for s in states))
     trials = [[s.row for s in states if s.group == g] for g in groups]
@@ -277,7 +302,7 @@ def _numbered(states: Sequence[_State], repeats_told: bool, branches_told: bool)
         before[kind] = before.get(kind, 0) + 1
         for step, (row, falls) in enumerate(zip(own, _falling(own, gap), strict=True), 1):
             repeat = max(row.repeat, 1) if repeats_told or row.repeat else before[kind]
-            branch = row.branch if branches_told or not falls else "unload"
+            branch = row.branch or ("unload" if falls else "load")
             rows.append(replace(row, trial=trial, step=step, repeat=repeat, branch=branch))
     return rows
 

@@ -1,95 +1,300 @@
-"""Text tables as programs and spreadsheets of any country write them."""
+"""Text tables as programs and spreadsheets of any country write them; pandas splits the lines, this finds what they are.
+
+A line is data when it holds about as many numbers as most lines that hold some. Above the data stand, in any number, title
+lines, headings and units; behind it footers. Lines among the data that are none of it are left out with a note.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
+from .columns import Judged, is_missing, judge, looks_like_value
 from .map_file import Source
-from .series import LARGEST, Array, Series, Texts, unique
+from .series import LARGEST, Series, of_judged
+from .table_head import Head, head_of
 
-SEPARATORS = (",", ";", "\t", "|")
-HEAD = 40
-"""Lines of a text table by which its form is judged."""
-NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
+if TYPE_CHECKING:
+    import pandas as pd
+
+SEPARATORS = ("\t", ";", "|", ",", " ")
+"""In the order in which they are preferred where several split the lines as well."""
+SAMPLE = 400
+"""Lines by which separator and width are judged."""
+LONGEST_CELL = 20
+"""Lines that one cell in quotation marks may have."""
+MOST_COLUMNS = 5000
+DATA_SHARE = 0.5
+"""Of the most numbers of a line, from which on a line is data."""
+MOST_ODD = 0.1
+"""Of the lines of data that may have too many cells."""
+COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
+MOST_NOTED = 5
+"""Lines left out that are named."""
+DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
+"""A number whose comma stands between no thousands."""
+BINARY = 0.1
+"""Share of control characters from which on a file is no text."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """A line, or several where a cell in quotation marks holds line breaks."""
+
+    line: int
+    text: str
+    comment: bool
+    """Begins with #, % or //, which `text` does not hold."""
 
 
 def read_text(path: Path, source: Source) -> Series:
-    """The columns of a text table; separator, decimal mark and line of the headings are seen unless `source` says them."""
-    data = read_bounded(path, LARGEST, ConfigError)
-    try:
-        text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    if "\0" in text:
-        raise ConfigError(f"{path}: is not a text table")
-    head = [line for line in text.splitlines()[:HEAD] if line.strip()]
-    if not head:
-        raise ConfigError(f"{path}: is empty")
-    separator = source.separator or _separator(path, head)
-    comma = (source.decimal or _decimal(head, separator)) == ","
-    try:
-        lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True))
-    except csv.Error as e:
-        raise ConfigError(f"{path}: is not a text table ({e})") from e
-    at = _heading(lines) if source.heading is None else source.heading
-    body = [line for line in lines[at:] if any(c.strip() for c in line)]
-    if not body:
-        raise ConfigError(f"{path}: has no rows below line {at}")
-    width = max(map(len, body))
-    names = unique([c.strip() for c in lines[at - 1]] if at else [], width)
-    cells = [[c.strip() for c in line] + [""] * (width - len(line)) for line in body]
-    numbers: dict[str, Array] = {}
-    words: dict[str, Texts] = {}
-    for name, column in zip(names, zip(*cells, strict=True), strict=True):
-        there = [c for c in column if c]
-        if there and all(NUMBER.fullmatch(c) for c in there):
-            numbers[name] = np.array([float(c.replace(",", ".") if comma else c) if c else np.nan for c in column])
-        elif there:
-            words[name] = np.array(column)
-    if not numbers:
-        raise ConfigError(f"{path}: no column holds numbers; is {separator!r} its separator (source.separator)?")
+    """The columns of a text table; raises ConfigError."""
+    text = _decoded(path, read_bounded(path, LARGEST, ConfigError))
+    records = list(_records(text))
+    if not records:
+        raise ConfigError(f"{path}: is empty; check the path, or export it again")
+    said = re.fullmatch(r"sep=(.)", records[0].text.strip())
+    separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
+    frame, records, too_long = _split(path, records, separator, width)
+    data, first = _data_rows(path, frame, records, source, separator)
+    head = head_of(
+        path, [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])], frame.shape[1], source
+    )
+    kept = frame[data]
+    lines = np.array([r.line for r, one in zip(records, data, strict=True) if one], np.int64)
+    found = _columns(kept, head, source, separator)
+    notes = [f"{path.name}: {text}" for text in _left_out(path, records, frame.shape[1], data, first, too_long)]
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
-    return Series(
-        path, numbers, words, f"columns separated by {mark}, numbers with a decimal {'comma' if comma else 'point'}"
+    made = of_judged(path, found, f"columns separated by {mark}")
+    return replace(
+        made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=tuple(notes)
     )
 
 
-def _separator(path: Path, head: list[str]) -> str:
-    """What splits the lines into the same number of cells, most of them."""
-    usual = "\t" if path.suffix.lower() == ".tsv" else ","
-    counts = {s: [line.count(s) for line in head[-20:]] for s in SEPARATORS}
-    even = {s: min(c) for s, c in counts.items() if c and min(c) > 0 and min(c) == max(c)}
-    if not even:
-        return (
-            " " if all(len(line.split()) > 1 for line in head[-20:]) and not any(map(max, counts.values())) else usual
+# ------------------------------------------------------------------ characters and lines
+def _decoded(path: Path, data: bytes) -> str:
+    """Text in UTF-8, UTF-16, UTF-32 or Windows' western code page, with one kind of line break."""
+    half = max(1, len(data.rstrip(b"\0")) // 2)
+    if data.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
+        encoding = "utf-32"
+    elif data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
+    elif data[1::2].count(0) > 0.6 * half:
+        encoding = "utf-16-le"
+    elif data[0::2].count(0) > 0.6 * half:
+        encoding = "utf-16-be"
+    else:
+        encoding = "utf-8-sig"
+        data = data.rstrip(b"\0")  # of a logger that lost its power
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", "replace") if encoding == "utf-8-sig" else data.decode(encoding, "replace")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    begin = text[:10_000]
+    if sum(c < " " and c not in "\t\n\0\f\x1a" for c in begin) + begin.count("\ufffd") > BINARY * len(begin):
+        raise ConfigError(f"{path}: is not a text table; export the data as CSV")
+    return text.replace("\0", "")
+
+
+def _records(text: str) -> Iterator[Record]:
+    """Lines that hold anything, those of one cell in quotation marks joined."""
+    lines = text.split("\n")
+    i = 0
+    while i < len(lines):
+        line, begin = lines[i], i
+        i += 1
+        if line.count('"') % 2:
+            more = next((k for k in range(i, min(i + LONGEST_CELL, len(lines))) if lines[k].count('"') % 2), None)
+            if more is None:
+                line = line.replace('"', "")
+            else:
+                line, i = " ".join([line, *lines[i : more + 1]]), more + 1
+        mark = COMMENT.match(line)
+        bare = line[mark.end() :] if mark else line
+        if bare.strip(" \t,;|\x1a\f"):
+            yield Record(begin + 1, bare, mark is not None)
+
+
+def _cells(text: str, separator: str) -> list[str]:
+    """One line split."""
+    if separator == " ":
+        text, separator = re.sub(r"\s+", " ", text.strip()), " "
+    if '"' not in text:
+        return text.split(separator)
+    try:
+        return next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return text.replace('"', "").split(separator)
+
+
+def _form(path: Path, records: Sequence[Record], given: str | None, missing: Sequence[str | float]) -> tuple[str, int]:
+    """Separator and number of columns: what splits the lines into most cells that are values."""
+    every = [r for r in records if not r.comment]
+    sample = every[:SAMPLE] + (every[-SAMPLE:] if len(every) > 2 * SAMPLE else [])
+    best: tuple[float, str, int] = (0.0, "", 0)
+    for separator in [given] if given else SEPARATORS:
+        score: dict[int, float] = {}
+        for record in sample:
+            cells = _cells(record.text, separator)
+            values = sum(map(looks_like_value, cells))
+            other = sum(not looks_like_value(c) and not is_missing(c, missing) for c in cells)
+            if values and len(cells) > 1:
+                score[len(cells)] = score.get(len(cells), 0.0) + values - other
+        width, points = max(score.items(), key=lambda s: s[1], default=(0, 0.0))
+        if points > best[0]:
+            best = (points, separator, width)
+    if not best[1]:
+        tried = f"not split by {given!r}" if given else "no separator splits the lines into columns of numbers"
+        raise ConfigError(
+            f"{path}, line {records[0].line}: {records[0].text.strip()[:40]!r} ..: {tried}; "
+            "name the separator (source.separator), or export the data as CSV"
         )
-    # a decimal comma is as even as a separator: whatever else is even goes before
-    others = [s for s in even if s != ","]
-    return max(others, key=lambda s: even[s]) if others else ","
+    if best[2] > MOST_COLUMNS:
+        raise ConfigError(f"{path}: has {best[2]} columns, at most {MOST_COLUMNS} are read")
+    return best[1], best[2]
 
 
-def _decimal(head: list[str], separator: str) -> str:
-    if separator == ",":
-        return "."
-    cells = [c.strip(' "') for line in head for c in line.split(separator)]
-    commas = sum(bool(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", c)) for c in cells)
-    points = sum(bool(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", c)) for c in cells)
-    return "," if commas > points else "."
+def _split(
+    path: Path, records: list[Record], separator: str, width: int
+) -> tuple[pd.DataFrame, list[Record], list[Record]]:
+    """Cells as text (lines, columns), their lines, and lines that have more cells than columns."""
+    import pandas as pd
+
+    kept, texts, too_long = [], [], []
+    for record in records:
+        text = record.text
+        count = text.count(separator) + 1 if separator != " " and '"' not in text else len(_cells(text, separator))
+        if count != width:
+            cells = _cells(text, separator)
+            if any(c.strip() for c in cells[width:]):
+                if sum(map(looks_like_value, cells)) > DATA_SHARE * width:
+                    too_long.append(record)
+                    continue
+                cells = _heading_cells(text, width) if separator == " " else cells
+            buffer = io.StringIO()
+            csv.writer(buffer, delimiter=separator, lineterminator="", quoting=csv.QUOTE_ALL).writerow(
+                (cells + [""] * width)[:width]
+            )
+            text = buffer.getvalue()
+        kept.append(record)
+        texts.append(text)
+    options: dict[str, object] = {"sep": separator} if separator != " " else {"sep": r"\s+"}
+    try:
+        frame = pd.read_csv(
+            io.StringIO("\n".join(texts)), header=None, names=range(width), index_col=False, dtype=str, na_filter=False,
+            skip_blank_lines=False, skipinitialspace=True, **options,
+        )  # fmt: skip
+    except (ValueError, pd.errors.ParserError):
+        frame = pd.DataFrame()
+    if len(frame) != len(kept):
+        rows = [(_cells(text, separator) + [""] * width)[:width] for text in texts]
+        frame = pd.DataFrame(rows, columns=range(width), dtype=str)
+    return frame, kept, too_long
 
 
-def _heading(lines: list[list[str]]) -> int:
-    """The line of the headings, from 1: the last one before the numbers; 0 when the file begins with numbers."""
-    for i, line in enumerate(lines[:HEAD]):
-        cells = [c.strip() for c in line if c.strip()]
-        if cells and sum(bool(NUMBER.fullmatch(c)) for c in cells) > len(cells) / 2:
-            before = [k for k in range(i) if any(c.strip() for c in lines[k])]
-            return before[-1] + 1 if before else 0
-    return 1
+def _heading_cells(text: str, width: int) -> list[str]:
+    """Headings of columns separated by spaces, which may hold spaces themselves."""
+    for way in (r"\s{2,}|\t", r"(?<=[\])])\s+"):
+        cells = re.split(way, text.strip())
+        if len(cells) == width:
+            return cells
+    cells = re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", text)
+    return cells if len(cells) == width else [text]
+
+
+# ------------------------------------------------------------------ which lines are data
+def _data_rows(
+    path: Path, frame: pd.DataFrame, records: Sequence[Record], source: Source, separator: str
+) -> tuple[NDArray[np.bool_], int]:
+    """(lines,) which are data, and the first of them."""
+    import pandas as pd
+
+    number, missing, filled = (np.zeros(frame.shape, bool) for _ in range(3))
+    for k in frame:
+        cells = frame[k].str.strip()
+        filled[:, k] = cells != ""
+        number[:, k] = pd.to_numeric(cells, errors="coerce").notna()
+        rest = cells[~number[:, k] & filled[:, k]]
+        words = pd.unique(rest)
+        missing[:, k] = cells.isin([w for w in words if is_missing(w, source.missing)])
+        number[:, k] |= np.array(cells.isin([w for w in words if looks_like_value(w)]), bool) & ~missing[:, k]
+    number[[r.comment for r in records]] = False
+    after = source.units or source.heading or 0
+    number[[r.line <= after for r in records]] = False
+    if _counted_headings(frame, number, source):
+        number[int(np.argmax(number.any(axis=1)))] = False
+    count = number.sum(axis=1)
+    least = DATA_SHARE * count.max(initial=0)
+    full = count >= max(least, 1)
+    of_numbers = number[full].sum(axis=0) > (filled & ~missing & ~number)[full].sum(axis=0)
+    odd = (filled & ~number & ~missing)[:, of_numbers].any(axis=1)
+    commented = np.array([r.comment for r in records], bool)
+    data = ~commented & (full | ((count >= 1) & ~odd & (count + missing.sum(axis=1) >= min(least, 2))))
+    if not data.any():
+        raise ConfigError(
+            f"{path}: no line below line {after} holds numbers; correct source.{'units' if source.units else 'heading'}" if after
+            else f"{path}: no line holds numbers; is {separator!r} its separator (source.separator)?"
+        )  # fmt: skip
+    last = int(np.flatnonzero(data & (full & ~odd))[-1]) if (data & full & ~odd).any() else len(data) - 1
+    data[last + 1 :] &= ~odd[last + 1 :]  # sums, means and the like behind the table
+    return data, int(np.argmax(data))
+
+
+def _counted_headings(frame: pd.DataFrame, number: NDArray[np.bool_], source: Source) -> bool:
+    """Whether the first line of numbers only counts the columns, from 0 or 1."""
+    rows = np.flatnonzero(number.all(axis=1))
+    if source.heading is not None or len(rows) < 2 or frame.shape[1] < 3:
+        return False
+    first, second = (frame.iloc[int(i)].str.strip().tolist() for i in rows[:2])
+    counts = [[str(i + begin) for i in range(frame.shape[1])] for begin in (0, 1)]
+    return first in counts and second not in counts
+
+
+def _left_out(
+    path: Path, records: Sequence[Record], width: int, data: NDArray[np.bool_], first: int, too_long: Sequence[Record]
+) -> Iterator[str]:
+    """Notes on lines that look like part of the table and are not read; raises ConfigError where they are many."""
+    if len(too_long) > MOST_ODD * int(data.sum()):
+        raise ConfigError(
+            f"{path}, line {too_long[0].line}: has more than the {width} cells of other lines: "
+            f"{too_long[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
+            "(source.separator, source.decimal)"
+        )
+    odd = [
+        (r, "is no row of numbers")
+        for r, one in zip(records[first:], data[first:], strict=True)
+        if not one and not r.comment
+    ]
+    odd += [(r, f"has more than {width} cells") for r in too_long]
+    for record, why in odd[:MOST_NOTED]:
+        yield f"line {record.line} {why} and is left out: {record.text.strip()[:40]!r}"
+    if len(odd) > MOST_NOTED:
+        yield f"{len(odd) - MOST_NOTED} further lines are left out, the last one line {odd[-1][0].line}"
+
+
+# ------------------------------------------------------------------ columns
+def _columns(kept: pd.DataFrame, head: Head, source: Source, separator: str) -> dict[str, Judged]:
+    """What each column holds; separators at the end of lines make none."""
+    told = separator != "," or any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
+    judged = {
+        name: judge(kept[k], source.missing, source.decimal, comma_splits=not told) for k, name in enumerate(head.names)
+    }
+    while len(judged) > 1 and (name := next(reversed(judged))) not in head.stated and _is_empty(judged[name].values):
+        del judged[name]
+    return judged
+
+
+def _is_empty(values: NDArray[np.float64] | NDArray[np.str_]) -> bool:
+    return not (np.isfinite(values).any() if values.dtype.kind == "f" else (values != "").any())

@@ -1,0 +1,245 @@
+"""One column of cells by itself: numbers with their decimal mark, times, words, and which cells are missing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .headings import unit_named
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+MISSING_WORDS = """
+na n/a n.a. n.a nan -nan nan(ind) -nan(ind) 1.#qnan -1.#qnan -1.#ind 1.#ind nat null nil none no nothing void empty blank undef
+undefined invalid missing hidden lost occluded untracked unseen inf -inf +inf infinity -infinity dropout out_of_range
+#n/a #na #value! #div/0! #num! #ref! #name? #null! <na> error err #error overflow over ovf ol o.l.
+- -- --- ---- – — ― − * ** *** ? ?? ??? . .. ... … / \\ x xx xxx _ __ k.a. o.a. n.d. n/d nd nv n.v.
+fehlt leer keine verdeckt ungültig ungueltig manquant absent vide falta vacío mancante
+"""
+MISSING = frozenset(MISSING_WORDS.split()) | {
+    "not available", "not visible", "no data", "out of range", "not a number", "not tracked", "not measured", "no signal",
+}  # fmt: skip
+"""Words for a value that was not measured, in lower case; more in `source.missing`."""
+FILLERS = frozenset(
+    [s * float(n) for n in (999, 9999, 99999, 999999, 9999999) for s in (1, -1)] + [-1e30, 1e30, -1e31, 1e31]
+)
+"""Numbers that programs write where nothing was measured."""
+FILLER_SHARE = 0.1
+"""Of a filler, below which all other numbers of its column lie."""
+GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:([.,' ’])\d{3})(?:\1\d{3})*(?=$|[.,]\d*$)")
+"""A number with marks between its thousands."""
+PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?")
+CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?")
+HOURS = re.compile(r"(\d{1,2}):(\d{2})\s*([AaPp][Mm])?")
+DATE = re.compile(r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}(?:[T ,]+\d{1,2}:\d{2}.*)?|\d{8}T\d{6}.*")
+DAY = 86400.0
+"""s"""
+SAMPLE = 1000
+"""Cells by which a column's decimal mark is judged."""
+MOST_WORDS = 5
+"""Strange words of a column that are listed."""
+
+
+@dataclass(frozen=True)
+class Strange:
+    """Cells of a column of numbers that are neither numbers nor known words for a missing value."""
+
+    row: int
+    """The first one's, from 0."""
+    words: tuple[str, ...]
+    cells: int
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a column holds."""
+
+    values: Array | NDArray[np.str_]
+    unit: str = ""
+    """Written behind each number, or s for times of day and dates."""
+    strange: Strange | None = None
+
+
+def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
+    """Whether a cell says that there is no value."""
+    bare = word.strip().strip("[](){}<>\"'").casefold()
+    return not bare or bare in MISSING or word.strip().casefold() in {str(m).strip().casefold() for m in more}
+
+
+def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:
+    """The number that a cell with this decimal mark holds; None where it is none."""
+    text = word.replace("\u2212", "-").replace("\u00a0", " ").replace("\u202f", " ").strip().strip("'=\"").strip()
+    found = GROUPED.match(text) if grouped or " " in text or "'" in text or "’" in text else None
+    if found and found[1] != mark:
+        text = text.replace(found[1], "")
+    if mark == ",":
+        if "." in text and "," in text:
+            return None
+        text = text.replace(",", ".")
+    if not PLAIN.fullmatch(text):
+        return None
+    value = float(text.replace("d", "e").replace("D", "e"))
+    return value if np.isfinite(value) else None
+
+
+def looks_like_value(word: str) -> bool:
+    """Whether a cell is a number with any decimal mark, one with a unit, or a time."""
+    word = word.strip()
+    return (
+        any(number(word, mark, grouped=True) is not None for mark in ".,")
+        or _are_times([word])
+        or bool(_with_unit([word])[1])
+    )
+
+
+def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: str | None = None, *,
+          comma_splits: bool = False) -> Judged:  # fmt: skip
+    """Numbers where most cells that hold something are numbers, else times, else words.
+
+    `decimal` decides where commas and points both occur; `comma_splits`: commas separate columns, and none is a decimal mark.
+    """
+    import pandas as pd
+
+    cells = cells.str.strip()
+    filled = np.array(cells != "", bool)
+    values = np.array(pd.to_numeric(cells, errors="coerce"), np.float64)
+    values[~np.isfinite(values)] = np.nan
+    open_ = np.isnan(values) & filled
+    words = [w for w in map(str, pd.unique(cells[open_])) if not is_missing(w, missing)]
+    if not words:
+        return Judged(values)
+    points = "." in "".join(cells[~open_].head(SAMPLE))
+    mark, grouped = _marks(words, points, decimal, comma_splits)
+    if mark == "," and grouped:  # points stand between thousands: "1.234" is no fraction here
+        values[:], again = np.nan, [str(w) for w in pd.unique(cells)]
+    else:
+        again = words
+    meanings = {w: v for w in again if (v := number(w, mark, grouped)) is not None}
+    unit = ""
+    if not meanings and np.isnan(values).all():
+        unit, meanings = _with_unit(words)
+    values = np.where(np.isnan(values), np.array(cells.map(meanings), np.float64), values)
+    open_ = np.array(cells.isin([w for w in words if w not in meanings]), bool)
+    if not open_.any():
+        return Judged(values, unit)
+    if open_.sum() >= np.isfinite(values).sum():
+        times = _times(cells, words)
+        return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")
+    found = tuple(dict.fromkeys(map(str, cells[open_].head(SAMPLE))))[:MOST_WORDS]
+    return Judged(values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum())))
+
+
+def without_fillers(values: Array, missing: Sequence[str | float] = ()) -> tuple[Array, dict[float, int]]:
+    """A column without numbers that stand for nothing, and how many of each there were."""
+    declared = [v for m in missing if (v := number(str(m))) is not None]
+    size = np.abs(values)
+    found: dict[float, int] = {}
+    for one in {*declared, *FILLERS}:
+        at = values == one
+        if not at.any():
+            continue
+        rest = size[~at & np.isfinite(size)]
+        if one in declared or (rest.size and float(rest.max()) < FILLER_SHARE * abs(one)):
+            found[one] = int(at.sum())
+            values = np.where(at, np.nan, values)
+    return values, found
+
+
+def of_frame(cells: pd.Series[Any], missing: Sequence[str | float] = ()) -> Judged:
+    """A column of a table that knows types: numbers, times as s, anything else judged as text."""
+    import pandas as pd
+
+    if pd.api.types.is_datetime64_any_dtype(cells):
+        seconds = (pd.to_datetime(cells, utc=True) - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
+        return Judged(np.array(seconds, np.float64), "s")
+    if pd.api.types.is_timedelta64_dtype(cells):
+        return Judged(np.array(cells / pd.Timedelta(seconds=1), np.float64), "s")
+    if pd.api.types.is_numeric_dtype(cells) and not pd.api.types.is_complex_dtype(cells):
+        return Judged(cells.astype("float64").to_numpy(np.float64, na_value=np.nan))
+    return judge(
+        cells.map(lambda v: "" if v is None or v is pd.NA or v is pd.NaT or v != v else str(v)).astype(str), missing
+    )
+
+
+# ------------------------------------------------------------------ decimal marks
+def _marks(words: Sequence[str], points: bool, decimal: str | None, comma_splits: bool) -> tuple[str, bool]:
+    """The decimal mark of a column, and whether the other mark stands between thousands; `points`: numbers have points."""
+    if both := [w for w in words if "," in w and "." in w]:
+        return "," if all(w.rindex(",") > w.rindex(".") for w in both) else ".", True
+    commas = [w for w in words if "," in w]
+    if not commas:
+        return ".", False
+    thousands = all((found := GROUPED.match(w)) and found[1] == "," and found.end() == len(w) for w in commas)
+    told = points or comma_splits or any(w.count(",") > 1 for w in commas)
+    if decimal == "." or (decimal is None and thousands and told):
+        return ".", True
+    return ",", False
+
+
+def _with_unit(words: Sequence[str]) -> tuple[str, dict[str, float]]:
+    """The one unit that stands behind every number, and the numbers; nothing where there is none."""
+    out: dict[str, float] = {}
+    units: set[str] = set()
+    for word in words:
+        found = re.fullmatch(r"([-+\u2212]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)", word)
+        value = None if found is None else number(found[1], "," if "," in found[1] else ".")
+        unit = None if found is None else unit_named(found[2])
+        if value is None or unit is None:
+            return "", {}
+        out[word] = value
+        units.add(unit[1])
+    return (units.pop(), out) if len(units) == 1 else ("", {})
+
+
+# ------------------------------------------------------------------ times
+def _are_times(words: Sequence[str]) -> bool:
+    return all(CLOCK.fullmatch(w) or HOURS.fullmatch(w) or DATE.fullmatch(w) for w in words)
+
+
+def _times(cells: Any, words: Sequence[str]) -> Array | None:
+    """s of dates and times of day; None where a cell is neither."""
+    if not _are_times(words):
+        return None
+    if all(DATE.fullmatch(w) for w in words):
+        return _dates(cells, words)
+    seconds = np.array(cells.map({w: _clock(w) for w in words}), np.float64)
+    steps = np.diff(seconds[np.isfinite(seconds)])
+    if steps.size and (steps < -DAY / 2).any():
+        at = np.flatnonzero(np.isfinite(seconds))
+        seconds[at] += DAY * np.concatenate([[0], np.cumsum(steps < -DAY / 2)])
+    return seconds
+
+
+def _clock(word: str) -> float:
+    if (hours := HOURS.fullmatch(word)) is not None:
+        h, m, s, half = float(hours[1]), float(hours[2]), 0.0, hours[3]
+    else:
+        found = CLOCK.fullmatch(word)
+        if found is None:
+            return float("nan")
+        h, m, s, half = float(found[1] or 0), float(found[2]), float(found[3].replace(",", ".")), found[4]
+    if half:
+        h = h % 12 + 12 * (half.casefold() == "pm")
+    return 3600 * h + 60 * m + s
+
+
+def _dates(cells: Any, words: Sequence[str]) -> Array | None:
+    import pandas as pd
+
+    for day_first in (any(re.match(r"\d{1,2}\.", w) for w in words), True):
+        try:
+            known = pd.to_datetime(pd.Series(words), errors="coerce", format="mixed", dayfirst=day_first, utc=True)
+        except (ValueError, OverflowError):
+            return None
+        if not known.isna().any():
+            seconds = (known - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
+            return np.array(cells.map(dict(zip(words, seconds, strict=True))), np.float64)
+    return None

@@ -1,0 +1,108 @@
+"""Columns of a file by their heading or number, and what is missing in them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.config import ConfigError
+from .headings import heading
+from .map_file import Name
+from .series import Series, listed
+
+Array = NDArray[np.float64]
+
+EPOCH = (6e8, 4.2e9)
+"""s since 1970, from 1989 to 2103."""
+EPOCH_UNITS = (1.0, 1e-3, 1e-6, 1e-9)
+"""s of the units in which computers count time."""
+NEAR_ZERO = 0.05
+"""Share of the distances between positions within which others lie where 0, 0, 0 is a position."""
+REST = 0.03
+"""Share of the largest pressure within which all chambers are at rest."""
+
+
+def name_of(series: Series, name: Name, place: str) -> str:
+    """The heading of a column that is given by its heading or by its number in the file; raises ConfigError."""
+    names = series.names
+    if isinstance(name, int):
+        if 1 <= name <= len(names):
+            return names[name - 1]
+        if str(name) not in names:
+            raise ConfigError(f"{series.path}: {place} = {name}: must be 1 .. {len(names)}, the columns of the file")
+    if str(name) not in names:
+        raise ConfigError(
+            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}"
+        )
+    return str(name)
+
+
+def numbers(series: Series, name: Name, place: str) -> Array:
+    """A column of numbers; raises ConfigError naming the first cell that is none and what to write."""
+    own = name_of(series, name, place)
+    strange = series.strange.get(own)
+    if strange is not None:
+        words = ", ".join(repr(w[:40]) for w in strange.words)
+        raise ConfigError(
+            f"{series.path}, {series.place(strange.row)}, column {own!r} ({place}): {strange.words[0][:40]!r} is no "
+            f"number ({strange.cells} such cells); correct it, or where it stands for a missing value write "
+            f"source: {{missing: [{words}]}}"
+        )
+    if own in series.words:
+        texts = series.words[own]
+        row = int(np.argmax(texts != ""))
+        raise ConfigError(
+            f"{series.path}, {series.place(row)}, column {own!r} ({place}): holds words ({str(texts[row])[:40]!r}), not numbers; "
+            "name another column"
+        )
+    if own not in series.numbers:
+        raise ConfigError(f"{series.path}: column {own!r} ({place}): is empty; name another column")
+    return series.numbers[own]
+
+
+def unit_in(series: Series, name: str, si: str) -> str:
+    """The unit of a column as its heading or the file says it; empty where neither names one of this SI unit's."""
+    said = heading(name)
+    return said.unit if said.kind == si else series.unit_of(name, si)
+
+
+def seconds(values: Array, unit: str, factor: float) -> Array:
+    """Times in s: by their unit; those since 1970 without one, or beyond what it allows, by their size."""
+    middle = float(np.nanmedian(np.abs(values)))
+    if not unit or middle * factor >= EPOCH[1]:
+        size = next((s for s in EPOCH_UNITS if EPOCH[0] <= middle * s < EPOCH[1]), None)
+        if size is not None:
+            start = float(values[np.isfinite(values)][0])
+            return (values - start) * size + start * size
+    return values * factor
+
+
+def unseen(xyz: Array, resting: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """(n,) rows at exactly 0, 0, 0 among others that are not: there nothing was seen.
+
+    Zeros are positions where others come as near to the origin, or where all rows at rest, and no others, are zero.
+    """
+    zero = np.asarray((xyz == 0).all(axis=1))
+    others = xyz[~zero & np.isfinite(xyz).all(axis=1)]
+    if not zero.any() or not len(others):
+        return np.zeros(len(xyz), bool)
+    if resting is not None and (zero == resting).all():
+        return np.zeros(len(xyz), bool)
+    spread = float(np.linalg.norm(others - np.median(others, axis=0), axis=1).max())
+    if float(np.linalg.norm(others, axis=1).min()) < NEAR_ZERO * spread:
+        return np.zeros(len(xyz), bool)
+    return zero
+
+
+def at_rest(pressures: Array) -> NDArray[np.bool_]:
+    """(n,) rows in which every pressure is the lowest of its chamber, but for noise."""
+    low, high = _range(pressures)
+    above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)
+    return np.asarray(above <= REST * max(float((high - low).max(initial=0.0)), 1e-300))
+
+
+def _range(pressures: Array) -> tuple[Array, Array]:
+    finite = np.where(np.isfinite(pressures), pressures, np.inf)
+    return finite.min(axis=0, initial=np.inf), np.where(np.isfinite(pressures), pressures, -np.inf).max(
+        axis=0, initial=-np.inf
+    )

@@ -1,0 +1,231 @@
+"""Text tables of other laboratories: proposed map and import give the states of the plain table, or say what is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from foreign_tables import BARE, HEADINGS, PLATEAUS, STATES, UNITS, comma, sweep, text
+
+from lab.files.config import ConfigError, load
+from lab.imports.columns import judge, number
+from lab.imports.formats import read
+from lab.imports.guess import Guess, guess_map, guess_text
+from lab.imports.map_file import Source, load_map
+from lab.imports.table import Imported, imported, straight_point
+from model.robot import Robot
+
+ROBOT = Path(__file__).parent.parent.parent / "examples" / "three_chambers" / "robot.yaml"
+FEW, MANY = sweep(), sweep(40)
+HIDDEN = 4
+
+
+def guessed(file: Path) -> tuple[Guess, Path]:
+    """The map proposed for a file, and where it was written."""
+    series = read(file, Source())
+    made = guess_map(series, load(ROBOT, Robot))
+    place = file.parent / "map.yaml"
+    place.write_text(guess_text(made, ROBOT, [file], series.form), encoding="utf-8")
+    return made, place
+
+
+def through(file: Path, content: str | bytes) -> tuple[Guess, Imported]:
+    """A file with this content, by the map that is proposed for it."""
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    made, place = guessed(file)
+    return made, imported([file], load_map(place), straight_point(load(ROBOT, Robot)))
+
+
+def words(k: int, cells: list[str], word: str) -> list[str]:
+    return cells if k % 7 != 3 else [*cells[:4], *[word] * 3]
+
+
+def clock(seconds: int) -> str:
+    return f"{seconds // 3600 % 24:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+
+
+LVM = "LabVIEW Measurement\nWriter_Version\t2\nSeparator\tTab\nDate\t2024/03/01\n***End_of_Header***\n\n"
+EPOCH = 1_709_290_000.0
+PLAIN = {
+    "plain": text(FEW),
+    "Windows line ends": text(FEW, end="\r\n"),
+    "old line ends": text(FEW, end="\r"),
+    "units below, in brackets": text(FEW, headings=BARE).replace("\n", "\n" + ",".join(f"[{u}]" for u in UNITS) + "\n", 1),
+    "units below, semicolons": text(FEW, ";", BARE).replace("\n", "\nSekunden;kPa;kPa;kPa;mm;mm;mm\n", 1),
+    "units above": ",".join(UNITS) + "\n" + text(FEW, headings=BARE),
+    "units and comments below": text(FEW, "\t", BARE).replace("\n", "\n" + "\t".join(UNITS) + "\nrun 3\t\t\t\t\t\t\n", 1),
+    "units in the preamble": "# pressures in kPa, positions in mm, time in s\n" + text(FEW, headings=BARE),
+    "units listed in the preamble": "Units: " + "; ".join(UNITS) + "\n" + text(FEW, ";", BARE),
+    "units after commas": text(FEW, ";", [h.replace(" [", ", ").rstrip("]") for h in HEADINGS]),
+    "unit in every cell": text(FEW, ";", BARE, lambda k, c: [f"{v} {u}" for v, u in zip(c, UNITS, strict=True)]),
+    "decimal comma in pressures": text(FEW, ";", change=lambda k, c: comma(c, 1, 2, 3)),
+    "decimal comma in quotation marks": text(FEW, ",", change=lambda k, c: [f'"{v}"' for v in comma(c, 0, 4, 5, 6)]),
+    "tabs, decimal comma in the time": text(FEW, "\t", change=lambda k, c: comma(c, 0)),
+    "thousands": text(FEW, ";", ["Time [ms]", *HEADINGS[1:]], lambda k, c: [f"{1e3 * float(c[0]):,.1f}", *c[1:]]),
+    "spaces": text(FEW, "   ", BARE).replace("Time   ", "  Time   ").replace("Tip ", "Tip_"),
+    "spaces, units in headings": text(FEW, "  "),
+    "comments before and among": "# robot B\n% second line\n" + text(FEW).replace("\n8.000", "\n# valve clicked\n8.000"),
+    "commented headings": "# " + text(FEW, "\t"),
+    "trailing separators and a footer": text(FEW, ";", [*HEADINGS, "", ""], lambda k, c: [*c, "", ""]) + "\nEnd of measurement\n",
+    "a footer of means": text(FEW) + "Mean,10.0,10.0,10.0,0.0,0.0,145.0\nSD,1,1,1,1,1,1\n",
+    "headings again in the middle": text(FEW[:15]) + text(FEW[15:]),
+    "empty lines": text(FEW).replace("\n", "\n\n"),
+    "sep=": "sep=;\n" + text(FEW, ";"),
+    "LabVIEW": LVM + text(FEW, "\t", [*HEADINGS, "Comment"]),
+    "preamble padded with separators": "Operator,Anna,,,,,\nRate,100,,,,,\n,,,,,,\n" + text(FEW),
+    "an empty column in front": text(FEW, headings=["", *HEADINGS], change=lambda k, c: ["", *c]),
+    "a column of words in front": text(FEW, headings=["Label", *HEADINGS], change=lambda k, c: [f"run {k % 3}", *c]),
+    "UTF-8 with a mark": b"\xef\xbb\xbf" + text(FEW).encode(),
+    "UTF-16": text(FEW, "\t").encode("utf-16"),
+    "UTF-16 without a mark": text(FEW, "\t").encode("utf-16-le"),
+    "Windows code page": ("Gerät: µ-Regler\n" + text(FEW, ";")).encode("cp1252"),
+    "a logger that lost its power": text(FEW).encode() + b"\0" * 300,
+    "break in a heading": text(FEW, headings=['"Time\n[s]"', *HEADINGS[1:]]),
+    "minus signs and signs": text(FEW, ";", change=lambda k, c: [*c[:4], *[v.replace("-", "\u2212") for v in c[4:]]]),
+    "exponents of Fortran": text(FEW, ";", change=lambda k, c: [f"{float(v):.6E}".replace("E", "D") for v in c]),
+    **{
+        f"epoch in {unit}": text(
+            FEW, headings=["timestamp", *HEADINGS[1:]], change=lambda k, c, f=factor: [f"{(EPOCH + 4.0 * k) * f:.0f}", *c[1:]]
+        )
+        for unit, factor in (("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+    },
+    "dates": text(FEW, change=lambda k, c: [f"2024-03-01 12:{4 * k // 60:02d}:{4 * k % 60:02d}.250", *c[1:]]),
+    "times of day over midnight": text(FEW, change=lambda k, c: [clock(86_350 + 4 * k), *c[1:]]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", PLAIN)
+def test_a_table_gives_the_states_of_the_plain_one(kind: str, tmp_path: Path) -> None:
+    _, made = through(tmp_path / "table.csv", PLAIN[kind])
+    assert len(made.table) == STATES, made.notes
+    wanted = np.array(FEW)
+    assert np.column_stack([made.table[a] for a in "xyz"]) * 1e3 == pytest.approx(wanted[:, 4:], abs=2e-3)
+    assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(wanted[:, 1:4], abs=2e-3)
+    assert made.table["t"] - made.table["t"][0] == pytest.approx(wanted[:, 0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["NA", "NaN", "-", "n/a", "#DIV/0!", "", "null", "--", "1.#QNAN", "-9999", "lost", "Inf", "?", "N.A.", "verdeckt"],
+)
+def test_what_is_missing_is_no_state(word: str, tmp_path: Path) -> None:
+    _, made = through(tmp_path / "table.csv", text(FEW, ";", change=lambda k, c: words(k, c, word)))
+    assert len(made.table) == STATES - HIDDEN
+    assert any("4 of 30 states have no tip or pressure" in n for n in made.notes)
+    assert np.abs(made.table["z"] - 0.14).max() < 0.011
+
+
+def test_words_that_nobody_knows_are_asked_about_and_can_be_declared(tmp_path: Path) -> None:
+    content = text(FEW, ";", change=lambda k, c: words(k, c, "OOR"))
+    made, result = through(tmp_path / "table.csv", content)
+    assert made.values["source"]["missing"] == ["OOR"] and any("'OOR'" in d for d in made.doubts)
+    assert len(result.table) == STATES - HIDDEN
+    place = tmp_path / "map.yaml"
+    place.write_text(place.read_text().replace("missing: [OOR]", "missing: []"))
+    with pytest.raises(
+        ConfigError, match=r"table.csv, line 5, column 'Tip X \[mm\]' \(columns.x\): 'OOR' .*missing: \['OOR'\]"
+    ):
+        imported([tmp_path / "table.csv"], load_map(place), np.array([0, 0, 0.15]))
+
+
+@pytest.mark.parametrize("columns", [slice(4, 7), slice(1, 4)])
+def test_missing_rows_neither_end_nor_begin_a_plateau(columns: slice, tmp_path: Path) -> None:
+    def change(k: int, cells: list[str]) -> list[str]:
+        if (k // 3) % 9 == 2:
+            cells[columns] = ["", "NaN", ""]
+        return cells
+
+    _, made = through(tmp_path / "table.csv", text(MANY, change=change))
+    assert len(made.table) == PLATEAUS
+    assert max(made.table["p1"]) == pytest.approx(35e3, abs=30) and min(made.table["p1"]) > -30
+    assert np.abs(made.table["z"] - 0.14).max() < 0.011 and made.table["hold"].max() < 4
+
+
+def test_zeros_among_positions_are_missing_and_reported(tmp_path: Path) -> None:
+    zeros = text(MANY, change=lambda k, c: [*c[:4], "0", "0.0", "-0"] if (k // 5) % 8 == 3 else c)
+    _, made = through(tmp_path / "table.csv", zeros)
+    assert len(made.table) == PLATEAUS and np.abs(made.table["z"] - 0.14).max() < 0.011
+    assert any("is exactly 0, 0, 0 in 150 of 1200 rows (first in line 17): taken as missing" in n for n in made.notes)
+
+
+def test_a_displacement_that_is_zero_at_rest_is_a_position(tmp_path: Path) -> None:
+    rest = FEW[0][4:]
+    rows = [[*r[:4], *(v - w for v, w in zip(r[4:], rest, strict=True))] for r in FEW]
+    rows = [[*r[:4], 0.0, 0.0, 0.0] if max(r[1:4]) < 1 else r for r in rows]
+    _, made = through(tmp_path / "table.csv", text(rows))
+    assert len(made.table) == STATES and not any("missing" in n for n in made.notes)
+
+
+def test_headings_and_units_are_where_the_map_says(tmp_path: Path) -> None:
+    content = "1;2;3\n" + ";".join(BARE) + "\nfree words\n" + ";".join(UNITS) + "\n" + text(FEW, ";", ())
+    (tmp_path / "table.csv").write_text(content)
+    series = read(tmp_path / "table.csv", Source(heading=2, units=4))
+    assert series.names == BARE and [series.units[n] for n in BARE] == list(UNITS) and len(series) == STATES
+    with pytest.raises(ConfigError, match="no line below line 400 holds numbers; correct source.units"):
+        read(tmp_path / "table.csv", Source(heading=2, units=400))
+
+
+def test_columns_are_numbered_as_the_file_has_them(tmp_path: Path) -> None:
+    for first in ("0.5", "run A", ""):
+        (tmp_path / "t.csv").write_text("first,,PA,X\n" + "".join(f"{first},,{p},{x}\n" for p, x in ((1, 5), (2, 6))))
+        series = read(tmp_path / "t.csv", Source())
+        assert series.columns[series.names[2]].tolist() == [1, 2] and series.columns[series.names[3]].tolist() == [5, 6]
+
+
+def test_a_line_with_too_many_cells_is_left_out_and_many_are_refused(tmp_path: Path) -> None:
+    content = text(FEW).replace("\n8.000,", "\n8,000,")
+    _, made = through(tmp_path / "table.csv", content)
+    assert len(made.table) == STATES - 1
+    assert any("line 4 has more than 7 cells and is left out: '8,000," in n for n in made.notes)
+    commas = text(FEW, change=lambda k, c: comma(c, *range(7)))
+    with pytest.raises(ConfigError, match="line 1: 7 headings stand above 14 columns: commas seem to be both"):
+        through(tmp_path / "table.csv", commas)
+
+
+@pytest.mark.parametrize(
+    ("cells", "found"),
+    [
+        (["1,5", "2", "3,25"], [1.5, 2, 3.25]), (["1.234,5", "1.000", "7"], [1234.5, 1000, 7]), (["1 234,5", "2,0"], [1234.5, 2]),
+        (["1,234.5", "2", "x"], [1234.5, 2, None]), (["12,5", "12.5"], [12.5, 12.5]), (["1,234", "999.5"], [1234, 999.5]),
+        (["1,234", "2,345"], [1.234, 2.345]),
+    ],
+)  # fmt: skip
+def test_each_column_has_its_own_decimal_mark(cells: list[str], found: list[float | None]) -> None:
+    import pandas as pd
+
+    assert [None if v != v else v for v in judge(pd.Series(cells, dtype=str)).values.tolist()] == found
+    assert number("1e400") is None and number("1_000") is None
+
+
+# ------------------------------------------------------------------ angles
+@pytest.mark.parametrize(
+    "names",
+    [("Roll", "Pitch", "Yaw"), ("Tip Rx (deg)", "Tip Ry (deg)", "Tip Rz (deg)"), ("Rollen", "Nicken", "Gieren")],
+)
+def test_three_angles_are_the_tip_s_orientation(names: tuple[str, ...], tmp_path: Path) -> None:
+    def change(k: int, cells: list[str]) -> list[str]:
+        chamber, level = k // 5 % 3, FEW[k][1 + k // 5 % 3]
+        turn = np.degrees(0.013 * level)
+        azimuth = np.radians(120 * chamber)
+        return [*cells, f"{turn * np.sin(azimuth):.4f}", f"{-turn * np.cos(azimuth):.4f}", "0.0"]
+
+    made, result = through(tmp_path / "table.csv", text(FEW, headings=[*HEADINGS, *names], change=change))
+    assert made.values["orientation"] == {"columns": list(names), "order": "euler xyz", "unit": "deg"}
+    assert any("orientation" in d and "order" in d for d in made.doubts) and "roll_deg" not in made.values["columns"]
+    assert {r.roll_deg for r in result.table} == {None} and result.table.rows[2].orientation is not None
+
+
+def test_a_turn_of_the_mount_does_not_change_within_a_trial(tmp_path: Path) -> None:
+    content = text(FEW, headings=[*HEADINGS, "Roll"], change=lambda k, c: [*c, str(90 + 3 * (k % 5))])
+    made, _ = through(tmp_path / "table.csv", content)
+    assert "roll_deg" not in made.values["columns"] and any("'Roll' changes from row to row" in d for d in made.doubts)
+    place = tmp_path / "map.yaml"
+    values = yaml.safe_load(place.read_text())
+    values["columns"]["roll_deg"] = {"column": "Roll"}
+    place.write_text(yaml.safe_dump(values))
+    with pytest.raises(
+        ConfigError, match=r"columns.roll_deg: from 90 to 99 deg within trial 1, .* write it under orientation"
+    ):
+        imported([tmp_path / "table.csv"], load_map(place), np.array([0, 0, 0.15]))
