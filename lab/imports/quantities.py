@@ -70,7 +70,7 @@ class _File:
         if gone.any():
             first = self.series.place(int(np.argmax(gone)))
             self.notes.append(
-                f"{self.series.path.name}: {name} is exactly 0, 0, 0 in {int(gone.sum())} of {len(gone)} rows "
+                f"{name} is exactly 0, 0, 0 in {int(gone.sum())} of {len(gone)} rows "
                 f"(first in {first}): taken as missing"
             )
         return np.where(gone[:, None], np.nan, xyz)
@@ -107,7 +107,7 @@ def _without_gaps(t: Array, file: _File) -> Array:
     if there.all():
         return t
     file.notes.append(
-        f"{file.series.path.name}: {int((~there).sum())} of {len(t)} rows have no time: taken as between their neighbours"
+        f"{int((~there).sum())} of {len(t)} rows have no time: taken as between their neighbours"
     )
     rows = np.arange(len(t))
     return np.asarray(np.interp(rows, rows[there], t[there]))

@@ -91,7 +91,7 @@ def cleaned(series: Series, missing: Sequence[str | float]) -> Series:
         if values.dtype.kind == "f":
             columns[name], found = without_fillers(np.where(np.isfinite(values), values, np.nan), missing)
             notes += [
-                f"{series.path.name}: {n} of {len(values)} cells of {name!r} are {v:g}: taken as missing"
+                f"{n} of {len(values)} cells of {name!r} are {v:g}: taken as missing"
                 for v, n in found.items()
             ]
     series = replace(series, columns=columns, notes=tuple(notes))

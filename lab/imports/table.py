@@ -99,7 +99,7 @@ def imported(
         progress(number, len(files))
         series = read(path, wanted.source)
         q = quantities_of(series, wanted, constants)
-        notes += [*series.notes, *q.notes]
+        notes += [f"{path.name}: {text}" for text in (*series.notes, *q.notes)]
         origin = float(q.t[0]) if not number and q.t[0] >= EPOCH[0] else origin
         q = replace(q, t=q.t - (origin if q.t[0] >= EPOCH[0] else 0.0))
         if wanted.straight == "first row":

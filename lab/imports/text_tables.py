@@ -74,11 +74,11 @@ def read_text(path: Path, source: Source) -> Series:
     kept = frame[data]
     lines = np.array([r.line for r, one in zip(records, data, strict=True) if one], np.int64)
     found = _columns(kept, head, source, separator)
-    notes = [f"{path.name}: {text}" for text in _left_out(path, records, frame.shape[1], data, first, too_long)]
+    notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     made = of_judged(path, found, f"columns separated by {mark}")
     return replace(
-        made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=tuple(notes)
+        made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=notes
     )
 
 
@@ -247,8 +247,9 @@ def _data_rows(
             f"{path}: no line below line {after} holds numbers; correct source.{'units' if source.units else 'heading'}" if after
             else f"{path}: no line holds numbers; is {separator!r} its separator (source.separator)?"
         )  # fmt: skip
-    last = int(np.flatnonzero(data & (full & ~odd))[-1]) if (data & full & ~odd).any() else len(data) - 1
-    data[last + 1 :] &= ~odd[last + 1 :]  # sums, means and the like behind the table
+    clean = np.flatnonzero(data & full & ~odd)
+    behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
+    data = np.asarray(data & ~(behind & odd))  # without sums, means and the like
     return data, int(np.argmax(data))
 
 
