@@ -106,9 +106,7 @@ def _without_gaps(t: Array, file: _File) -> Array:
     there = np.isfinite(t)
     if there.all():
         return t
-    file.notes.append(
-        f"{int((~there).sum())} of {len(t)} rows have no time: taken as between their neighbours"
-    )
+    file.notes.append(f"{int((~there).sum())} of {len(t)} rows have no time: taken as between their neighbours")
     rows = np.arange(len(t))
     return np.asarray(np.interp(rows, rows[there], t[there]))
 

@@ -90,10 +90,7 @@ def cleaned(series: Series, missing: Sequence[str | float]) -> Series:
     for name, values in series.columns.items():
         if values.dtype.kind == "f":
             columns[name], found = without_fillers(np.where(np.isfinite(values), values, np.nan), missing)
-            notes += [
-                f"{n} of {len(values)} cells of {name!r} are {v:g}: taken as missing"
-                for v, n in found.items()
-            ]
+            notes += [f"{n} of {len(values)} cells of {name!r} are {v:g}: taken as missing" for v, n in found.items()]
     series = replace(series, columns=columns, notes=tuple(notes))
     if not series.numbers:
         raise ConfigError(f"{series.path}: no column holds a number; check the export and source.missing")

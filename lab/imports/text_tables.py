@@ -77,9 +77,7 @@ def read_text(path: Path, source: Source) -> Series:
     notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     made = of_judged(path, found, f"columns separated by {mark}")
-    return replace(
-        made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=notes
-    )
+    return replace(made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=notes)
 
 
 # ------------------------------------------------------------------ characters and lines
