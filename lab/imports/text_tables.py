@@ -237,7 +237,7 @@ def _data_rows(
     least = DATA_SHARE * count.max(initial=0)
     full = count >= max(least, 1)
     of_numbers = number[full].sum(axis=0) > (filled & ~missing & ~number)[full].sum(axis=0)
-    odd = (filled & ~number & ~missing)[:, of_numbers].any(axis=1)
+    odd = np.asarray((filled & ~number & ~missing)[:, of_numbers].any(axis=1))
     commented = np.array([r.comment for r in records], bool)
     data = ~commented & (full | ((count >= 1) & ~odd & (count + missing.sum(axis=1) >= min(least, 2))))
     if not data.any():
