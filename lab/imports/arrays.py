@@ -1,50 +1,156 @@
-"""Files of arrays: MATLAB and NumPy."""
+"""Files of arrays: NumPy's, and what files of MATLAB hold."""
 
 from __future__ import annotations
 
 import io
-import math
 import pickle
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
+from .columns import Judged, judge, of_frame
 from .map_file import Source
-from .matlab_hdf5 import is_hdf5, read_hdf5
-from .series import LARGEST, Array, Series, demand_bounded
+from .series import LARGEST, Array, Series, demand_bounded, of_judged
 
+WIDE = 20
+"""Times as many columns as rows, from which on an array alone lies on its side."""
 LAST = ("point", "axis")
 """Dimensions of an array that become columns."""
 
 
-def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str) -> Series:
-    """Arrays of one length as columns; a table (n, k) as columns NAME.1 .., or 1 .. when it was asked for."""
+def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, notes: Sequence[str] = ()) -> Series:
+    """What can be read as columns of one length; the rest is named in the notes. Raises ConfigError.
+
+    A table (n, k) becomes columns NAME.1 .., or 1 .. when it was asked for; k x n is turned. Tables, cells of numbers or
+    words, words, dates and fields of structures become columns.
+    """
     if source.axes:
         return Series(path, dict(_by_axes(path, given, source.axes)), form)
     if source.variable is not None:
         given = {source.variable: _held(path, given, source.variable, "source.variable")}
-    tables = {name: np.asarray(value) for name, value in given.items()}
-    tables = {name: a.squeeze() for name, a in tables.items() if a.dtype.kind in "fiub" and a.size > 1}
-    if not tables:
-        raise ConfigError(f"{path}: holds no table of numbers")
-    if (deep := next((n for n, a in tables.items() if a.ndim > 2), None)) is not None:
-        raise ConfigError(
-            f"{path}: {deep} has the shape {tables[deep].shape}; say in source.axes what each dimension counts, such as "
-            f"{deep}: [trial, time, point, axis]"
+    alone = sum(hasattr(value, "columns") for value in given.values()) == 1
+    parts = [(label, part) for name, value in given.items() for label, part in parts_of(name, value, alone)]
+    arrays = {label: part for label, part in parts if isinstance(part, np.ndarray) and part.ndim < 3}
+    judged = {label: part for label, part in parts if isinstance(part, Judged)}
+    left = [f"{label} ({part})" for label, part in parts if isinstance(part, str)]
+    deep = {label: part.shape for label, part in parts if isinstance(part, np.ndarray) and part.ndim > 2}
+    for name, shape in deep.items():
+        left.append(f"{name} (of the shape {shape}: say in source.axes what each dimension counts)")
+    if not arrays and not judged:
+        if deep:
+            name, shape = next(iter(deep.items()))
+            raise ConfigError(
+                f"{path}: {name} has the shape {shape}; say in source.axes what each dimension counts, such as "
+                f"{name}: [trial, time, point, axis]"
+            )
+        raise ConfigError(f"{path}: holds no table of numbers" + (f"; not read: {', '.join(left)}" if left else ""))
+    rows = _rows([*arrays.values(), *(part.values for part in judged.values())])
+    columns: dict[str, Judged] = {}
+    told = list(notes)
+    for label, part in [(label, part) for label, part in parts if label in arrays or label in judged]:
+        if isinstance(part, Judged):
+            if len(part.values) == rows:
+                columns[label] = part
+            else:
+                left.append(f"{label} ({len(part.values)} instead of {rows} rows)")
+            continue
+        assert isinstance(part, np.ndarray)
+        if len(part) != rows and rows in part.shape:
+            told.append(
+                f"{label} ({' x '.join(map(str, part.shape))}) is read with its rows along the second dimension"
+            )
+            part = part.T
+        if len(part) != rows:
+            left.append(f"{label} ({len(part)} instead of {rows} rows)")
+            continue
+        for k, column in enumerate(np.atleast_2d(part.T), 1):
+            columns[str(k) if source.variable else label if part.ndim == 1 else f"{label}.{k}"] = Judged(column)
+    if left:
+        told.append(f"not read: {', '.join(left)}")
+    return replace(of_judged(path, columns, form), notes=tuple(told))
+
+
+def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | Judged | str]]:
+    """Arrays of numbers, columns, or why there is none, of one variable; `alone`: a table's columns keep their names."""
+    import pandas as pd
+
+    if isinstance(value, pd.DataFrame):
+        value = (
+            value.reset_index()
+            if pd.api.types.is_datetime64_any_dtype(value.index) or value.index.dtype.kind == "m"
+            else value
         )
-    length = len(max(tables.values(), key=len))
-    numbers: dict[str, Array] = {}
-    for name, table in tables.items():
-        if len(table) == length:
-            for k, column in enumerate(np.atleast_2d(table.T).astype(np.float64), 1):
-                numbers[str(k) if source.variable else name if table.ndim == 1 else f"{name}.{k}"] = column
-    return Series(path, numbers, form)
+        units = dict(zip(value.columns, value.attrs.get("VariableUnits", ()), strict=False))
+        for label in value.columns:
+            for own, part in parts_of(str(label) if alone else f"{name}.{label}", value[label].to_numpy(), alone):
+                unit = str(units.get(label, ""))
+                yield own, replace(part, unit=part.unit or unit) if isinstance(part, Judged) else part
+        return
+    array = np.asarray(value)
+    if array.dtype.names and array.size == 1:
+        for field in array.dtype.names:
+            yield from parts_of(f"{name}.{field}", array.reshape(-1)[0][field], alone)
+    elif array.dtype.names and type(array).__name__ not in ("MatlabOpaque", "MatlabFunction"):
+        for field in array.dtype.names:
+            yield f"{name}.{field}", _cells(array[field].reshape(-1))
+    elif array.dtype.kind in "fiub":
+        array = np.asarray(array, np.float64).squeeze()
+        yield name, array if array.size > 1 else "one number" if array.size else "empty"
+    elif array.dtype.kind in "Mm":
+        yield name, of_frame(pd.Series(array.reshape(-1)))
+    elif array.dtype.kind == "O" and array.size > 1:
+        yield name, _cells(array.reshape(-1))
+    elif array.dtype.kind == "U" and array.size > 1:
+        yield name, judge(pd.Series(array.reshape(-1), dtype=str))
+    else:
+        kinds = {"U": "a text", "S": "bytes", "c": "complex numbers"}
+        yield name, kinds.get(array.dtype.kind, f"of the kind {type(value).__name__}")
+
+
+def _cells(cells: NDArray[np.object_]) -> Array | Judged | str:
+    """A column of cells that each hold one number or one text; of equal arrays a table."""
+    import pandas as pd
+
+    found = [np.asarray(cell).squeeze() for cell in cells.tolist()]
+    if all(f.dtype.kind in "fiub" and f.ndim == 1 and f.size == found[0].size > 1 for f in found):
+        return np.array(found, np.float64)
+    words = []
+    for one in found:
+        if one.size == 1 and one.dtype.kind == "O":
+            one = np.asarray(one.reshape(-1)[0]).squeeze()
+        if one.size > 1 or one.dtype.kind not in "fiubUO":
+            return "cells that hold more than one number or text"
+        one = one.reshape(-1)
+        words.append(
+            "" if not one.size or one[0] is None else str(one[0]) if one.dtype.kind == "U" else repr(float(one[0]))
+        )
+    return judge(pd.Series(words, dtype=str))
+
+
+def _rows(arrays: Sequence[NDArray[Any]]) -> int:
+    """How many rows arrays have: those of a single column say it, else the size that all share."""
+    shapes = [a.shape for a in arrays]
+    single = {s[0] for s in shapes if len(s) == 1}
+    if not single:
+        first, second = {s[0] for s in shapes}, {s[1] for s in shapes}
+        on_side = len(second) == 1 and min(second) > max(first) if len(shapes) > 1 else _lies_on_its_side(arrays[0])
+        single = second if on_side else first if len(first) == 1 else {max(s) for s in shapes}
+    return max(single, key=lambda n: (sum(n in s for s in shapes), n))
+
+
+def _lies_on_its_side(table: Array) -> bool:
+    """Whether the rows of a table alone run along its second dimension: it is very wide, or time does."""
+    high, wide = table.shape
+    rises = [len(line) > 1 and bool((np.diff(line) > 0).all()) for line in (table[0], table[:, 0])]
+    return wide >= WIDE * high or (wide > high and rises == [True, False])
 
 
 def _held(path: Path, given: Mapping[str, Any], name: str, place: str) -> Any:
@@ -75,39 +181,6 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
             place = at | dict(zip(last, k, strict=True))
             label = ("xyz"[i] if d == "axis" and i < 3 else str(i + 1) for d, i in zip(last, k, strict=True))
             yield ".".join([name, *label]), array[tuple(place[d] for d in axes[name])]
-
-
-def read_matlab(path: Path, source: Source) -> Series:
-    """A .mat file of any version."""
-    from scipy.io import loadmat, whosmat
-
-    data = read_bounded(path, LARGEST, ConfigError)
-    if is_hdf5(data):
-        return columns_of(path, read_hdf5(path, data), source, "MATLAB 7.3")
-    try:
-        # before anything is unpacked: a few kB can hold GB
-        size = sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data)))
-        demand_bounded(path, size)
-        found = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a MATLAB file ({type(e).__name__}: {e})") from e
-    arrays: dict[str, Any] = {}
-    for name, value in found.items():
-        if not name.startswith("__"):
-            _unpacked(name, value, arrays)
-    return columns_of(path, arrays, source, "MATLAB")
-
-
-def _unpacked(name: str, value: Any, out: dict[str, Any]) -> None:
-    """A structure's fields as NAME.FIELD."""
-    array = np.asarray(value)
-    if array.dtype.names and array.size == 1:
-        for own in array.dtype.names:
-            _unpacked(f"{name}.{own}", array.reshape(-1)[0][own], out)
-    else:
-        out[name] = array
 
 
 def read_numpy(path: Path, source: Source) -> Series:

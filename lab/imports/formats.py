@@ -12,9 +12,10 @@ import numpy as np
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
-from .arrays import read_matlab, read_numpy
+from .arrays import read_numpy
 from .columns import of_frame
 from .map_file import Source
+from .matlab import read_matlab
 from .series import LARGEST, Series, cleaned, of_judged, package, unique
 from .text_tables import MOST_COLUMNS, read_text
 

@@ -1,0 +1,97 @@
+"""MATLAB files of any version: SciPy and HDF5 for numbers, mat-io for what MATLAB calls objects (table, string, datetime ..)."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+import zlib
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from recordings.bounded import read_bounded
+
+from ..files.config import ConfigError
+from .arrays import columns_of
+from .map_file import Source
+from .matlab_hdf5 import is_hdf5, read_hdf5
+from .series import LARGEST, Series, demand_bounded
+
+SIMPLE = frozenset(
+    ["double", "single", "logical", "char", "cell", "struct", "sparse", "int8", "uint8", "int16", "uint16", "int32", "uint32",
+     "int64", "uint64", "function"]
+)  # fmt: skip
+"""Classes of MATLAB that are no objects."""
+MI_COMPRESSED = 15
+"""Kind of a variable that is compressed."""
+
+
+def read_matlab(path: Path, source: Source) -> Series:
+    """A .mat file; raises ConfigError."""
+    from scipy.io import loadmat, whosmat
+
+    data = read_bounded(path, LARGEST, ConfigError)
+    if is_hdf5(data):
+        found, others = read_hdf5(path, data)
+        objects, notes = _objects(path, others)
+        return columns_of(path, {**found, **objects}, source, "MATLAB 7.3", notes)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # before anything is unpacked: a few kB can hold GB
+            demand_bounded(path, _unpacked_size(data))
+            with suppress(TypeError):  # of a file with objects
+                demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
+            found = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
+    except ConfigError:
+        raise
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a MATLAB file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
+    opaque = "__function_workspace__" in found
+    found = {str(n): v for n, v in found.items() if n and not str(n).startswith("__") and str(n) != "None"}
+    objects, notes = _objects(path, None) if opaque else ({}, ())
+    return columns_of(path, {**found, **objects}, source, "MATLAB", notes)
+
+
+def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+    """Variables that are objects of MATLAB, or a note on why they are not read; None: all there are."""
+    if names == []:
+        return {}, ()
+    which = "objects (table, string, datetime ..)" if names is None else ", ".join(names)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import matio
+    except ImportError:
+        return {}, (f"not read: {which}; they are read with mat-io: pip install 'softlab[import]'",)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if names is None:
+                names = [n for n, (_, kind) in matio.whosmat(str(path)).items() if kind not in SIMPLE]
+            found = matio.load_from_mat(str(path), variable_names=names, add_table_attrs=True) if names else {}
+    except Exception as e:
+        why = f"{type(e).__name__}: {str(e)[:100]}"
+        return {}, (f"not read: {which} ({why}); in MATLAB: writetable(T, 'T.csv'), or save numbers",)
+    return {n: v for n, v in found.items() if not n.startswith("__")}, ()
+
+
+def _unpacked_size(data: bytes) -> int:
+    """Bytes of a file of version 5 once its variables are unpacked, counted to a little beyond what is read."""
+    order = "little" if data[126:128] == b"IM" else "big"
+    size, at = len(data), 128
+    while at + 8 <= len(data) and size <= LARGEST:
+        kind = int.from_bytes(data[at : at + 4], order)  # type: ignore[arg-type]
+        length = int.from_bytes(data[at + 4 : at + 8], order)  # type: ignore[arg-type]
+        if kind == MI_COMPRESSED:
+            unpack, rest = zlib.decompressobj(), data[at + 8 : at + 8 + length]
+            while rest and size <= LARGEST:
+                try:
+                    size += len(unpack.decompress(rest, 1 << 20))
+                except zlib.error:
+                    break
+                rest = unpack.unconsumed_tail
+        at += 8 + length
+    return size
