@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-
-import numpy as np
 
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from .arrays import read_numpy
+from .c3d_files import read_c3d
 from .columns import of_frame
 from .map_file import Source
 from .matlab import read_matlab
-from .series import LARGEST, Series, cleaned, of_judged, package, unique
+from .series import LARGEST, Series, cleaned, of_judged, package
 from .text_tables import MOST_COLUMNS, read_text
 
 
@@ -31,28 +28,6 @@ def read(path: Path, source: Source) -> Series:
     if len(found.names) > MOST_COLUMNS:
         raise ConfigError(f"{path}: has {len(found.names)} columns, at most {MOST_COLUMNS} are read")
     return found
-
-
-def _c3d(path: Path, source: Source) -> Series:
-    library = package("c3d", path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            reader = library.Reader(io.BytesIO(read_bounded(path, LARGEST, ConfigError)))
-            labels = [str(label).strip() for label in reader.point_labels]
-            frames = [points for _, points, _ in reader.read_frames(copy=True)]
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a C3D file ({type(e).__name__}: {e})") from e
-    if not frames:
-        raise ConfigError(f"{path}: has no frames")
-    points = np.array(frames, np.float64)
-    seen = np.where(points[:, :, 3:4] < 0, np.nan, points[:, :, :3])
-    numbers = {"time": np.arange(len(seen)) / float(reader.point_rate or 1.0)}
-    for k, label in enumerate(unique(labels, seen.shape[1])):
-        numbers |= {f"{label}.{axis}": seen[:, k, i] for i, axis in enumerate("xyz")}
-    return Series(path, numbers, f"C3D, {float(reader.point_rate):g} Hz")
 
 
 def _parquet(path: Path, source: Source) -> Series:
@@ -74,6 +49,6 @@ def _recording(path: Path, source: Source) -> Series:
 READERS: Mapping[str, Callable[[Path, Source], Series]] = {
     ".csv": read_text, ".tsv": read_text, ".txt": read_text, ".dat": read_text, ".mat": read_matlab, ".npz": read_numpy,
     ".npy": read_numpy,
-    ".c3d": _c3d, ".parquet": _parquet, ".mcap": _recording,
+    ".c3d": read_c3d, ".parquet": _parquet, ".mcap": _recording,
 }  # fmt: skip
 """By ending."""

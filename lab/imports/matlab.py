@@ -11,13 +11,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from .arrays import columns_of
 from .map_file import Source
-from .matlab_hdf5 import is_hdf5, read_hdf5
-from .series import LARGEST, Series, demand_bounded
+from .series import LARGEST, Series, demand_bounded, package
 
 SIMPLE = frozenset(
     ["double", "single", "logical", "char", "cell", "struct", "sparse", "int8", "uint8", "int16", "uint16", "int32", "uint32",
@@ -27,14 +28,20 @@ SIMPLE = frozenset(
 MI_COMPRESSED = 15
 """Kind of a variable that is compressed."""
 
+MAGIC = b"\x89HDF\r\n\x1a\n"
+USER_BLOCK = 512
+CLASS, EMPTY, SPARSE, DECODE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse", "MATLAB_object_decode"
+OWN = ("#refs#", "#subsystem#")
+"""Groups of MATLAB's own bookkeeping."""
+
 
 def read_matlab(path: Path, source: Source) -> Series:
     """A .mat file; raises ConfigError."""
     from scipy.io import loadmat, whosmat
 
     data = read_bounded(path, LARGEST, ConfigError)
-    if is_hdf5(data):
-        found, others = read_hdf5(path, data)
+    if _is_hdf5(data):
+        found, others = _read_hdf5(path, data)
         objects, notes = _objects(path, others)
         return columns_of(path, {**found, **objects}, source, "MATLAB 7.3", notes)
     try:
@@ -95,3 +102,63 @@ def _unpacked_size(data: bytes) -> int:
                 rest = unpack.unconsumed_tail
         at += 8 + length
     return size
+
+
+# ------------------------------------------------------------------ MATLAB 7.3
+# A variable is a dataset with the attribute MATLAB_class, its dimensions in reverse order; a structure is a group of its fields.
+def _is_hdf5(data: bytes) -> bool:
+    """Whether a file is HDF5, at its begin or behind MATLAB's user block."""
+    return data.startswith(MAGIC) or data[USER_BLOCK : USER_BLOCK + len(MAGIC)] == MAGIC
+
+
+def _read_hdf5(path: Path, data: bytes) -> tuple[Mapping[str, Any], list[str]]:
+    """Arrays by name, a structure's fields as NAME.FIELD, and names of further variables; raises ConfigError."""
+    library = package("h5py", path)
+    try:
+        with library.File(io.BytesIO(data), "r") as file:
+            found, sizes = _variables(library, file)
+            # before anything is unpacked: a few kB can hold GB
+            demand_bounded(path, sum(sizes))
+            arrays = {name: np.asarray(one[()]).T for name, one in found.items()}
+            read = {name.partition(".")[0] for name in found}
+            return arrays, [n for n in _own(library, file) if n not in read]
+    except ConfigError:
+        raise
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a MATLAB 7.3 file ({type(e).__name__}: {str(e)[:200]})") from e
+
+
+def _own(library: Any, file: Any) -> list[str]:
+    """Variables that lie in this file: links to others are not followed."""
+    names = [n for n in file if n not in OWN and isinstance(file.get(n, getlink=True), library.HardLink)]
+    return [n for n in names if CLASS in file[n].attrs and not file[n].attrs.get(EMPTY, 0)]
+
+
+def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:
+    """Datasets of numbers by name, and the bytes of all that there are."""
+    found: dict[str, Any] = {}
+    sizes: list[int] = []
+
+    def visited(name: str, one: Any) -> None:
+        if not isinstance(one, library.Dataset):
+            return
+        if one.external is not None or one.is_virtual:
+            raise ValueError(f"{name} lies in another file")
+        sizes.append(8 * one.size)
+        if (
+            name.partition("/")[0] not in OWN
+            and CLASS in one.attrs
+            and not one.attrs.get(EMPTY, 0)
+            and SPARSE not in one.parent.attrs
+            and one.dtype.kind in "fiub"
+            and _text(one.attrs[CLASS]) != "char"
+            and DECODE not in one.attrs
+        ):
+            found[name.replace("/", ".")] = one
+
+    file.visititems(visited)
+    return found, sizes
+
+
+def _text(value: Any) -> str:
+    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)

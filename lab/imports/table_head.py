@@ -95,6 +95,8 @@ def _joined(heads: Sequence[Line]) -> list[str]:
         return list(names)
     for k in range(len(heads) - 2, -1, -1):
         cells = heads[k][1]
+        if heads[k + 1][0] - heads[k][0] > 1:
+            break
         if any(c.casefold() in LABELS for c in cells[:2]):
             continue
         names = [f"{a} {b}".strip() for a, b in zip(_carried(cells), names, strict=False)]

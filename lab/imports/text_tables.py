@@ -44,6 +44,8 @@ MOST_NOTED = 5
 """Lines left out that are named."""
 DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
 """A number whose comma stands between no thousands."""
+MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
+"""Begin of the files that Motive exports."""
 BINARY = 0.1
 """Share of control characters from which on a file is no text."""
 
@@ -76,7 +78,8 @@ def read_text(path: Path, source: Source) -> Series:
     found = _columns(kept, head, source, separator)
     notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
-    made = of_judged(path, found, f"columns separated by {mark}")
+    form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
+    made = of_judged(path, found, form)
     return replace(made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=notes)
 
 
@@ -177,7 +180,8 @@ def _split(
         if count != width:
             cells = _cells(text, separator)
             if any(c.strip() for c in cells[width:]):
-                if sum(map(looks_like_value, cells)) > DATA_SHARE * width:
+                values = sum(map(looks_like_value, cells))
+                if values > DATA_SHARE * width and values > DATA_SHARE * sum(bool(c.strip()) for c in cells):
                     too_long.append(record)
                     continue
                 cells = _heading_cells(text, width) if separator == " " else cells
@@ -237,7 +241,7 @@ def _data_rows(
     least = DATA_SHARE * count.max(initial=0)
     full = count >= max(least, 1)
     of_numbers = number[full].sum(axis=0) > (filled & ~missing & ~number)[full].sum(axis=0)
-    odd = np.asarray((filled & ~number & ~missing)[:, of_numbers].any(axis=1))
+    odd = np.asarray((filled & ~number & ~missing)[:, of_numbers].any(axis=1), bool)
     commented = np.array([r.comment for r in records], bool)
     data = ~commented & (full | ((count >= 1) & ~odd & (count + missing.sum(axis=1) >= min(least, 2))))
     if not data.any():

@@ -14,8 +14,9 @@ from recordings.table_file import write_csv
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..imports.formats import READERS, read
-from ..imports.guess import guess_map, guess_text
+from ..imports.guess import guess_map
 from ..imports.map_file import Source, load_map
+from ..imports.proposal import guess_text
 from ..imports.table import Imported, imported, straight_point
 
 MAP, PICTURE = "map.yaml", "states.png"

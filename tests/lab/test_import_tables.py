@@ -12,8 +12,9 @@ from foreign_tables import BARE, HEADINGS, PLATEAUS, STATES, UNITS, comma, sweep
 from lab.files.config import ConfigError, load
 from lab.imports.columns import judge, number
 from lab.imports.formats import read
-from lab.imports.guess import Guess, guess_map, guess_text
+from lab.imports.guess import guess_map
 from lab.imports.map_file import Source, load_map
+from lab.imports.proposal import Guess, guess_text
 from lab.imports.table import Imported, imported, straight_point
 from model.robot import Robot
 

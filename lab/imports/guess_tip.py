@@ -1,0 +1,206 @@
+"""Which columns of a file are the tip, in which frame and how it is turned, as headings, numbers and the robot say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.robot import Robot
+
+from ..files.config import ConfigError
+from ..files.units import KINDS
+from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, triples
+from .map_file import Frame
+from .proposal import Guess
+from .reading import at_rest, unseen
+from .series import Series
+
+Array = NDArray[np.float64]
+
+ASIDE = 0.5
+"""Robot lengths off the longest axis from which on the resting tip does not tell which way the robot hangs."""
+AGREED = 0.5
+"""Cosine between pressures and displacements below which the frame remains in doubt."""
+
+
+def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
+    found = [t for t in triples(headings) if all(c in series.numbers for c in t.columns)]
+    found = [t for t in found if t.unit in ("", *KINDS["m"])]
+    if not found:
+        raise ConfigError(
+            f"{series.path}: no three columns x, y, z of a tip are found; there are "
+            f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
+        )
+    tips, bases = (_whole([t for t in found if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
+    tips = tips or [max(_whole([t for t in found if t not in bases]) or found, key=lambda t: _spread(series, t))]
+    bases = [t for t in bases if t not in tips]
+    rest = _at_rest(g, series)
+    tip = np.mean([_xyz(series, t, rest) for t in tips], axis=0)
+    base = np.mean([_xyz(series, t, rest) for t in bases], axis=0) if bases else np.zeros(3)
+    between = tip - base
+    rest = rest & np.isfinite(between).all(axis=1)
+    if not rest.any():
+        raise ConfigError(
+            f"{series.path}: {' / '.join(tips[0].columns)}: no position is known while the pressures are lowest; "
+            "write map.yaml by hand (docs: data from elsewhere)"
+        )
+    unit, why = _length_unit(series, tips[0], between[rest], robot.length)
+    names = [c for t in tips for c in t.columns]
+    if bases or len(tips) > 1:
+        g.say(
+            "points.tip.of", [list(t.columns) for t in tips], f"{len(tips)} group(s) of columns that move with the tip"
+        )
+        if bases:
+            g.say("points.tip.against", [list(t.columns) for t in bases], "they are named after the base")
+            names += [c for t in bases for c in t.columns]
+        g.say("points.tip.unit", unit, why)
+    else:
+        for axis, column in zip("xyz", tips[0].columns, strict=True):
+            g.say(f"columns.{axis}", {"column": column, "unit": unit}, why)
+    _frame(g, series, between * KINDS["m"][unit], rest, robot)
+    others = [t for t in found if t not in tips and t not in bases]
+    if others:
+        g.doubts.append(
+            f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
+        )
+    return names
+
+
+def _whole(found: Sequence[Triple]) -> list[Triple]:
+    """Bodies rather than their markers, where both are there."""
+    return [t for t in found if not any(w.startswith("marker") for w in t.words)] or list(found)
+
+
+def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None) -> Array:
+    """(n, 3) of the file's numbers, without rows in which nothing was seen."""
+    found = np.column_stack([series.numbers[c] for c in t.columns])
+    return np.where(unseen(found, rest)[:, None], np.nan, found)
+
+
+def _spread(series: Series, t: Triple) -> float:
+    found = _xyz(series, t)
+    seen = found[np.isfinite(found).all(axis=1)]
+    return float(seen.std(axis=0).sum()) if len(seen) else 0.0
+
+
+def _at_rest(g: Guess, series: Series) -> NDArray[np.bool_]:
+    """(n,) rows with the lowest pressures."""
+    columns = [c["column"] for k, c in g.values.get("columns", {}).items() if k.startswith("p") and "column" in c]
+    if not columns:
+        return np.ones(len(series), bool)
+    return at_rest(np.column_stack([series.numbers[c] for c in dict.fromkeys(columns)]))
+
+
+def _length_unit(series: Series, t: Triple, rest: Array, length: float) -> tuple[str, str]:
+    if said := t.unit or series.unit_of(t.columns[0], "m"):
+        return said, f"the file says {said} of {t.columns[0]!r}"
+    far = float(np.nanmedian(np.linalg.norm(rest, axis=1)))
+    best = min(("m", "cm", "mm"), key=lambda u: abs(np.log(max(far, 1e-9) * KINDS["m"][u] / length)))
+    return best, f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
+
+
+def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot: Robot) -> None:
+    """z along the axis on which the resting tip is far from its base; x and y as the chambers bend, right-handed. `tip`: m.
+
+    Where markers stand elsewhere, all three axes as the chambers bend.
+    """
+    at_rest = np.nanmean(tip[rest], axis=0)
+    along = int(np.argmax(np.abs(at_rest)))
+    away = float(np.linalg.norm(at_rest))
+    aside = float(np.linalg.norm(np.delete(at_rest, along)))
+    elsewhere = abs(away - robot.length) > 0.02 * robot.length or aside > 0.05 * robot.length
+    told = aside <= ASIDE * robot.length
+    lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
+    frames = [
+        Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)
+    ]
+    agreement = [_agreement(g, series, tip - at_rest, frame, robot) for frame in frames]
+    best = int(np.argmax(agreement))
+    if agreement[best] < AGREED:
+        best = 0
+        g.doubts.append(
+            f"frame: no turn about z lets the tip bend away from the chambers inflated (best: {max(agreement):.2f} of 1)"
+        )
+    found = frames[best]
+    if not told:
+        others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
+        g.doubts.append(
+            f"frame: where the tip rests does not tell which axis points from base to tip; taken as {found.z}, as the chambers "
+            f"bend it ({agreement[best]:.2f} of 1, with another axis up to {max(others):.2f})"
+        )
+    if (found.x, found.y, found.z) != ("x", "y", "z"):
+        why = (
+            f"at rest the tip lies along {found.z} of the file"
+            if told
+            else f"the tip bends across {found.z} of the file"
+        )
+        why += f"; with these x and y it bends away from the chambers inflated ({agreement[best]:.2f} of 1)"
+        g.say("frame", {"x": found.x, "y": found.y, "z": found.z}, why)
+    if elsewhere:
+        text = f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis"
+        g.say(
+            "straight", "first state", f"{text} of a robot of {robot.length * 1e3:g} mm: markers were placed elsewhere"
+        )
+
+
+def _turned(z: str) -> list[tuple[str, str]]:
+    """x and y of the four right-handed frames with this z."""
+    along = "xyz".index(z[-1])
+    first, second = "xyz"[(along + 1) % 3], "xyz"[(along + 2) % 3]
+    one, two = (second, first) if z.startswith("-") else (first, second)
+    return [(one, two), (two, f"-{one}"), (f"-{one}", f"-{two}"), (f"-{two}", one)]
+
+
+def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
+    """Cosine between where the tip moves across and where the chambers' pressures bend it, over all rows."""
+    azimuth = np.radians(robot.actuators.azimuths_deg)
+    columns = [g.values.get("columns", {}).get(f"p{k + 1}") for k in range(len(azimuth))]
+    if any(c is None for c in columns):
+        return 1.0
+    pressure = np.column_stack([series.numbers[c["column"]] for c in columns])
+    pressure = pressure - np.nanmin(pressure, axis=0)  # columns hold a number each
+    pushed = -pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    across = (moved @ frame.matrix.T)[:, :2]
+    seen = np.isfinite(pushed).all(axis=1) & np.isfinite(across).all(axis=1)
+    pushed, across = pushed[seen], across[seen]
+    size = float(np.linalg.norm(pushed) * np.linalg.norm(across))
+    return float((pushed * across).sum() / size) if size > 0 else 0.0
+
+
+def guess_quaternion(g: Guess, series: Series, found: Sequence[tuple[str, str, str, str]], tip: Sequence[str]) -> None:
+    for four in sorted(found, key=lambda f: -_shared(f, tip)):
+        if not all(c in series.numbers for c in four) or set(heading(four[0]).words) & BASE_WORDS:
+            continue
+        values = np.column_stack([series.numbers[c] for c in four])
+        norm = np.linalg.norm(values[np.isfinite(values).all(axis=1)], axis=1)
+        if len(norm) and abs(float(np.median(norm)) - 1) < 0.02:
+            g.say("orientation", {"columns": list(four), "order": "wxyz"}, "four columns w, x, y, z of norm 1")
+            return
+
+
+def _shared(columns: Sequence[str], tip: Sequence[str]) -> int:
+    """Words that headings have in common with those of the tip."""
+    return len(set(heading(columns[0]).words) & {w for name in tip for w in heading(name).words})
+
+
+def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Sequence[str]) -> None:
+    """Three angles as the tip's orientation; their order and axes are asked about."""
+    there = [t for t in found if all(c in series.numbers for c in t.columns)]
+    there = sorted([t for t in there if not t.words & BASE_WORDS], key=lambda t: -_shared(t.columns, tip))
+    if not there or "orientation" in g.reasons:
+        return
+    three = there[0]
+    largest = float(np.nanmax(np.abs([series.numbers[c] for c in three.columns])))
+    unit = three.unit or series.unit_of(three.columns[0], "deg") or ("deg" if largest > 2 * np.pi else "rad")
+    order = "rotation vector" if three.words & {"rotvec", "vector", "axis"} else "euler xyz"
+    g.say(
+        "orientation",
+        {"columns": list(three.columns), "order": order, "unit": unit},
+        f"three angles, up to {largest:.4g} {unit}",
+    )
+    g.doubts.append(
+        f"orientation: {' / '.join(three.columns)} are taken as {order} in {unit}; check the order (small letters: about "
+        "fixed axes, capital letters: about turned ones; robots of Universal Robots write a rotation vector)"
+    )

@@ -1,0 +1,71 @@
+"""A proposed map in the making: each value with its reason, and what a person has to check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class Guess:
+    """A map in the making: its values, and why."""
+
+    values: dict[str, Any] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    """By dotted key."""
+    doubts: list[str] = field(default_factory=list)
+    """What a person has to look at or to fill in."""
+
+    def say(self, key: str, value: Any, reason: str) -> None:
+        """Set a dotted key."""
+        *path, last = key.split(".")
+        place = self.values
+        for step in path:
+            place = place.setdefault(step, {})
+        place[last] = value
+        self.reasons[key] = reason
+
+
+def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
+    """The map as a file, with its reasons as comments."""
+    import yaml
+
+    lines = [
+        f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.",
+        "",
+    ]
+    lines += [f"# CHECK: {d}" for d in g.doubts] + ([""] if g.doubts else [])
+    lines.append(f"robot: {yaml.safe_dump(str(robot), default_flow_style=True).strip().removesuffix('...').strip()}")
+    for key, value in g.values.items():
+        own = {k.partition(".")[2]: r for k, r in g.reasons.items() if k == key or k.startswith(f"{key}.")}
+        lines.append("")
+        if "" in own:
+            lines += [f"# {own['']}", f"{key}: {_flow(value)}"]
+            continue
+        lines.append(f"{key}:")
+        said = ""
+        nested = any("." in k for k in own)
+        for name, inner in value.items():
+            if nested and isinstance(inner, dict) and name not in own:
+                lines.append(f"  {name}:")
+                for k, v in inner.items():
+                    lines += [f"    # {own[f'{name}.{k}']}", f"    {k}: {_flow(v)}"]
+                continue
+            if own.get(name, said) != said:
+                said = own[name]
+                lines.append(f"  # {said}")
+            lines.append(f"  {name}: {_flow(inner)}")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    import yaml
+
+    return (
+        yaml.safe_dump(value, default_flow_style=True, width=10_000, allow_unicode=True, sort_keys=False)
+        .strip()
+        .removesuffix("...")
+        .strip()
+    )
