@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 from recordings.bounded import read_bounded
@@ -17,12 +17,23 @@ from .series import LARGEST, Series, cleaned, of_judged, package
 from .text_tables import MOST_COLUMNS, read_text
 
 
-def read(path: Path, source: Source) -> Series:
-    """The columns of a file, by its ending; raises ConfigError."""
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(READERS)}")
-    found = cleaned(reader(path, source), source.missing)
+def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | None = None) -> Series:
+    """The columns of a file, by its ending, or of the parts of one recording; raises ConfigError.
+
+    `named`: columns that are wanted where reading others costs much; None: all.
+    """
+    parts = (paths,) if isinstance(paths, Path) else paths
+    path = parts[0]
+    if path.suffix.lower() == RECORDING:
+        from .recording_topics import read_topics
+
+        found = read_topics(parts, source, named)
+    else:
+        reader = READERS.get(path.suffix.lower())
+        if reader is None:
+            raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}")
+        found = reader(path, source)
+    found = cleaned(found, source.missing)
     if not len(found):
         raise ConfigError(f"{path}: has no rows of numbers")
     if len(found.names) > MOST_COLUMNS:
@@ -40,15 +51,11 @@ def _parquet(path: Path, source: Source) -> Series:
     return of_judged(path, {n: of_frame(table[n].to_pandas(), source.missing) for n in table.column_names}, "Parquet")
 
 
-def _recording(path: Path, source: Source) -> Series:
-    from .recording_topics import read_topics
-
-    return Series(path, read_topics(path, source), "MCAP")
-
-
 READERS: Mapping[str, Callable[[Path, Source], Series]] = {
     ".csv": read_text, ".tsv": read_text, ".txt": read_text, ".dat": read_text, ".mat": read_matlab, ".npz": read_numpy,
     ".npy": read_numpy,
-    ".c3d": read_c3d, ".parquet": _parquet, ".mcap": _recording,
+    ".c3d": read_c3d, ".parquet": _parquet,
 }  # fmt: skip
 """By ending."""
+RECORDING = ".mcap"
+KNOWN = (*READERS, RECORDING)

@@ -263,6 +263,16 @@ def load_map(path: Path) -> Map:
     return made
 
 
+def named(wanted: Map) -> frozenset[str] | None:
+    """The headings that a map names, of columns and markers; None where it counts columns instead."""
+    found: list[str | int] = [column.column for column in wanted.columns.values()]
+    found += [] if wanted.orientation is None else wanted.orientation.columns
+    for points in wanted.points.values():
+        for point in (*points.of, *points.against):
+            found += [point] if isinstance(point, str) else point
+    return None if any(isinstance(name, int) for name in found) else frozenset(map(str, found))
+
+
 def factor(unit: str, name: str, place: str) -> float:
     """How many SI units one of `unit` is, for a column of trials.csv; raises ConfigError."""
     needed = unit_of(name)

@@ -31,8 +31,9 @@ def name_of(series: Series, name: Name, place: str) -> str:
         if str(name) not in names:
             raise ConfigError(f"{series.path}: {place} = {name}: must be 1 .. {len(names)}, the columns of the file")
     if str(name) not in names:
+        noted = f" ({'; '.join(series.notes)})" if series.notes else ""
         raise ConfigError(
-            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}"
+            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}{noted}"
         )
     return str(name)
 

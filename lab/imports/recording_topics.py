@@ -1,68 +1,171 @@
-"""Topics of a recording of another robot as columns `/topic.field`, at the times of one of them."""
+"""Topics of a recording of another robot as columns `/topic.field`, at the times of one of them.
+
+Only the topics that a map names are decoded. A topic, message or field that cannot be decoded is left out, and a note says
+which and why. The files into which a recorder split one recording are read as one.
+"""
 
 from __future__ import annotations
 
 import json
-import struct
-from collections.abc import Iterator
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
+
+from recordings.errors import RecordingError
+from recordings.file.protobuf_runtime import message_class
+from recordings.file.reader import Recording
 
 from ..files.config import ConfigError
 from .map_file import Source
+from .reading import EPOCH
+from .series import Series
 
 Array = NDArray[np.float64]
+Decoder = Callable[[bytes], Any]
 
-LARGEST = 2_000_000_000
-"""Bytes of a file."""
-MOST_FIELDS = 500
+MOST_FIELDS = 5000
 """Numbers of one message."""
 STALE = 0.5
 """s beyond which a reading of another topic is too old to stand beside one."""
-DECODERS = {"ros2": "mcap_ros2.decoder", "ros1": "mcap_ros1.decoder", "protobuf": "mcap_protobuf.decoder"}
-"""Package by encoding; JSON needs none."""
+SPLIT = 2.0
+"""s between the end of a file and the start of the next within which both are parts of one recording."""
+TRIED = 20
+"""Messages of a topic with which its decoder is tried."""
+MOST_LISTED = 500
+"""Numbers of one list."""
+MOST_REASONS, MOST_SAID = 3, 160
+"""Reasons that a note gives, and letters of each."""
+SHOWN = 12
+"""Topics that a note lists."""
+DECODERS = {"cdr": "mcap_ros2.decoder", "ros1": "mcap_ros1.decoder"}
+"""Package by encoding; JSON and protobuf need none."""
 
 
-def read_topics(path: Path, source: Source) -> dict[str, Array]:
-    """(n,) numbers of all topics at the log times of `source.topic`, or of the topic with most messages that has positions."""
-    if not path.is_file():
-        raise ConfigError(f"{path}: cannot be read; check the path")
-    if path.stat().st_size > LARGEST:
-        raise ConfigError(f"{path}: has more than {LARGEST / 1e9:g} GB")
-    times: dict[str, list[float]] = {}
-    found: dict[str, list[dict[str, float]]] = {}
-    unread: dict[str, str] = {}
-    try:
-        for topic, t, message in _messages(path, unread):
-            times.setdefault(topic, []).append(t)
-            found.setdefault(topic, []).append(message)
-    except (McapError, ValueError, EOFError, struct.error) as e:
-        raise ConfigError(f"{path}: cannot be read as MCAP ({type(e).__name__}: {e})") from e
-    topics = {t: rows for t, rows in found.items() if any(rows)}
+@dataclass
+class Topic:
+    """Messages of one topic: times (s since the epoch), and numbers by field."""
+
+    name: str
+    times: list[float] = field(default_factory=list)
+    rows: list[dict[str, float]] = field(default_factory=list)
+    left_out: int = 0
+    """Messages that could not be decoded."""
+    why: dict[str, None] = field(default_factory=dict)
+    """Why messages or fields were left out."""
+
+    def sort(self) -> None:
+        """Put the messages in the order of time."""
+        order = np.argsort(self.times, kind="stable").tolist()
+        self.times, self.rows = [self.times[i] for i in order], [self.rows[i] for i in order]
+
+    @property
+    def reason(self) -> str:
+        """Why messages or fields were left out."""
+        count = f"{self.left_out} of {self.left_out + len(self.rows)} messages are left out: " if self.left_out else ""
+        more = f"; and {len(self.why) - MOST_REASONS} other reasons" if len(self.why) > MOST_REASONS else ""
+        return count + "; ".join(islice(self.why, MOST_REASONS)) + more
+
+    def columns(self) -> dict[str, Array]:
+        """(n,) numbers by field, NaN where a message has none."""
+        names = dict.fromkeys(name for row in self.rows for name in row)
+        return {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
+
+
+Constants = Mapping[str, Any]
+
+
+def together(files: Sequence[tuple[Path, Constants]]) -> list[tuple[tuple[Path, ...], Constants]]:
+    """Recordings in the order of time, each with the files into which its recorder split it; raises ConfigError.
+
+    Parts of one recording follow each other, have topics in common and the same constants.
+    """
+    opened = [(*recording_span(path), path, constants) for path, constants in files]
+    out: list[tuple[tuple[Path, ...], Constants]] = []
+    end, topics = -np.inf, set[str]()
+    for (first, last), own, path, constants in sorted(opened, key=lambda o: o[0]):
+        if out and topics & own and first > 0 and abs(first - end) <= SPLIT * 1e9 and out[-1][1] == constants:
+            out[-1] = ((*out[-1][0], path), constants)
+        else:
+            out.append(((path,), constants))
+        end, topics = last, own
+    return out
+
+
+def recording_span(path: Path) -> tuple[tuple[int, int], set[str]]:
+    """First and last log time (ns) of a recording, and its topics; raises ConfigError."""
+    recording = _open(path)
+    return recording.contents.span or (0, 0), set(recording.topics)
+
+
+def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | None) -> Series:
+    """Numbers of topics at the log times of `source.topic`, or of the topic with most messages that has positions.
+
+    `paths`: the parts of one recording. `named`: columns that are wanted; None: all. Raises ConfigError.
+    """
+    path, recordings = paths[0], [_open(p) for p in paths]
+    there = list(dict.fromkeys(topic for recording in recordings for topic in recording.topics))
+    wanted = there if named is None else [t for t in there if t == source.topic or any(_of(t, n) for n in named)]
+    notes = []
+    if len(paths) > 1:
+        notes.append(f"read as one recording, by its times: {', '.join(p.name for p in paths)}")
+    if others := [t for t in there if t not in wanted]:
+        more = f" and {len(others) - SHOWN} more" if len(others) > SHOWN else ""
+        notes.append(f"topics that the map does not name are not read: {', '.join(others[:SHOWN])}{more}")
+    found = {name: Topic(name) for name in wanted}
+    for p, recording in zip(paths, recordings, strict=True):
+        channels = Counter(c.topic for c in recording.contents.channels.values() if c.topic in found)
+        notes += [
+            f"{n} channels carry {topic}; read as one, in order of time" for topic, n in channels.items() if n > 1
+        ]
+        try:
+            _decode(recording, found)
+        except RecordingError as e:
+            raise ConfigError(f"{p}: {e}" if str(p) not in str(e) else str(e)) from e
+    for topic in found.values():
+        topic.sort()
+        if topic.why:
+            notes.append(f"{topic.name}: {topic.reason}")
+    topics = {name: topic for name, topic in found.items() if any(topic.rows)}
     if not topics:
-        why = "; ".join(f"{what}: {why}" for what, why in unread.items())
+        why = "; ".join(f"{topic.name}: {topic.reason}" for topic in found.values() if topic.why)
         raise ConfigError(f"{path}: no topic holds numbers that can be read{f' ({why})' if why else ''}")
     if source.topic is not None and source.topic not in topics:
+        why = f" ({found[source.topic].reason})" if source.topic in found and found[source.topic].why else ""
         raise ConfigError(
-            f"{path}: has no topic {source.topic!r} with numbers (source.topic); it has {', '.join(topics)}"
+            f"{path}: has no topic {source.topic!r} with numbers (source.topic){why}; it has {', '.join(topics)}"
         )
-    leading = source.topic or max(topics, key=lambda t: (_places(topics[t]), len(topics[t])))
-    start = min(min(own) for own in times.values())
-    at = np.array(times[leading])
-    out: dict[str, Array] = {"time": at - start}
-    for topic, rows in topics.items():
-        own = np.array(times[topic])
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        for name in names:
-            values = np.array([row.get(name, np.nan) for row in rows])
-            out[f"{topic}.{name}"] = values if topic == leading else _at(at, own, values)
-    return out
+    leading = topics[source.topic or max(topics, key=lambda t: (_places(topics[t].rows), len(topics[t].rows)))]
+    start = min(topic.times[0] for topic in topics.values())
+    at = np.array(leading.times)
+    # Seconds since the epoch where log times are, so that the next recording keeps its distance.
+    out: dict[str, Array] = {"time": at if start >= EPOCH[0] else at - start}
+    for name, topic in topics.items():
+        for label, values in topic.columns().items():
+            out[f"{name}.{label}"] = values if topic is leading else _at(at, np.array(topic.times), values)
+    return Series(path, out, "MCAP", notes=tuple(dict.fromkeys(notes)))
+
+
+def _open(path: Path) -> Recording:
+    try:
+        return Recording.open(path)
+    except RecordingError as e:
+        raise ConfigError(str(e)) from e
+
+
+def _of(topic: str, column: str) -> bool:
+    """Whether a column is a field of the topic."""
+    return column == topic or column.startswith(f"{topic}.")
 
 
 def _places(rows: list[dict[str, float]]) -> int:
@@ -72,8 +175,6 @@ def _places(rows: list[dict[str, float]]) -> int:
 
 def _at(at: Array, times: Array, values: Array) -> Array:
     """Values at other times; NaN where the nearest reading is older than `STALE`."""
-    order = np.argsort(times, kind="stable")
-    times, values = times[order], values[order]
     seen = np.isfinite(values)
     if not seen.any():
         return np.full(len(at), np.nan)
@@ -84,53 +185,106 @@ def _at(at: Array, times: Array, values: Array) -> Array:
     return np.where(far, np.nan, np.interp(at, times, values))
 
 
-def _messages(path: Path, unread: dict[str, str]) -> Iterator[tuple[str, float, dict[str, float]]]:
-    """Topic, s, numbers by field of each message that can be read; encodings that cannot, and why, go to `unread`."""
-    with open(path, "rb") as file:
-        reader = make_reader(file)
-        decoders: dict[int, Any] = {}
-        for schema, channel, message in reader.iter_messages():
-            encoding = channel.message_encoding
-            if encoding == "json":
-                decoded: Any = json.loads(message.data)
+# ------------------------------------------------------------------ messages
+def _decode(recording: Recording, found: Mapping[str, Topic]) -> None:
+    """Add the messages of the wanted topics of one file."""
+    decoders: dict[int, Decoder | None] = {}
+    for channel, log_times, payloads in recording.messages(found):
+        topic = found[channel.topic]
+        if channel.id not in decoders:
+            schema = recording.contents.schemas.get(channel.schema_id)
+            decoders[channel.id] = _decoder(channel, schema, payloads[:TRIED], topic)
+        decode = decoders[channel.id]
+        if decode is None:
+            topic.left_out += len(payloads)
+            continue
+        for log_time, payload in zip(log_times.tolist(), payloads, strict=True):
+            try:
+                row = dict(islice(_numbers("", decode(payload)), MOST_FIELDS))
+            except Exception as e:  # whatever a decoder raises, this is no message
+                topic.left_out += 1
+                topic.why.setdefault(_short(e))
             else:
-                if channel.id not in decoders:
-                    decoders[channel.id] = _decoder(encoding, schema, unread)
-                decode = decoders[channel.id]
-                if decode is None:
-                    continue
-                decoded = decode(message.data)
-            yield channel.topic, message.log_time / 1e9, dict(_numbers("", decoded))
+                topic.times.append(log_time / 1e9)
+                topic.rows.append(row)
 
 
-def _decoder(encoding: str, schema: Any, unread: dict[str, str]) -> Any:
-    own = {"cdr": "ros2", "ros1": "ros1", "protobuf": "protobuf"}.get(encoding)
-    if own is None:
-        unread[encoding] = "messages of this encoding are not read"
-        return None
+def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], topic: Topic) -> Decoder | None:
+    """What decodes at least one of the messages tried; None, with the reason in `topic`, where nothing does."""
+    why: str | None = None
+    for left_out, make in _ways(channel, schema):
+        for payload in tried:
+            try:
+                decode = make()
+                decode(payload)
+            except Exception as e:  # whatever a decoder raises
+                why = why or _short(e)
+            else:
+                if left_out:
+                    topic.why.setdefault(f"the fields from `{left_out}` on cannot be decoded ({why})")
+                return decode
+    topic.why.setdefault(why or "it holds no message")
+    return None
+
+
+def _ways(channel: Channel, schema: Schema | None) -> Iterator[tuple[str, Callable[[], Decoder]]]:
+    """How messages may be decoded: whole, or without the last fields, the first of which is named."""
+    encoding = channel.message_encoding
+    if encoding == "json":
+        yield "", lambda: json.loads
+    elif encoding == "protobuf" and schema is not None:
+        yield "", lambda: message_class(schema).FromString
+    else:
+        yield "", lambda: _by_package(encoding, schema)
+        if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
+            text = schema.data.decode(errors="replace")
+            own, *nested = re.split(r"(?m)^(?==+\s*$)", text, maxsplit=1)
+            lines = [line.strip() for line in own.splitlines()]
+            fields = [i for i, line in enumerate(lines) if line and not line.startswith("#")]
+            for i in reversed(fields[1:]):
+                shorter = "\n".join([*lines[:i], *nested])
+                one = Schema(id=1, name=schema.name, encoding=schema.encoding, data=shorter.encode())
+                yield lines[i], partial(_by_package, encoding, one)
+
+
+def _by_package(encoding: str, schema: Schema | None) -> Decoder:
+    """The decoder of a package; raises ValueError where there is none."""
+    package = DECODERS.get(encoding)
+    if package is None:
+        raise ValueError(f"messages of encoding {encoding!r} are not read")
     try:
-        factory = import_module(DECODERS[own]).DecoderFactory()
-    except ImportError:
-        unread[encoding] = f"needs the package of {DECODERS[own].partition('.')[0]}; pip install 'softlab[import]'"
-        return None
-    return factory.decoder_for(encoding, schema)
+        factory = import_module(package).DecoderFactory()
+    except ImportError as e:
+        name = package.partition(".")[0]
+        raise ValueError(f"needs the package of {name}; pip install 'softlab[import]'") from e
+    found: Decoder | None = factory.decoder_for(encoding, schema)
+    if found is None:
+        raise ValueError(f"definitions of kind {schema.encoding if schema else 'none'!r} are not read")
+    return found
+
+
+def _short(error: Exception) -> str:
+    """One line of an error."""
+    words = " ".join(str(error).split()) or type(error).__name__
+    return words[:MOST_SAID] + (" .." if len(words) > MOST_SAID else "")
 
 
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
-    """Numbers of a message by the path of their fields, lists from 1."""
+    """Numbers of a message by the path of their fields, lists from 1; what is no number is left out."""
     if isinstance(value, bool | int | float | np.number):
-        yield name, float(value)
-    elif isinstance(value, dict):
+        with suppress(OverflowError):
+            yield name, float(value)
+    elif isinstance(value, Mapping):
         for key, inner in value.items():
             yield from _numbers(f"{name}.{key}" if name else str(key), inner)
-    elif isinstance(value, list | tuple | np.ndarray):
-        for i, inner in enumerate(value[:MOST_FIELDS], 1):
-            yield from _numbers(f"{name}.{i}" if name else str(i), inner)
+    elif isinstance(value, str | bytes | bytearray | memoryview):
+        return
     elif hasattr(value, "DESCRIPTOR"):
-        for field in value.DESCRIPTOR.fields:
-            yield from _numbers(f"{name}.{field.name}" if name else field.name, getattr(value, field.name))
+        for f in value.DESCRIPTOR.fields:
+            yield from _numbers(f"{name}.{f.name}" if name else f.name, getattr(value, f.name))
     elif hasattr(value, "__slots__"):
         for slot in value.__slots__:
-            yield from _numbers(f"{name}.{slot}" if name else slot, getattr(value, slot))
-    elif hasattr(value, "__iter__") and not isinstance(value, str | bytes):
-        yield from _numbers(name, list(value))
+            yield from _numbers(f"{name}.{slot}" if name else slot, getattr(value, slot, None))
+    elif hasattr(value, "__iter__"):
+        for i, inner in enumerate(islice(value, MOST_LISTED), 1):
+            yield from _numbers(f"{name}.{i}" if name else str(i), inner)

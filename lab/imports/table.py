@@ -19,9 +19,9 @@ from recordings.states.rules import BRANCHES
 from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
-from .formats import READERS, read
+from .formats import KNOWN, RECORDING, read
 from .lever import lever_off
-from .map_file import AXES, Map, quantities
+from .map_file import AXES, Map, named, quantities
 from .plateaus import Cut, cuts
 from .quantities import Quantities, quantities_of
 from .reading import EPOCH
@@ -66,7 +66,7 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Mapping[str
     for path in given:
         inside = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
         if path.is_dir() and not wanted.files:
-            inside = [p for p in inside if p.suffix.lower() in READERS]
+            inside = [p for p in inside if p.suffix.lower() in KNOWN]
         for file in inside:
             own = [quantities(v, f"files.{k}") for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
             if wanted.files and not own:
@@ -82,6 +82,17 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Mapping[str
     return out
 
 
+def _recordings(files: Sequence[tuple[Path, Mapping[str, Any]]]) -> list[tuple[tuple[Path, ...], Mapping[str, Any]]]:
+    """Files as they are read: recordings in the order of time, the parts of each together."""
+    bags = [file for file in files if file[0].suffix.lower() == RECORDING]
+    others = [((path,), constants) for path, constants in files if path.suffix.lower() != RECORDING]
+    if len(bags) < 2:
+        return [*others, *(((path,), constants) for path, constants in bags)]
+    from .recording_topics import together
+
+    return [*others, *together(bags)]
+
+
 def imported(
     given: Sequence[Path],
     wanted: Map,
@@ -94,17 +105,18 @@ def imported(
     """
     read_files, states, notes = [], [], []
     group, start, origin = 0, 0.0, 0.0
-    files = files_of(given, wanted)
-    for number, (path, constants) in enumerate(files):
+    files = _recordings(files_of(given, wanted))
+    for number, (parts, constants) in enumerate(files):
         progress(number, len(files))
-        series = read(path, wanted.source)
+        path, series = parts[0], read(parts, wanted.source, named(wanted))
         q = quantities_of(series, wanted, constants)
         notes += [f"{path.name}: {text}" for text in (*series.notes, *q.notes)]
-        origin = float(q.t[0]) if not number and q.t[0] >= EPOCH[0] else origin
-        q = replace(q, t=q.t - (origin if q.t[0] >= EPOCH[0] else 0.0))
+        absolute = bool(q.t[0] >= EPOCH[0])
+        origin = float(q.t[0]) if not number and absolute else origin
+        q = replace(q, t=q.t - (origin if absolute else 0.0))
         if wanted.straight == "first row":
             q = _straightened(q, 0, straight, wanted.sensor)
-        if number and "t" not in wanted.columns or (number and q.t[0] < start):
+        if number and ("t" not in wanted.columns and not absolute or q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_FILES)
         trial = _trials(q, wanted)
         pushed = [q.others[name] for name in FORCES if name in q.others]

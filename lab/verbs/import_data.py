@@ -13,7 +13,7 @@ from recordings.table_file import write_csv
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
-from ..imports.formats import READERS, read
+from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map
 from ..imports.map_file import Source, load_map
 from ..imports.proposal import guess_text
@@ -70,17 +70,17 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
         )
     robot = load(robot_path, Robot)
     first = next(
-        (f for p in inputs for f in ([p] if not p.is_dir() else sorted(p.iterdir())) if f.suffix.lower() in READERS),
+        (f for p in inputs for f in ([p] if not p.is_dir() else sorted(p.iterdir())) if f.suffix.lower() in KNOWN),
         None,
     )
     if first is None:
-        raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(READERS)})")
+        raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
     series = read(first, Source())
     proposed = guess_map(series, robot)
     folder.mkdir(parents=True, exist_ok=True)
     copied(robot_path, folder / "robot.yaml")
     replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [first], series.form))
-    told_of = [f"check: {d}" for d in proposed.doubts]
+    told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
     made = None
     try:
         made = imported(inputs, load_map(folder / MAP), straight_point(robot))

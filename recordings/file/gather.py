@@ -1,13 +1,13 @@
-"""From chunks to messages: decompress many chunks, then pick each channel's messages out at once with numpy.
+"""From chunks to messages: unpack many chunks, find where their messages are, then take each channel's at once with numpy.
 
-The message indexes behind each chunk tell where messages are; every offset is checked against the record found there,
-and the bytes of each chunk are accounted for, so an index that lies or leaves out messages is noticed.
+Message indexes are not used: what a chunk holds is read from its records, so an index that is wrong misleads nobody.
 """
 
 from __future__ import annotations
 
 import os
 import struct
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,24 +17,19 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from ..errors import Damaged
-from .budget import Budget
-from .chunks import MESSAGE, Chunk, decompress, records_in
+from .budget import Budget, Cost
+from .chunks import HEAD, MESSAGE, Chunk, decompress
 from .records import Contents
 
 BATCH = 4 * 2**20
 """Bytes of decompressed chunks held at a time; small enough for the allocator to use the same memory again."""
-
 UNPACKERS = min(4, os.cpu_count() or 1)
 """Threads that unpack chunks."""
-
+_BEGIN = struct.Struct("<BQH")
+"""Kind and length of a record, and the channel of a message."""
 _RECORD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
-HEAD = _RECORD.itemsize
-"""Bytes of a message record in front of the message itself."""
-HEAD_IN_LENGTH = HEAD - 9
-"""Of these, so many are counted in the record's length."""
-_PAIR = struct.Struct("<QQ")
 
 
 @dataclass(frozen=True)
@@ -65,20 +60,18 @@ class Picked:
 
 
 def pick(data: memoryview, contents: Contents) -> Iterator[Picked]:
-    """All messages of a file, channel by channel, batch by batch, in the file's order.
+    """All messages of a file, channel by channel, batch by batch, in the file's order; raises `Damaged`, `Oversized`.
 
     Chunks are unpacked by threads, one batch ahead of what is picked.
     """
     budget = Budget(contents.name, len(data))
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
         ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
-        for batch in _batches(contents.chunks):
+        for batch in [*_batches(contents.chunks), []]:
             ahead.append((batch, [pool.submit(decompress, data, chunk, budget) for chunk in batch]))
             if len(ahead) > 1:
                 chunks, raws = ahead.pop(0)
-                yield from _pick(data, chunks, [raw.result() for raw in raws], budget)
-        for chunks, raws in ahead:
-            yield from _pick(data, chunks, [raw.result() for raw in raws], budget)
+                yield from _pick(chunks, [raw.result() for raw in raws], budget)
 
 
 def _batches(chunks: Sequence[Chunk]) -> Iterator[list[Chunk]]:
@@ -94,74 +87,42 @@ def _batches(chunks: Sequence[Chunk]) -> Iterator[list[Chunk]]:
         yield batch
 
 
-def _pick(data: memoryview, batch: list[Chunk], raws: list[bytes], budget: Budget) -> Iterator[Picked]:
-    name = budget.name
-    bases = np.zeros(len(batch) + 1, np.int64)
-    pairs: dict[int, list[bytes | memoryview]] = {}
-    places: dict[int, list[tuple[int, int]]] = {}
-    for number, (chunk, raw) in enumerate(zip(batch, raws, strict=True)):
-        bases[number + 1] = bases[number] + len(raw)
-        indexes = [(channel, data[a:b]) for channel, a, b in chunk.indexes] or _index(raw, chunk, budget)
-        for channel, entries in indexes:
-            pairs.setdefault(channel, []).append(entries)
-            places.setdefault(channel, []).append((number, len(entries) // 16))
+def _pick(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Iterator[Picked]:
     whole = b"".join(raws)
-    accounted = np.zeros(len(batch), np.int64)
-    for channel, parts in pairs.items():
-        index = np.frombuffer(b"".join(parts), "<u8").reshape(-1, 2)
-        numbers, counts = np.array(places[channel]).T
-        chunk_of = np.repeat(numbers, counts)
-        picked = _channel(whole, channel, index[:, 1].astype(np.int64) + bases[chunk_of], name)
-        np.add.at(accounted, chunk_of, picked.ends - picked.starts + HEAD)
-        if len(index):
-            yield picked
-    for number in np.flatnonzero(accounted != np.diff(bases)).tolist():
-        raw = raws[number]
-        try:
-            others = sum(head.end - head.start for head in records_in(raw, budget) if head.opcode != Opcode.MESSAGE)
-        except struct.error as error:
-            raise _senseless(name, batch[number], error) from error
-        if accounted[number] + others != len(raw):
-            raise Damaged(
-                f"{name}: the index of the chunk at byte {batch[number].start} does not list all its messages; "
-                "run `lab recover` to rebuild it"
-            )
+    places: dict[int, list[int]] = defaultdict(list)
+    base = 0
+    for chunk, raw in zip(batch, raws, strict=True):
+        end = base + len(raw)
+        if _walk(whole, base, end, places, budget) != end:
+            raise Damaged(f"{budget.name}: the chunk at byte {chunk.start} holds no whole records; run `lab recover`")
+        base = end
+    size = _RECORD.itemsize
+    for channel, found in places.items():
+        starts = np.array(found, np.int64)
+        windows = np.ndarray((max(len(whole) - size + 1, 0),), np.dtype((np.void, size)), whole, strides=(1,))
+        heads = windows[starts[starts < len(windows)]].view(_RECORD)
+        if len(heads) < len(starts) or (heads["length"] < MESSAGE.size).any():
+            raise Damaged(f"{budget.name}: a message is shorter than its head; run `lab recover` to leave it out")
+        ends = starts + HEAD.size + heads["length"].astype(np.int64)
+        log_times, sequences = heads["log"].astype(np.int64), heads["sequence"].astype(np.int64)
+        yield Picked(channel, log_times, sequences, starts + size, ends, whole)
 
 
-def _channel(whole: bytes, channel: int, offsets: NDArray[np.int64], name: str) -> Picked:
-    """Check that message records of this channel stand at the offsets."""
-    empty = np.zeros(0, np.int64)
-    if not len(offsets):
-        return Picked(channel, empty, empty, empty, empty, whole)
-    inside = (offsets >= 0) & (offsets <= len(whole) - HEAD)
-    if not inside.all():
-        raise Damaged(f"{name}: a message index points outside its chunk; run `lab recover` to rebuild it")
-    windows = np.ndarray((len(whole) - HEAD + 1,), np.dtype((np.void, HEAD)), whole, strides=(1,))
-    heads = windows[offsets].view(_RECORD)
-    lengths = heads["length"]
-    if (lengths < HEAD_IN_LENGTH).any() or (lengths > len(whole)).any():
-        raise Damaged(f"{name}: a message is longer than its chunk; run `lab recover` to leave it out")
-    ends = offsets + 9 + lengths.astype(np.int64)
-    if (heads["opcode"] != Opcode.MESSAGE).any() or (heads["channel"] != channel).any() or (ends > len(whole)).any():
-        raise Damaged(f"{name}: a message index points at no message; run `lab recover` to rebuild it")
-    if (np.diff(offsets) <= 0).any() and len(np.unique(offsets)) < len(offsets):
-        raise Damaged(f"{name}: a message index lists a message twice; run `lab recover` to rebuild it")
-    log_times, sequences = heads["log"].astype(np.int64), heads["sequence"].astype(np.int64)
-    return Picked(channel, log_times, sequences, offsets + HEAD, ends, whole)
+def _walk(whole: bytes, at: int, end: int, places: dict[int, list[int]], budget: Budget) -> int:
+    """Add where the messages of each channel are in a chunk from `at` to `end`; returns where its records end.
 
-
-def _index(raw: bytes, chunk: Chunk, budget: Budget) -> list[tuple[int, bytes]]:
-    """(channel, pairs of log time and offset) of a chunk without an index: walk over its records."""
-    out: dict[int, list[bytes]] = {}
-    try:
-        for record in records_in(raw, budget):
-            if record.opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = MESSAGE.unpack_from(raw, record.body)
-                out.setdefault(channel, []).append(_PAIR.pack(log_time, record.start))
-    except struct.error as error:
-        raise _senseless(budget.name, chunk, error) from error
-    return [(channel, b"".join(pairs)) for channel, pairs in out.items()]
-
-
-def _senseless(name: str, chunk: Chunk, error: Exception) -> Damaged:
-    return Damaged(f"{name}: the chunk at byte {chunk.start} cannot be parsed ({error}); run `lab recover`")
+    Each message passes through here: the loop does nothing that it need not do.
+    """
+    unpack, message, others, last = _BEGIN.unpack_from, int(Opcode.MESSAGE), 0, end - _BEGIN.size
+    before = sum(map(len, places.values()))
+    while at <= last:
+        opcode, length, channel = unpack(whole, at)
+        if opcode == message:
+            places[channel].append(at)
+        else:
+            others += 1
+        at += 9 + length
+    if last < at < end - HEAD.size + 1:
+        at += HEAD.size + HEAD.unpack_from(whole, at)[1]
+    budget.take(Cost.RECORDS, sum(map(len, places.values())) - before + others)
+    return at

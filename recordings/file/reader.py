@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 import mmap
 import os
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +142,15 @@ class Recording:
     @property
     def topics(self) -> tuple[str, ...]:
         """All topics, in the order of their channels; one that several channels carry is named once."""
-        return tuple(dict.fromkeys(channel.topic for _, channel in sorted(self.contents.channels.items())))
+        return tuple(self._carriers)
+
+    @cached_property
+    def _carriers(self) -> dict[str, list[Channel]]:
+        """The channels of each topic, in the order of their numbers."""
+        found: dict[str, list[Channel]] = {}
+        for _, channel in sorted(self.contents.channels.items()):
+            found.setdefault(channel.topic, []).append(channel)
+        return found
 
     @property
     def attachments(self) -> Mapping[str, bytes]:
@@ -180,9 +188,9 @@ class Recording:
 
     def knows(self, topic: str) -> bool:
         """Whether the topic is there with the message that this software writes on it."""
-        return any(c.topic == topic and self._ours(c) for c in self.contents.channels.values())
+        return any(map(self._ours, self._carriers.get(topic, [])))
 
-    @property
+    @cached_property
     def streams(self) -> tuple[str, ...]:
         """The topics with samples as this software writes them, in the order of their channels."""
         return tuple(topic for topic in self.topics if is_stream(topic) and self.knows(topic))
@@ -228,9 +236,7 @@ class Recording:
     def log_times(self, topic: str, samples: bool = False) -> NDArray[np.int64]:
         """Log times (ns since the epoch) of a topic's messages on all its channels, ascending; `samples`: of those that
         `stream` gives."""
-        numbers = {number for number, channel in self.contents.channels.items() if channel.topic == topic}
-        if samples:
-            numbers = {self._channel(topic).id}
+        numbers = {self._channel(topic).id} if samples else {channel.id for channel in self._carriers.get(topic, [])}
         if not self._loaded and numbers:
             self._load(numbers)
         found = (part for number in numbers for part in self._log_times.get(number, []))
@@ -244,6 +250,13 @@ class Recording:
         counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
         return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
 
+    def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.int64], list[bytes]]]:
+        """Messages of topics as they stand in the file, batch by batch: their channel, log times (ns), and bytes."""
+        for picked in pick(self._data, self.contents):
+            channel = self.contents.channels.get(picked.channel)
+            if channel is not None and channel.topic in topics:
+                yield channel, picked.log_times, picked.messages()
+
     def load(self) -> None:
         """Read everything at once, for a use that needs most of it."""
         self._load(set(self.contents.channels) - self._loaded)
@@ -254,7 +267,7 @@ class Recording:
             self._load({channel.id} if not self._loaded else set(self.contents.channels) - self._loaded)
 
     def _channel(self, topic: str) -> Channel:
-        found = [channel for _, channel in sorted(self.contents.channels.items()) if channel.topic == topic]
+        found = self._carriers.get(topic, [])
         ours = [channel for channel in found if self._ours(channel)]
         if len(ours) > 1:
             raise NotARecording(
@@ -268,12 +281,10 @@ class Recording:
         """Read the file once: wanted streams to arrays, the messages of other wanted channels as bytes."""
         if not wanted:
             return
-        listed = self._listed()
         for number in wanted:
             channel = self.contents.channels[number]
             if is_stream(channel.topic) and self._ours(channel) and version_of(channel) == SCHEMA_VERSION:
-                message = self._message(channel)
-                self._samples[number] = Samples(message, min(listed[number], self._unpacked // message.size))
+                self._samples[number] = Samples(self._message(channel))
         kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
         first = not self._loaded
         for picked in pick(self._data, self.contents):
@@ -289,19 +300,6 @@ class Recording:
                     self._budget.take(Cost.EVENTS, int((picked.ends - picked.starts).sum()))
                 self._payloads.setdefault(picked.channel, []).extend(picked.messages())
         self._loaded |= wanted
-
-    def _listed(self) -> Counter[int]:
-        """How many messages of each channel the indexes list."""
-        out: Counter[int] = Counter()
-        for chunk in self.contents.chunks:
-            for number, start, end in chunk.indexes:
-                out[number] += (end - start) // 16
-        return out
-
-    @property
-    def _unpacked(self) -> int:
-        """Bytes of all chunks."""
-        return sum(chunk.size for chunk in self.contents.chunks)
 
     def _decode(self, topic: str) -> NDArray[np.void]:
         channel = self._channel(topic)

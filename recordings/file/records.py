@@ -280,8 +280,11 @@ def _unpacked(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Record |
         yield hole(error)
 
 
-def _record_at(data: memoryview, at: int) -> Record:
-    """The record that begins at a byte; raises what `UNPARSABLE` lists when it does not make sense."""
+def _record_at(data: memoryview, at: int, search: bool = True) -> Record:
+    """The record that begins at a byte; raises what `UNPARSABLE` lists when it does not make sense.
+
+    Where nothing makes sense behind it, its length is wrong if records are found in it (`search`).
+    """
     opcode, length = HEAD.unpack_from(data, at)
     body = at + HEAD.size
     end = body + length
@@ -290,7 +293,7 @@ def _record_at(data: memoryview, at: int) -> Record:
     used = _used(data, opcode, body)
     if used > end:
         raise struct.error("its fields are longer than the record")
-    if used < end and not _plausible(data, end):
+    if used < end and not _plausible(data, end) and not (search and _next(data, at + 1, end) == end):
         raise struct.error("no record follows where it ends")
     return Record(opcode, at, body, end, data)
 
@@ -320,7 +323,7 @@ def _begins(data: memoryview, at: int, chain: int = CHAIN) -> bool:
     """Whether a chain of known records begins here, or the last ones of the file."""
     try:
         for _ in range(chain):
-            record = _record_at(data, at)
+            record = _record_at(data, at, search=False)
             if record.opcode not in LAYOUT:
                 return False
             at = record.end
@@ -329,6 +332,12 @@ def _begins(data: memoryview, at: int, chain: int = CHAIN) -> bool:
     except UNPARSABLE:
         return False
     return True
+
+
+def _next(data: memoryview, at: int, end: int) -> int:
+    """Where a chain of records begins between two bytes; `end` where none does."""
+    found = (m.start() for m in _BEGIN.finditer(data, at, min(end + HEAD.size, len(data))))
+    return next((start for start in found if start < end and _begins(data, start)), end)
 
 
 def _unfinished(data: memoryview, at: int) -> bool:
@@ -364,7 +373,7 @@ def _hole(data: memoryview, at: int, error: Exception, contents: Contents) -> tu
     elif opcode and stated <= len(data) and (stated == len(data) or _begins(data, stated)):
         end = stated
     else:
-        end = next((m.start() for m in _BEGIN.finditer(data, at + 1) if _begins(data, m.start())), len(data))
+        end = _next(data, at + 1, len(data))
     return Hole(base + at, base + end, error, torn), record
 
 

@@ -77,11 +77,11 @@ def _stream_message(channel: Channel, schema: Schema | None, file: str) -> Messa
 
 
 class Samples:
-    """Collects messages of fixed layout; `expected` is how many there will probably be."""
+    """Collects messages of fixed layout."""
 
-    def __init__(self, message: MessageType, expected: int) -> None:
+    def __init__(self, message: MessageType) -> None:
         self.message = message
-        self._out = np.zeros(expected, message.dtype)
+        self._out = np.zeros(0, message.dtype)
         self._count = 0
         self._other = False
 

@@ -80,10 +80,8 @@ class _Check:
     contents: Contents
     problems: list[Problem] = field(default_factory=list)
     checksums: int = 0
-    bare: Counter[str] = field(default_factory=Counter)
-    """Parts without a checksum of their own."""
-    covered: bool = False
-    """A checksum covers the whole data section."""
+    bare: Counter[str] = field(default_factory=lambda: Counter(outside=1))
+    """Parts that no checksum covers."""
     oversized: Oversized | None = None
     """Why a part was not read."""
     messages: dict[int, int] = field(default_factory=dict)
@@ -154,11 +152,23 @@ class _Check:
             self.data_end = record.start
             (crc,) = _CRC.unpack_from(self.data, record.body)
             computed = zlib.crc32(self.data[: record.start])
-            self.covered = self._compare(record.start, computed, crc, "data section")
+            if crc and crc == computed:
+                self.bare.clear()
+            elif crc and crc == self._without_chunks(record.start):
+                self.bare, computed = Counter(chunks=self.bare["chunks"]), crc
+            self._compare(record.start, computed, crc, "data section")
             if self.oversized is not None and crc in (0, computed):
                 raise self.oversized
         if record.opcode in _LISTED:
             self.places[record.start] = (record.opcode, record.end - record.start)
+
+    def _without_chunks(self, end: int) -> int:
+        """The checksum of the data section as some writers compute it: without what stands in chunks that have none."""
+        crc, at = 0, 0
+        for chunk in self.chunks.values():
+            if not chunk.crc:
+                crc, at = zlib.crc32(self.data[at : chunk.data_start], crc), chunk.data_end
+        return zlib.crc32(self.data[at:end], crc)
 
     def _compare(self, at: int, computed: int, stored: int, what: str) -> bool:
         """Whether there is a checksum; a problem where it is another one."""
@@ -229,18 +239,15 @@ class _Check:
 
     def uncovered(self) -> tuple[str, ...]:
         """Parts that no checksum covers."""
-        found = []
-        if not self.covered:
-            found.append("header, definitions, metadata and indexes outside chunks")
-            there = Counter(kind for kind, _ in self.places.values())
-            for name, opcode in (("chunks", Opcode.CHUNK), ("attachments", Opcode.ATTACHMENT)):
-                if self.bare[name]:
-                    found.append(f"{self.bare[name]} of {there[opcode]} {name}")
-            if self.bare["messages"]:
-                found.append(f"{self.bare['messages']} messages outside chunks")
-        if self.bare["summary"]:
-            found.append("the summary")
-        return tuple(found)
+        there, bare = Counter(kind for kind, _ in self.places.values()), self.bare
+        found = {
+            "outside": "header, definitions, metadata and indexes outside chunks",
+            "chunks": f"{bare['chunks']} of {there[Opcode.CHUNK]} chunks",
+            "attachments": f"{bare['attachments']} of {there[Opcode.ATTACHMENT]} attachments",
+            "messages": f"{bare['messages']} messages outside chunks",
+            "summary": "the summary",
+        }
+        return tuple(text for part, text in found.items() if bare[part])
 
 
 def _offset(pair: tuple[int, ...]) -> int:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+import struct
 from pathlib import Path
 
 import pytest
 from mcap.reader import NonSeekingReader
-from mcap.records import Message
-from mcap_files import ATTACHED, FEATURES, INPUTS, NOTED, build, combinations
+from mcap.records import Channel, Message
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_files import ATTACHED, FEATURES, INPUTS, NOTED, build, combinations, message
 
 from recordings.campaign.info import info
-from recordings.errors import NotARecording
+from recordings.errors import NotARecording, Oversized
+from recordings.file import budget
+from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.tail import Tail
 from recordings.file.verify import INTACT, UNCOVERED, verify
@@ -80,25 +85,26 @@ def test_every_cut_of_a_file_without_chunks_keeps_the_messages_before_it(tmp_pat
     for features in (frozenset(), frozenset(FEATURES) - {"chunks"}):
         data = build(INPUTS["everything"], features).data
         ends = [data.index(b'{"x": %d}' % n) + 8 for n in range(7)]
-        for cut in range(60, len(data), 5):
+        for cut in range(60, len(data), 11):
             (tmp_path / "a.mcap").write_bytes(data[:cut])
             (tmp_path / "b.mcap").unlink(missing_ok=True)
             kept = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
             assert sum(kept.messages.values()) == sum(end <= cut for end in ends), cut
-            if cut % 20 == 0:
+            if cut % 3 == 0:
                 assert not verify(tmp_path / "a.mcap").ok and not info(tmp_path / "a.mcap").finished
 
 
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
 @pytest.mark.parametrize(
     "features", [frozenset(FEATURES), frozenset(FEATURES) - {"extra bytes"}, frozenset({"chunks"})]
 )
 def test_no_changed_bit_of_a_file_with_checksums_is_missed(
-    tmp_path: Path, features: frozenset[str], compression: str
+    tmp_path: Path, features: frozenset[str], compression: str, every: int
 ) -> None:
     data = bytearray(build(INPUTS["everything"], features, compression, True, per_chunk=3).data)
     path = tmp_path / "a.mcap"
-    for at in range(len(data)):
+    for at in range(0, len(data), every):
         if 700 < at < 1500 and at % 40:  # the long attachment
             continue
         data[at] ^= 1 << at % 8
@@ -108,3 +114,181 @@ def test_no_changed_bit_of_a_file_with_checksums_is_missed(
             assert not verify(path).ok, at
         except NotARecording:
             assert at < 8
+
+
+# ------------------------------------------------------------------ writers
+@pytest.mark.parametrize("compression", CompressionType)
+@pytest.mark.parametrize("chunking", [True, False], ids=["chunks", "no chunks"])
+def test_every_option_of_the_python_writer(tmp_path: Path, compression: CompressionType, chunking: bool) -> None:
+    path = tmp_path / "a.mcap"
+    for index, statistics, offsets, crcs, data_crcs in itertools.product(
+        (IndexType.ALL, IndexType.NONE, IndexType.MESSAGE, IndexType.CHUNK), *[(True, False)] * 4
+    ):
+        with open(path, "wb") as file:
+            writer = Writer(
+                file, 300, compression, index, True, True, chunking, statistics, offsets, crcs, data_crcs
+            )  # fmt: skip
+            writer.start("ros2", "another")
+            for topic in ("/a", "/b"):
+                channel = writer.register_channel(topic, "json", writer.register_schema(topic, "jsonschema", b"{}"))
+                for k in range(20):
+                    writer.add_message(channel, k, b'{"x": 1}', k)
+            writer.add_attachment(1, 1, "notes", "text/plain", b"hello")
+            writer.add_metadata("about", {"who": "me"})
+            writer.finish()
+        found = verify(path)
+        assert found.problems == () and found.messages == 40
+        assert found.verdict == (INTACT if data_crcs and crcs else UNCOVERED)
+        assert {topic: s.timing.count for topic, s in info(path).streams.items()} == {"/a": 20, "/b": 20}
+
+
+OPTIONS = (
+    "use_chunks", "emit_statistics", "emit_summary_offsets", "emit_message_indexes", "emit_chunk_indexes", "repeat_channels",
+    "repeat_schemas", "calculate_chunk_crcs", "calculate_data_section_crc", "calculate_summary_section_crc",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("compression", ["Lz4", "Zstd", None])
+def test_every_option_of_foxglove(tmp_path: Path, compression: str | None) -> None:
+    foxglove = pytest.importorskip("foxglove")
+    from foxglove.mcap import MCAPCompression, MCAPWriteOptions
+
+    packed = None if compression is None else getattr(MCAPCompression, compression)
+    for number, off in enumerate(
+        itertools.chain([()], itertools.combinations(OPTIONS, 1), itertools.combinations(OPTIONS, 2))
+    ):
+        path, context = tmp_path / f"{number}.mcap", foxglove.Context()
+        options = MCAPWriteOptions(compression=packed, chunk_size=500, **dict.fromkeys(off, False))
+        with foxglove.open_mcap(path, context=context, writer_options=options):
+            for topic in ("/a", "/b"):
+                channel = foxglove.Channel(topic, message_encoding="json", context=context)
+                for k in range(20):
+                    channel.log({"x": k}, log_time=k)
+        found = verify(path)
+        assert found.problems == () and found.messages == 40, off
+        # Without checksums of chunks, this writer leaves their contents out of that of the data section.
+        uncovered = {*OPTIONS[-2:], OPTIONS[-3]} if "use_chunks" not in off else {*OPTIONS[-2:]}
+        assert (found.verdict == UNCOVERED) == bool(uncovered & set(off)), off
+        assert {topic: s.timing.count for topic, s in info(path).streams.items()} == {"/a": 20, "/b": 20}, off
+
+
+def test_bags_that_rosbags_writes(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as BagWriter
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = store.types["std_msgs/msg/Float64"]
+    with BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/x", kind.__msgtype__, typestore=store)
+        for k in range(20):
+            writer.write(connection, k, store.serialize_cdr(kind(data=float(k)), kind.__msgtype__))
+    (path,) = (tmp_path / "bag").glob("*.mcap")
+    assert verify(path).problems == () and info(path).streams["/x"].timing.count == 20
+
+
+# ------------------------------------------------------------------ identity
+def test_channels_of_one_topic_are_counted_together_and_kept_apart(tmp_path: Path) -> None:
+    twice = [Channel(n, "/tip", encoding, {}, 0) for n, encoding in ((1, "json"), (2, "json"), (7, "cdr"))]
+    messages = [message(k, (1, 2, 7)[k % 3]) for k in range(10)]
+    for features in (frozenset({"chunks"}), frozenset()):
+        path, copy = tmp_path / "a.mcap", tmp_path / "b.mcap"
+        path.write_bytes(build([*twice, *messages], features, checksums=True).data)
+        copy.unlink(missing_ok=True)
+        assert recover(path, copy).messages == {"/tip": 10}
+        for file in (path, copy):
+            assert verify(file).verdict == INTACT and verify(file).messages == 10
+            (seen,) = info(file).streams.values()
+            assert (seen.timing.count, seen.channels) == (10, 3)
+            assert len(Recording.open(file).contents.channels) == 3
+
+
+def test_attachments_and_metadata_of_one_name_do_not_replace_each_other(tmp_path: Path) -> None:
+    path, copy = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    path.write_bytes(build([ATTACHED, NOTED, ATTACHED, NOTED], frozenset(FEATURES)).data)
+    recover(path, copy)
+    for file in (path, copy):
+        seen = info(file)
+        assert seen.attachments == {"my file": 1024, "my file (2)": 1024}
+        assert [name for name in seen.metadata if name.startswith("my notes")] == ["my notes", "my notes (2)"]
+
+
+def test_a_channel_that_is_described_twice_differently_is_damage(tmp_path: Path) -> None:
+    twice = [Channel(1, "/a", "json", {}, 0), message(0), Channel(1, "/b", "json", {}, 0), message(1)]
+    (tmp_path / "a.mcap").write_bytes(build(twice, frozenset(), checksums=True).data)
+    (problem,) = verify(tmp_path / "a.mcap").problems
+    assert "describes channel 1 twice, and differently" in problem.text
+
+
+# ------------------------------------------------------------------ size
+def test_a_file_of_many_topics_is_read(tmp_path: Path) -> None:
+    channels = [Channel(n, f"/robot/part_{n}/state", "json", {"qos": "reliable"}, 0) for n in range(1, 3000)]
+    path = tmp_path / "a.mcap"
+    path.write_bytes(build([*channels, *(message(k, k + 1) for k in range(2999))], frozenset({"chunks"}), "zstd").data)
+    assert len(info(path).streams) == 2999 and verify(path).messages == 2999
+    assert recover(path, tmp_path / "b.mcap").complete
+
+
+def test_a_limit_is_named_with_the_option_that_lifts_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    channel, count = Channel(1, "/x", "json", {}, 0), 2000
+    many = [Message(1, k, b"0" * 10_000, k, k) for k in range(count)]
+    path = tmp_path / "a.mcap"
+    path.write_bytes(build([channel, *many], frozenset({"chunks"}), "zstd", per_chunk=200).data)
+    assert path.stat().st_size < 400_000
+    for way in (info, verify):
+        with pytest.raises(Oversized, match="limit for a file of .* bytes; .*--any-size lifts the limit"):
+            way(path)
+    held = recover(path, tmp_path / "b.mcap")
+    assert "--any-size" in held.oversized and not held.complete
+    monkeypatch.setattr(budget, "_lifted", False)
+    budget.lift()
+    assert verify(path).messages == count == info(path).streams["/x"].timing.count
+
+
+# ------------------------------------------------------------------ tolerance
+@pytest.mark.parametrize("features", [frozenset({"chunks"}), frozenset()], ids=["chunks", "no chunks"])
+def test_zeros_behind_what_was_written_cost_nothing(tmp_path: Path, features: frozenset[str]) -> None:
+    """As a file system leaves them after a loss of power."""
+    data = build(INPUTS["everything"], features, per_chunk=2).data
+    whole = data[: data.index(struct.pack("<BQ", 15, 4))]
+    (tmp_path / "a.mcap").write_bytes(whole + bytes(100_000))
+    found = info(tmp_path / "a.mcap")
+    assert not found.finished and found.readable == len(whole)
+    assert sum(recover(tmp_path / "a.mcap", tmp_path / "b.mcap").messages.values()) == 7
+
+
+def test_records_whose_length_is_wrong_cost_at_most_themselves(tmp_path: Path) -> None:
+    path, copy = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    for features in (frozenset({"chunks"}), frozenset(), frozenset(FEATURES)):
+        data = build(INPUTS["everything"], features, per_chunk=2).data
+        starts = [m for m in range(8, len(data) - 40) if data[m] in (4, 5, 6, 7, 9, 12) and record_at(data, m)]
+        assert len(starts) > 6
+        for start in starts:
+            for bit in (0, 13, 17, 40):
+                broken = bytearray(data)
+                broken[start + 1 + bit // 8] ^= 1 << bit % 8
+                path.write_bytes(broken)
+                copy.unlink(missing_ok=True)
+                kept = recover(path, copy)
+                most = 2 if data[start] == 6 else 7 if data[start] == 4 else 1
+                assert sum(kept.messages.values()) >= 7 - most, (start, bit)
+                assert kept.holes and not verify(path).ok
+
+
+def record_at(data: bytes, at: int) -> bool:
+    """Whether a record of the data section stands here."""
+    place = 8
+    while place < at:
+        place += 9 + struct.unpack_from("<Q", data, place + 1)[0]
+    return place == at and at < data.index(struct.pack("<BQ", 15, 4))
+
+
+def test_an_attachment_that_was_changed_is_left_out_and_one_without_checksum_is_kept(tmp_path: Path) -> None:
+    for checksums, kept in ((True, {}), (False, {"my file": 1024})):
+        data = bytearray(build([ATTACHED], frozenset(FEATURES), checksums=checksums).data)
+        data[400] ^= 1
+        (tmp_path / "a.mcap").write_bytes(data)
+        (tmp_path / "b.mcap").unlink(missing_ok=True)
+        assert recover(tmp_path / "a.mcap", tmp_path / "b.mcap").complete != checksums
+        assert info(tmp_path / "b.mcap").attachments == kept

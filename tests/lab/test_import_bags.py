@@ -1,0 +1,215 @@
+"""`lab import` of bags: only the wanted topics are decoded, odd ones are left out with a note, parts of one bag are joined."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import Writer
+
+from lab.cli import main
+from recordings.table_file import read_csv
+from recordings.trials import Table
+
+ROBOT = Path(__file__).parent.parent.parent / "examples" / "three_chambers" / "robot.yaml"
+CDR = b"\x00\x01\x00\x00"
+BEGIN = 1_700_000_000_000_000_000
+PERIOD = 50_000_000
+MAP = """robot: robot.yaml
+source: {topic: /tip}
+columns:
+  p1: {column: /pressure.p.1, unit: kPa}
+  p2: {column: /pressure.p.2, unit: kPa}
+  p3: {column: /pressure.p.3, unit: kPa}
+  x: {column: /tip.x}
+  y: {column: /tip.y}
+  z: {column: /tip.z}
+states: {plateaus: {steady: 2 kPa, shortest: 1 s, settling: 0.3 s}}
+"""
+ROS = "ros2msg"
+Odd = tuple[str, str, bytes, str, bytes]
+"""Name, encoding and text of a definition, encoding of the messages, and one of them."""
+ODD: dict[str, Odd] = {
+    "wide strings in a list": ("a/msg/W", ROS, b"wstring[] texts\n", "cdr", CDR + struct.pack("<II", 1, 1) + b"a\0"),
+    "a definition that is not one": ("a/msg/X", ROS, b"float64\nfloat64 float64 x\n", "cdr", CDR + bytes(16)),
+    "a definition in another language": ("a/msg/I", "ros2idl", b"module a { struct I { double x; }; };", "cdr", CDR),
+    "a message that is too short": ("a/msg/F", ROS, b"float64[9] data\n", "cdr", CDR + bytes(10)),
+    "a list of a thousand million": ("a/msg/L", ROS, b"float64[] data\n", "cdr", CDR + struct.pack("<I", 10**9)),
+    "JSON that nests": ("", "", b"", "json", b"[" * 100_000),
+    "JSON that is not text": ("", "", b"", "json", b"\xff\xfe{"),
+    "JSON with a number beyond all": ("", "", b"", "json", b'{"x": 1' + b"0" * 400 + b"}"),
+    "a schema without a message": ("a.Gone", "protobuf", b"", "protobuf", b"\x08\x01"),
+    "an encoding of its own": ("", "", b"", "flexbuffer", b"\x01"),
+    "no encoding at all": ("", "", b"", "", b"\x01"),
+}
+
+
+def sweep() -> Iterator[tuple[int, dict[str, float], list[float]]]:
+    """Log time (ns), tip and pressures (kPa): each chamber twice, up and down in 3 s steps."""
+    i = 0
+    for chamber in (0, 1, 2, 0, 1, 2):
+        for level in (0, 20, 40, 20, 0):
+            for _ in range(60):
+                azimuth, bend = math.radians(120 * chamber), 0.012 * level or 1e-9
+                across, along = 0.15 * (1 - math.cos(bend)) / bend, 0.15 * math.sin(bend) / bend
+                tip = {"x": -across * math.cos(azimuth), "y": -across * math.sin(azimuth), "z": along}
+                yield BEGIN + i * PERIOD, tip, [level * (k == chamber) * 1.0 for k in range(3)]
+                i += 1
+
+
+def bag(path: Path, *odd: Odd, only: Callable[[int], bool] = lambda i: True, **how: Any) -> Path:
+    """The sweep, or those of its samples that `only` takes."""
+    with open(path, "wb") as file:
+        writer = Writer(file, **how)
+        writer.start("ros2", "another recorder")
+        channels = [writer.register_channel(topic, "json", 0) for topic in ("/tip", "/pressure")]
+        for k, (name, encoding, data, messages, _) in enumerate(odd):
+            schema = writer.register_schema(name, encoding, data) if name else 0
+            channels.append(writer.register_channel(f"/odd{k or ''}", messages, schema))
+        for i, (ns, tip, pressure) in enumerate(sweep()):
+            if not only(i):
+                continue
+            writer.add_message(channels[0], ns, json.dumps(tip).encode(), ns)
+            writer.add_message(channels[1], ns + 5, json.dumps({"p": pressure}).encode(), ns + 5)
+            for channel, (*_, payload) in zip(channels[2:], odd if i % 20 == 0 else (), strict=False):
+                writer.add_message(channel, ns, payload, ns)
+        writer.finish()
+    return path
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    (tmp_path / "robot.yaml").write_text(ROBOT.read_text())
+    (tmp_path / "map.yaml").write_text(MAP)
+    return tmp_path
+
+
+def case(place: Path, *bags: Path, name: str = "case", **changes: str) -> Table:
+    text = MAP
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    (place / "map.yaml").write_text(text)
+    words = [*map(str, bags), "--map", str(place / "map.yaml"), "--out", str(place / name)]
+    assert main(["import", *words]) == 0
+    return read_csv(place / name / "trials.csv")
+
+
+def test_topics_that_the_map_does_not_name_stop_nothing_and_are_noted(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = case(place, bag(place / "bag.mcap", *ODD.values()))
+    assert len(table) == 25  # the rests between two chambers are one
+    told = " ".join(capsys.readouterr().err.split())
+    assert "topics that the map does not name are not read: /odd, /odd1, /odd2" in told
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_a_named_topic_that_cannot_be_decoded_is_named_with_the_reason(
+    place: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "map.yaml").write_text(MAP.replace("  x: {column: /tip.x}", "  x: {column: /odd.x}"))
+    words = ["--map", str(place / "map.yaml"), "--out", str(place / "case")]
+    assert main(["import", str(bag(place / "bag.mcap", ODD[kind])), *words]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "'/odd.x'" in told
+    assert "/odd: 90 of 90 messages are left out: " in told or kind == "JSON with a number beyond all"
+
+
+def test_messages_and_fields_that_cannot_be_decoded_are_left_out(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = b"float64 x\nfloat64 y\nwstring name\nfloat64 z\n"
+    payload = CDR + struct.pack("<dd", 1.0, 2.0) + struct.pack("<I", 1) + b"a\0"
+    table = case(place, bag(place / "bag.mcap", ("a/msg/Part", ROS, text, "cdr", payload)),
+                 **{"  z: {column: /tip.z}": "  z: {column: /tip.z}\n  sensor_a_x: {column: /odd.x}"})  # fmt: skip
+    assert table["sensor_a_x"] == pytest.approx([1.0] * len(table))
+    told = " ".join(capsys.readouterr().err.split())
+    assert "/odd: the fields from `wstring name` on cannot be decoded" in told
+
+
+def test_single_messages_that_are_broken_are_counted(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bag(place / "bag.mcap")
+    data = path.read_bytes()
+    with open(path, "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        tip, pressure = (writer.register_channel(topic, "json", 0) for topic in ("/tip", "/pressure"))
+        for i, (ns, at, p) in enumerate(sweep()):
+            writer.add_message(tip, ns, b"{broken" if i % 100 == 7 else json.dumps(at).encode(), ns)
+            writer.add_message(pressure, ns, json.dumps({"p": p}).encode(), ns)
+        writer.finish()
+    assert path.read_bytes() != data
+    assert len(case(place, path)) == 25
+    assert "/tip: 18 of 1800 messages are left out" in " ".join(capsys.readouterr().err.split())
+
+
+# ------------------------------------------------------------------ parts
+@pytest.mark.parametrize("at", [450, 510, 700], ids=["while it unloads", "at a step", "in the second trial"])
+@pytest.mark.parametrize("begin", ["file", "rest"])
+def test_parts_of_one_recording_give_the_table_of_the_whole(
+    place: Path, at: int, begin: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begins = {"states:": f"trials: {{begin: {begin}}}\nstates:"}
+    whole = case(place, bag(place / "whole.mcap"), name="whole", **begins)
+    folder = place / "bag"
+    folder.mkdir()
+    for part in range(11):  # bag_10 comes before bag_2 by name
+        bag(folder / f"bag_{part}.mcap", only=lambda i, part=part: min(i // at, 10) == part)  # type: ignore[misc]
+    for empty in [p for p in folder.iterdir() if p.stat().st_size < 700]:
+        empty.unlink()
+    parts = case(place, folder, name="parts", **begins)
+    assert "read as one recording, by its times: bag_0.mcap, bag_1.mcap" in " ".join(capsys.readouterr().err.split())
+    assert (place / "parts" / "trials.csv").read_text() == (place / "whole" / "trials.csv").read_text()
+    assert len(parts) == len(whole) and "unload" in parts["branch"].tolist()
+
+
+def test_recordings_with_a_pause_between_them_keep_their_true_times(place: Path) -> None:
+    first = bag(place / "b.mcap", only=lambda i: i < 600)
+    second = bag(place / "a.mcap", only=lambda i: i >= 900)
+    table = case(place, second, first)
+    assert table["trial"].max() == 2 and (table["t"][1:] > table["t"][:-1]).all()
+    later = table["t"][table["trial"] == 2]
+    assert 900 * PERIOD * 1e-9 <= later[0] < 960 * PERIOD * 1e-9
+
+
+def test_recordings_whose_clocks_both_begin_anew_follow_each_other(place: Path) -> None:
+    bags = [bag(place / "a.mcap"), bag(place / "b.mcap")]
+    table = case(place, *bags)
+    assert table["trial"].max() == 2 and (table["t"][1:] > table["t"][:-1]).all()
+
+
+# ------------------------------------------------------------------ torn
+@pytest.mark.parametrize("share", [0.2, 0.6, 0.999])
+@pytest.mark.parametrize("chunks", [True, False], ids=["chunks", "no chunks"])
+def test_a_torn_bag_names_recover_and_what_recover_gives_is_imported(
+    place: Path, share: float, chunks: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = bag(place / "whole.mcap", use_chunking=chunks, chunk_size=4000).read_bytes()
+    (place / "cut.mcap").write_bytes(data[: int(len(data) * share)])
+    words = ["--map", str(place / "map.yaml"), "--out", str(place / "case")]
+    assert main(["import", str(place / "cut.mcap"), *words]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "was not finished" in told and "`lab recover`" in told
+    assert main(["recover", str(place / "cut.mcap"), "--out", str(place / "good.mcap")]) == 3
+    told = " ".join(capsys.readouterr().out.split())
+    assert "0.2 s" not in told and "still held in memory" in told
+    assert main(["verify", str(place / "good.mcap")]) == 0
+    assert main(["import", str(place / "good.mcap"), *words]) == 0
+
+
+def test_two_channels_of_one_topic_are_read_as_one(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with open(place / "bag.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        before, after, pressure = (writer.register_channel(t, "json", 0) for t in ("/tip", "/tip", "/pressure"))
+        for i, (ns, at, p) in enumerate(sweep()):
+            writer.add_message(before if i < 800 else after, ns, json.dumps(at).encode(), ns)
+            writer.add_message(pressure, ns, json.dumps({"p": p}).encode(), ns)
+        writer.finish()
+    table = case(place, place / "bag.mcap")
+    assert len(table) == 25 and "2 channels carry /tip" in " ".join(capsys.readouterr().err.split())
