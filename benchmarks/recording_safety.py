@@ -14,8 +14,10 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
+from recordings.file.chunks import Record
+from recordings.file.contents import Contents
 from recordings.file.reader import Recording
-from recordings.file.records import Contents, Record, index, records
+from recordings.file.records import index, records
 from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder

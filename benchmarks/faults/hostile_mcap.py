@@ -18,7 +18,9 @@ from mcap.opcode import Opcode
 
 from recordings.events import STATE, TRIAL
 from recordings.file import records as walk
-from recordings.file.records import MAGIC, Contents
+from recordings.file.chunks import Record as FileRecord
+from recordings.file.contents import Contents
+from recordings.file.records import MAGIC
 
 Record = tuple[int, bytes]
 Edit = Callable[[list[Record], random.Random], None]
@@ -42,7 +44,7 @@ def split(data: bytes) -> tuple[list[Record], dict[int, list[Record]]]:
     inside: dict[int, list[Record]] = {}
     view = memoryview(data)
     for item in walk.records(view, Contents("sound", len(data)), unpack=True):
-        assert isinstance(item, walk.Record)
+        assert isinstance(item, FileRecord)
         if item.opcode == Opcode.DATA_END:
             break
         if item.source is not view:

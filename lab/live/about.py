@@ -10,7 +10,7 @@ from typing import Any
 
 from model.robot import Robot
 from recordings.campaign.labels import MOST, RECORD
-from recordings.file.records import Contents
+from recordings.file.contents import Contents
 from recordings.json_text import read_json
 
 from ..files.config import ConfigError, check, parse_yaml

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from recordings.events import BASE_FRAME
-from recordings.file.records import Contents
+from recordings.file.contents import Contents
 from recordings.file.tail import Piece
 
 from ..files.config import ConfigError

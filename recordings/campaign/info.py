@@ -102,11 +102,13 @@ def info(path: str | os.PathLike[str]) -> Info:
     metadata.pop("counts", None)
     outcome = metadata.pop("outcome", {})
     notes: list[str] = []
+    times = {topic: recording.log_times(topic) for topic in recording.topics}
+    first = min((int(t[0]) for t in times.values() if len(t)), default=None)
+    last = max((int(t[-1]) for t in times.values() if len(t)), default=0)
     try:
         start = recording.start_wall_ns
     except Foreign:
-        start = 0
-    times = {topic: recording.log_times(topic) for topic in recording.topics}
+        start = first or 0
     several = Counter(channel.topic for channel in recording.contents.channels.values())
     streams = {
         topic: StreamInfo(
@@ -118,8 +120,6 @@ def info(path: str | os.PathLike[str]) -> Info:
         )
         for topic, log_times in times.items()
     }
-    first = min((int(t[0]) for t in times.values() if len(t)), default=None)
-    last = max((int(t[-1]) for t in times.values() if len(t)), default=0)
     sensors = [topic for topic in recording.streams if of_sensor(topic)]
     return Info(
         path=str(recording.path),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import Damaged
 from .budget import Budget, Cost
 from .chunks import HEAD, MESSAGE, Chunk, decompress
-from .records import Contents
+from .contents import Contents
 
 BATCH = 4 * 2**20
 """Bytes of decompressed chunks held at a time; small enough for the allocator to use the same memory again."""

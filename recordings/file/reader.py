@@ -26,10 +26,10 @@ from ..states.zeros import Drift, Zeros
 from ..trials import DOUBTS, TrialRow
 from . import protobuf_runtime
 from .budget import Budget, Cost
+from .contents import Contents, Hole
 from .gather import pick
-from .order import ordered
-from .records import Contents, Hole, index, inside
-from .samples import Samples, check_version, message_of, ours, version_of, written_name
+from .records import index, inside
+from .samples import Samples, check_version, message_of, ordered, ours, version_of, written_name
 
 SAID = tuple(e.topic for e in (events.STATE, events.TRIAL, events.LOG, events.REQUEST, events.ZERO, events.MARK))
 """Topics whose messages are texts that are taken apart."""

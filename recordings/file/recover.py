@@ -22,9 +22,10 @@ from ..errors import Damaged, Oversized, RecordingError, WriteFailed
 from ..messages import is_stream
 from ..own_files import replacing
 from .chunks import MESSAGE, Record
+from .contents import Contents, Fields, Hole
 from .counts import StreamCounts, counted
 from .reader import mapped
-from .records import Contents, Fields, Hole, attachment_crc, demand_mcap, records
+from .records import attachment_crc, demand_mcap, records
 from .samples import ours
 from .timing import timing
 from .verify import check
@@ -162,13 +163,16 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
             before = newest if before is None else before
             if item.torn is not None and math.isfinite(newest) and item.torn.last_time < 2**63:
                 seconds_lost += max(0.0, (item.torn.last_time - newest) / 1e9)
-    counts = _counts(kept, found)
+    topics: dict[str, list[_Kept]] = {}
+    for entry in kept.values():
+        topics.setdefault(entry.topic, []).append(entry)
+    counts = _counts(topics, found)
     result = Recovery(
         source=found.name,
         target=str(target),
         finished=found.finished,
         library="" if header is None else header.library,
-        messages={topic: c.written for topic, c in counts.items()},
+        messages={topic: sum(entry.count for entry in entries) for topic, entries in topics.items()},
         lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete},
         nameless=nameless,
         seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0,
@@ -177,7 +181,8 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
         holes=len(holes),
         oversized=next((str(hole.error) for hole in holes if isinstance(hole.error, Oversized)), ""),
     )
-    writer.add_metadata("counts", {topic: json.dumps(asdict(c)) for topic, c in counts.items()})
+    if counts:
+        writer.add_metadata("counts", {topic: json.dumps(asdict(c)) for topic, c in counts.items()})
     writer.add_metadata("recovery", {name: json.dumps(value) for name, value in result.to_dict().items()})
     if "outcome" in found.metadata:
         writer.add_metadata("outcome", found.metadata["outcome"])
@@ -219,17 +224,16 @@ def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
     }
 
 
-def _counts(kept: dict[int, _Kept], found: Contents) -> dict[str, StreamCounts]:
-    """Counts of the new file by topic: the messages' numbers state how many there were before the last one that is kept."""
-    start = min((entry.log_times[0] for entry in kept.values() if entry.log_times), default=0)
-    before = counted(found.metadata)
-    topics: dict[str, list[_Kept]] = {}
-    for entry in kept.values():
-        topics.setdefault(entry.topic, []).append(entry)
-    out = {}
+def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, StreamCounts]:
+    """Counts of the new file: the messages' numbers state how many there were before the last one that is kept. Topics that
+    are not numbered have none, unless the source states them."""
+    first = min((entry.log_times[0] for own in topics.values() for entry in own if entry.log_times), default=0)
+    out, before = {}, counted(found.metadata)
     for topic, entries in topics.items():
         told, count = before.get(topic, {}), sum(entry.count for entry in entries)
+        if not (told or any(entry.numbered for entry in entries)):
+            continue
         generated = max(sum(max(entry.generated, entry.count) for entry in entries), told.get("generated", 0))
         times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.int64) for entry in entries]))
-        out[topic] = StreamCounts.of(generated, count, told.get("lost", 0), timing((times - start) / 1e9))
+        out[topic] = StreamCounts.of(generated, count, told.get("lost", 0), timing((times - first) / 1e9))
     return out

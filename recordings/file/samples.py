@@ -4,6 +4,8 @@ decoded batch by batch into one array."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from mcap.records import Channel, Schema
@@ -102,3 +104,23 @@ class Samples:
     def array(self) -> NDArray[np.void] | None:
         """All samples; None when some message has another layout."""
         return None if self._other else self._out[: self._count]
+
+
+# ------------------------------------------------------------------ order
+def ordered(keys: Sequence[NDArray[Any]], content: Callable[[int], bytes]) -> NDArray[np.int64]:
+    """Indices of n messages by keys of shape (n,), the last one first.
+
+    Messages that are equal in all keys are told apart by `content`; which of two equal ones comes first does not matter.
+    """
+    order = np.lexsort(keys).astype(np.int64)
+    same = np.all([np.diff(key[order]) == 0 for key in keys], axis=0)
+    for first, last in _runs(same):
+        order[first:last] = sorted(order[first:last].tolist(), key=content)
+    return order
+
+
+def _runs(same: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """First and one past the last of each run of equal neighbours; same[i]: item i equals item i + 1."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
+    for first, last in edges.reshape(-1, 2).tolist():
+        yield first, last + 1

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from .chunks import Chunk, Record
-from .records import UNPARSABLE, Fields
+from .contents import UNPARSABLE, Fields
 
 INDEXES: dict[int, tuple[Any, Opcode]] = {
     Opcode.CHUNK_INDEX: (ChunkIndex, Opcode.CHUNK),

@@ -26,8 +26,9 @@ from ..messages import MessageType, is_stream
 from . import protobuf_runtime
 from .budget import OPTION, Cost, largest_chunk
 from .chunks import HEAD, MESSAGE, Record
+from .contents import Contents, Hole
 from .reader import SAID, LogLine, StateEvent, TrialEvent, log_line, request_event, state_event, trial_event
-from .records import MAGIC, Contents, Hole, demand_mcap, inside, records
+from .records import MAGIC, demand_mcap, inside, records
 from .samples import check_version, message_of, ours
 
 BLOCK = 2**20

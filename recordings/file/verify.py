@@ -19,9 +19,10 @@ from mcap.opcode import Opcode
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
 from .chunks import MESSAGE, Chunk, Record
+from .contents import UNPARSABLE, Contents, Hole
 from .counts import below_zero, counted
 from .reader import Recording, mapped
-from .records import LAYOUT, MAGIC, UNPARSABLE, Contents, Hole, attachment_crc, demand_mcap, records
+from .records import LAYOUT, MAGIC, attachment_crc, demand_mcap, records
 from .summary import check_summary
 
 ENOUGH = 1000

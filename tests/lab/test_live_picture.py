@@ -17,7 +17,7 @@ from lab.live.about import PLAN, about
 from lab.live.feed import following
 from lab.live.picture import Picture
 from lab.live.viewers import event
-from recordings.file.records import Contents
+from recordings.file.contents import Contents
 from recordings.file.tail import Tail
 from recordings.file.writer import Recorder
 

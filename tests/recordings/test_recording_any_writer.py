@@ -74,7 +74,9 @@ def test_recover_keeps_all_of_every_combination_and_takes_its_own_output(
         first = recover(source, once)
         assert first.complete and first.messages == {"example": 7}, sorted(features)
         assert held(once) == written and verify(once).verdict == INTACT
-        assert info(once).attachments == {"my file": 1024} and info(once).outcome is None
+        seen = info(once)
+        assert seen.attachments == {"my file": 1024} and seen.outcome is None
+        assert seen.streams["example"].lost is None  # the source states no losses, so none are known
         second = recover(once, twice)
         assert second.complete and held(twice) == written
         for made in (once, twice):

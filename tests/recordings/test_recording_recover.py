@@ -14,8 +14,10 @@ from synthetic_run import Run
 
 from recordings.campaign.info import info
 from recordings.errors import NotARecording, WriteFailed
+from recordings.file.chunks import Record
+from recordings.file.contents import Contents
 from recordings.file.reader import Recording
-from recordings.file.records import Contents, Record, index, records
+from recordings.file.records import index, records
 from recordings.file.recover import Recovery, recover
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
