@@ -22,7 +22,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from recordings.errors import RecordingError
+from recordings.errors import Damaged, RecordingError, Truncated
 from recordings.file.protobuf_runtime import message_class
 from recordings.file.reader import Recording
 
@@ -131,7 +131,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
         try:
             _decode(recording, found)
         except RecordingError as e:
-            raise ConfigError(f"{p}: {e}" if str(p) not in str(e) else str(e)) from e
+            raise _unreadable(p, e) from e
     for topic in found.values():
         topic.sort()
         if topic.why:
@@ -160,7 +160,14 @@ def _open(path: Path) -> Recording:
     try:
         return Recording.open(path)
     except RecordingError as e:
-        raise ConfigError(str(e)) from e
+        raise _unreadable(path, e) from e
+
+
+def _unreadable(path: Path, error: RecordingError) -> ConfigError:
+    """What is wrong with a file, and what to do."""
+    text = str(error) if str(path) in str(error) else f"{path}: {error}"
+    damaged = isinstance(error, Damaged | Truncated) and "lab recover" not in text
+    return ConfigError(f"{text}, then `lab recover`, and import what it writes" if damaged else text)
 
 
 def _of(topic: str, column: str) -> bool:

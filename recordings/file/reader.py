@@ -285,7 +285,8 @@ class Recording:
             channel = self.contents.channels[number]
             if is_stream(channel.topic) and self._ours(channel) and version_of(channel) == SCHEMA_VERSION:
                 self._samples[number] = Samples(self._message(channel))
-        kept = {number for number in wanted if self.contents.channels[number].topic in EVENTS}
+        channels = self.contents.channels
+        kept = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
         first = not self._loaded
         for picked in pick(self._data, self.contents):
             if first:

@@ -202,6 +202,15 @@ def test_a_torn_bag_names_recover_and_what_recover_gives_is_imported(
     assert main(["import", str(place / "good.mcap"), *words]) == 0
 
 
+def test_a_damaged_bag_names_recover(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = bytearray(bag(place / "bag.mcap", chunk_size=4000).read_bytes())
+    data[len(data) // 3] ^= 1
+    (place / "bag.mcap").write_bytes(data)
+    words = ["--map", str(place / "map.yaml"), "--out", str(place / "case")]
+    assert main(["import", str(place / "bag.mcap"), *words]) == 2
+    assert "`lab recover`" in " ".join(capsys.readouterr().err.split())
+
+
 def test_two_channels_of_one_topic_are_read_as_one(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with open(place / "bag.mcap", "wb") as file:
         writer = Writer(file)
