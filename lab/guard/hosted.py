@@ -29,6 +29,7 @@ SILENT_AFTER = 0.6
 """Host seconds without a word from the guard after which the instrument is stopped."""
 CALL_WITHIN, OPEN_WITHIN = 5.0, 20.0
 """Host seconds; longer than the longest of the driver's own time-outs. Connecting to a sound arm takes two or three."""
+OPEN_ATTEMPTS = 2
 STOP_WITHIN = 1.5
 """Host seconds for a stop; after that the host is killed and the instrument's own watchdog stops it."""
 
@@ -51,11 +52,21 @@ class Hosted:
         self._connected = False
 
     def open(self) -> Any:
-        """Start the process if there is none, and connect; what was connected before gets a process anew."""
+        """Start the process if there is none, and connect; what was connected before gets a process anew.
+
+        Connecting moves nothing, so what hung, crashed or was not answered is tried once more, in a process anew.
+        """
         if self._connected:
             self.close()
-        self._start()
-        identity = self._ask("open", (), OPEN_WITHIN)
+        for attempt in range(OPEN_ATTEMPTS):
+            self._start()
+            try:
+                identity = self._ask("open", (), OPEN_WITHIN)
+                break
+            except NoReply as error:
+                self._give_up(error.message)
+                if attempt + 1 == OPEN_ATTEMPTS:
+                    raise
         self._connected = True
         return identity
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from .controller import POWER_OFF, RUNNING, Controller
+from .controller import RUNNING, Controller
 from .kinematics import Array, pose_matrix
 from .wire import Connection, Hub
 
@@ -106,8 +106,11 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
         case "dashboard":
             hub.dashboard_silent = bool(request["silent"])
         case "power":
-            controller.power(on=False)
-            controller.robot_mode = RUNNING if request["on"] else POWER_OFF
+            if not request["on"]:
+                controller.power(on=False)
+            elif controller.robot_mode != RUNNING:
+                controller.power(on=False)
+                controller.robot_mode = RUNNING
         case "stuck":
             held = request["variables"]
             controller.stuck = held if isinstance(held, dict) else {name: controller.value(name) for name in held}

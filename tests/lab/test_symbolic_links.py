@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from diagnosed_case import campaign, folder
 
 from lab.cli import main
 
@@ -16,9 +17,7 @@ PRECIOUS = "somebody's only copy"
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("case") / "case"
-    assert main(["export", str(RECORDING), "--case", "--out", str(place)]) == 0
-    return place
+    return folder(tmp_path_factory.mktemp("case") / "case", campaign({}, repeats=1, lengths=(0.0, 0.2)))
 
 
 @pytest.mark.parametrize(

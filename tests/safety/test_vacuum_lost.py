@@ -107,6 +107,7 @@ def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(
     assert bool(recording.marks) == frozen
 
 
+@pytest.mark.long  # what is lost must be lost within a second
 def test_a_spine_that_never_was_jammed_asks_for_a_person(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
