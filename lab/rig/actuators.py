@@ -33,7 +33,7 @@ __all__ = ["COMMANDS", "Actuators", "ActuatorsLost", "ArmMotion", "Gauge", "Pres
 
 START_WITHIN = 30.0
 """Host seconds for the guard's process to start and to take the rig over from an earlier one."""
-ANSWER_WITHIN = 40.0
+ANSWER_WITHIN = 50.0
 """Host seconds after which a guard that lives and beats but does not answer is given up."""
 BEATS_MISSED = 2.0
 """The guard counts as frozen after so many times the rig's `safe.heartbeat` without a sign of life."""
