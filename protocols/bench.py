@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, TypeVar
 
 from drivers.chambers import ChamberMap
@@ -23,6 +23,7 @@ from drivers.interfaces import (
     Vector3,
 )
 from recordings.file.writer import Recorder
+from recordings.states.bodies import Bodies
 from recordings.states.vacuum import VacuumBand
 
 from .errors import MissingInstrument, NotReached, Stopped
@@ -135,9 +136,17 @@ class Bench:
     jammed: Jammed | None = None
     """None while the spine is released or was jammed without vacuum: then no vacuum is judged."""
 
+    bodies: Bodies | None = None
+    """Where the robot allows tip and markers to be; None where no cameras see them, or robot.yaml says too little."""
+
     def has_topic(self, topic: str) -> bool:
         """Whether the instrument behind a topic is there: a robot without a spine has neither /spine nor /vacuum."""
         return {"/spine": self.spine, "/vacuum": self.gauge}.get(topic, self) is not None
+
+    def look_anew(self) -> None:
+        """People may have been at the robot: from now on no body may jump."""
+        if self.bodies is not None:
+            self.bodies = replace(self.bodies, since=self.clock.now())
 
     def need(self, instrument: T | None, name: str) -> T:
         """The instrument, or MissingInstrument naming what rig.yaml lacks."""

@@ -218,7 +218,7 @@ def _visit_all(s: Sweep) -> None:
         for branch, some in itertools.groupby(levels(s.p), key=lambda level: (level.branch, level.pressure > 0)):
             (_read_on_the_fly if branch[1] else _stop_and_read)(s, list(some))
     if s.shapes.seen:
-        s.trials.mark(s.trial, "soft", s.shapes.seen)
+        s.trials.mark(s.trial.number, "soft", s.shapes.seen)
         s.bench.say(f'Trial {s.trial.number} is marked (doubt "soft"): {s.shapes.seen}')
 
 

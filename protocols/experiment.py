@@ -9,8 +9,9 @@ from typing import Literal, TypeVar
 
 from drivers.errors import DeviceFault
 from recordings.campaign.journal import Journal
-from recordings.errors import NoResistance, NotSettled, TooFewSamples, VacuumLost
+from recordings.errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from recordings.events import Mark, marked
+from recordings.states.bodies import elsewhere
 from recordings.states.concluding import conclude
 from recordings.states.rules import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.states.zeros import TOLERATED, Drift, Zeros, without_drift
@@ -137,6 +138,8 @@ class Trials:
         self._step = self._done = self._per_trial = 0
         self._latest: dict[int, Concluded] = {}
         """By step, the latest reading of each state of this trial: what is read once more takes its place."""
+        self._rest: dict[tuple[object, ...], TrialRow] = {}
+        """The first state at rest of each way in which the robot hangs."""
         self._void: set[int] = set()
         """Steps whose latest reading was before the trial was begun again."""
 
@@ -159,6 +162,7 @@ class Trials:
         """Start the next trial."""
         self._trial += 1
         self._step, self._latest, self._void = 0, {}, set()
+        self.bench.look_anew()
         self.bench.steering.at(self._trial, 0)
         return Trial(self._trial, repeat, spine, ambient, tip_mass, roll_deg, specimen)
 
@@ -207,9 +211,11 @@ class Trials:
         repeatable: bool = False,
         least_force: float | None = None,
     ) -> TrialRow:
-        """Record what is asked for and wait until the samples that conclude it are there; NotReached after `wait` s,
-        Suspended as soon as a jammed spine has lost its vacuum, NotPushing where a specimen pushes back with less than
-        `least_force` N (in excess of the probe's offset).
+        """Record what is asked for and wait until the samples that conclude it are there.
+
+        Raises NotReached after `wait` s; Suspended as soon as a jammed spine has lost its vacuum, or where a body is, also when
+        the state is read once more, where the robot cannot have brought it; NotPushing where a specimen pushes back with less
+        than `least_force` N (in excess of the probe's offset).
 
         Where a person asks for it, the state is read once more from then on, and the last reading counts. `repeatable`:
         nothing moves and nothing creeps, so a window in which a stream paused is read again from now on.
@@ -225,6 +231,7 @@ class Trials:
             tip_mass=trial.tip_mass, roll_deg=trial.roll_deg, ambient=trial.ambient, topics=topics,
             specimen=trial.specimen, probe=trial.probe, clipped=self.bench.clipped,
             vacuum=None if jammed is None else jammed.vacuum, least_force=least_force,
+            bodies=self.bench.bodies if "/tip" in topics else None,
         )  # fmt: skip
         before = None if self._step in self._void else self._latest.get(self._step)
         try:
@@ -240,6 +247,8 @@ class Trials:
             self.bench.say(f"{e}; the reading before it counts")
         if jammed is not None:
             self.bench.jammed = replace(jammed, vacuum=replace(jammed.vacuum, since=before[1].t))
+        if state.bodies is not None:
+            self.bench.bodies = replace(state.bodies, since=before[1].t)
         if self.journal is not None:
             self.bench.recorder.sync()
             self.journal.step(trial.number, self._step)
@@ -248,13 +257,25 @@ class Trials:
     def _read(self, state: State, wait: float, repeatable: bool) -> Concluded:
         """One reading of a state, recorded."""
         judged = ", ".join(SENSORS.get(topic, topic) for topic in state.topics)
-        before = self._latest.get(state.step)
-        repeats = 0 if before is None else before[0]
+        misplaced = False
         for left in reversed(range(READINGS)):
+            repeats, _ = self._latest.get(state.step, (0, None))
             number = self.bench.recorder.state(self.bench.clock.now(), state, repeats)
             try:
                 row = self._concluded(state, judged, wait)
-                break
+                self.bench.recorder.trial(self.bench.clock.now(), number, row, repeats)
+                self.rows = [r for r in self.rows if (r.trial, r.step) != (row.trial, row.step)] + [row]
+                self._latest[state.step] = number, row
+                self._void.discard(state.step)
+                self._demand_rest(state, row)
+                return number, row
+            except Misplaced as e:
+                if misplaced or not left or not isinstance(state.rule, Settled):
+                    text = str(e)
+                    self.mark(state.trial, "bodies", text)
+                    raise Suspended(DeviceFault("mocap", text)) from e
+                self.bench.say(f"{e}; the state is read again")
+                misplaced, state = True, replace(state, t_start=self.bench.clock.now())
             except VacuumLost as e:
                 raise Suspended(DeviceFault("gauge", str(e))) from e
             except NoResistance as e:
@@ -264,11 +285,20 @@ class Trials:
                     raise NotReached(f"{e}; judged from {judged}") from e
                 self.bench.say(f"{e}; the state is read again")
                 state = replace(state, t_start=self.bench.clock.now())
-        self.bench.recorder.trial(self.bench.clock.now(), number, row, repeats)
-        self.rows = [r for r in self.rows if (r.trial, r.step) != (row.trial, row.step)] + [row]
-        self._latest[state.step] = number, row
-        self._void.discard(state.step)
-        return number, row
+        raise AssertionError("the last reading returns or raises")
+
+    def _demand_rest(self, state: State, row: TrialRow) -> None:
+        """Raises Misplaced when the robot, hanging in the same way, is at rest elsewhere than in the trial before."""
+        if state.bodies is None or state.branch != "load" or any(state.targets) or not isinstance(state.rule, Settled):
+            return
+        hangs = (state.spine_length, state.vacuum is None, state.tip_mass, state.roll_deg, state.specimen)
+        before = self._rest.get(hangs)
+        if before is not None and before.trial != row.trial and (said := elsewhere(before, row)):
+            raise Misplaced(
+                f"trial {row.trial} step {row.step}: {said} of trial {before.trial}; the cameras may have taken one body for "
+                "another, or the robot or a camera was moved"
+            )
+        self._rest.setdefault(hangs, row)
 
     def _wanted_again(self, rule: Settled | Window | Crossing) -> bool:
         """Whether a person wants the state that was just read to be read once more."""
@@ -310,12 +340,12 @@ class Trials:
         if self.bench.jammed is not None:
             self.bench.jammed = replace(self.bench.jammed, soft=True)
         text = f"trial {trial.number}: the jammed spine is soft although the gauge shows its vacuum: {seen}"
-        self.mark(trial, "soft", text)
+        self.mark(trial.number, "soft", text)
         return Suspended(DeviceFault("gauge", f"{text}; check gauge, hoses and membrane, and how it is mounted"))
 
-    def mark(self, trial: Trial, doubt: str, text: str) -> None:
+    def mark(self, trial: int, doubt: str, text: str) -> None:
         """The states that were read in a trial up to now are in doubt; `doubt`: one of `recordings.trials.DOUBTS`."""
-        mark = Mark(self.bench.clock.now(), trial.number, doubt, text)
+        mark = Mark(self.bench.clock.now(), trial, doubt, text)
         self.bench.recorder.mark(mark)
         self.rows = marked(self.rows, [mark])
 

@@ -35,8 +35,10 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
                 away = True
                 bench.rest()
                 continue
-            if away and back is not None:
-                back()
+            if away:
+                bench.look_anew()
+                if back is not None:
+                    back()
             with bench.repeatable():
                 return work()
         except (Suspended, InstrumentError) as e:

@@ -13,6 +13,7 @@
     |-- NotSettled       (TimeoutError)    a state that never met the rule by which it was to be read
     |   |-- TooFewSamples                  its window holds fewer samples than it needs
     |   |-- VacuumLost                     the jammed spine did not keep its vacuum
+    |   |-- Misplaced                      a body is where the robot cannot have brought it
     |   `-- NoResistance                   the jammed specimen hardly pushed back
     |-- BadTable         (ValueError)      a table of trials that cannot be right
     |-- BadJournal       (ValueError)      a journal that does not tell what is finished
@@ -74,6 +75,10 @@ class TooFewSamples(NotSettled):
 
 class VacuumLost(NotSettled):
     """A state of a jammed spine that did not keep its vacuum."""
+
+
+class Misplaced(NotSettled):
+    """A state in which a body of the cameras is where the robot cannot have brought it."""
 
 
 class NoResistance(NotSettled):

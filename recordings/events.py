@@ -4,7 +4,8 @@ plan is done), /request (what people asked of it), /log; and those for viewers.
 They hold text, so their layout is not fixed and the protobuf runtime encodes them. On /state and /trial the flat
 fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back, with what came
 later: `clipped`, `repeats` (the number of the state that was read again, 0 where none was), and on /state the vacuum that
-the spine must keep (`vacuum_since`, `vacuum_lowest`, `vacuum_highest`) and `least_force`, where they were demanded.
+the spine must keep (`vacuum_since`, `vacuum_lowest`, `vacuum_highest`), `least_force`, and where the robot allows bodies
+to be (`bodies_since`, `bodies_arcs`, `bodies_stretch`), where they were demanded.
 
 What is only known at the end of a trial, or later than a row, is an event of its own, which tables apply to the rows: /zero
 (how the force sensor's zero moved during a trial) and /mark (why the states of a trial up to then are in doubt).
@@ -64,6 +65,9 @@ _STATE = (
     ("vacuum_lowest", _DOUBLE, _OPTIONAL, "Pa"),
     ("vacuum_highest", _DOUBLE, _OPTIONAL, "Pa"),
     ("least_force", _DOUBLE, _OPTIONAL, "N"),
+    ("bodies_since", _DOUBLE, _OPTIONAL, "s"),
+    ("bodies_arcs", _DOUBLE, _REPEATED, "m"),
+    ("bodies_stretch", _DOUBLE, _OPTIONAL, ""),
 )
 _TRIAL = (
     ("t", _DOUBLE, _OPTIONAL, "s"),
@@ -254,6 +258,7 @@ def encode_state(t: float, number: int, state: State, repeats: int = 0) -> bytes
         repeats=repeats,
         least_force=state.least_force,
         **({} if state.vacuum is None else {f"vacuum_{name}": x for name, x in asdict(state.vacuum).items()}),
+        **({} if state.bodies is None else {f"bodies_{name}": x for name, x in asdict(state.bodies).items()}),
     )
     return bytes(message.SerializeToString())
 

@@ -40,7 +40,7 @@ HEAD: tuple[str, ...] = ("trial", "step", "protocol", "repeat", "branch", "t", "
 HEAD += ("tip_mass", "roll_deg", "force_x", "force_y", "force_z")
 INTEGERS = frozenset({"trial", "step", "repeat"})
 TEXTS = frozenset({"protocol", "branch", "specimen", "doubt"})
-DOUBTS = ("soft", "drift")
+DOUBTS = ("soft", "bodies", "drift")
 """Why a state is not to be relied on; the first that holds counts."""
 TIP = ("x", "y", "z")
 ORIENTATION = ("qw", "qx", "qy", "qz")

@@ -122,6 +122,7 @@ def same_body(a: bytes, b: bytes) -> bool:
 
 DOUBTS = {
     "soft": "the jammed spine was soft",
+    "bodies": "a body was where the robot cannot have brought it",
     "drift": "the force sensor's zero moved, and not at a constant pace, so its drift is not removed",
 }
 """What each of `recordings.trials.DOUBTS` means, for people."""

@@ -33,7 +33,7 @@ from . import actuators as act
 from . import operator as op
 from .hosted_stream import HostedArmState
 from .interrupts import Shielded
-from .limits import wiring, within_robot
+from .limits import bodies, wiring, within_robot
 from .real_time import clock_of, demand_fakes
 from .recovery import PatientOperator, Recovery
 from .streams import TOPICS, recorded
@@ -251,6 +251,7 @@ class Rig:
             force=self.streams["force"] if has("force") else None,
             mocap=self.streams["mocap"] if has("mocap") else None,
             sensors=tuple(self.sensors[n].topic for n in sensors),
+            bodies=bodies(self.file, self.file.body) if has("mocap") else None,
         )
 
     # -- the end

@@ -8,13 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.chambers import ChamberMap
+from model.condition import conditions
 from model.robot import Robot
-from model.section import annulus_second_moment, body_second_moment
+from model.section import actuation_wrench, annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
+from recordings.states.bodies import Bodies
 
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile, Stand
 
+LONGER = 3.0
+"""Times the elongation of robot.yaml: its area factor is known before a calibration within such a factor."""
+MISPLACED = 0.1
+"""Share of a distance by which the cameras' base frame and bodies may be out of place before a run is held up."""
 SLACK = 1 + 1e-9
 """A value at its limit is within it, however it was rounded."""
 
@@ -179,6 +185,21 @@ def _push(push: Push, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess
     yield from _above(force, "N", "max_force", push.max_force, "the protocol", subject, remedy)
     moment = force * push.length
     yield from _above(moment, "N m", "limits.max_moment", rig.limits.max_moment, path, subject, remedy)
+
+
+def bodies(rig: RigFile, robot: Robot) -> Bodies | None:
+    """Where the robot allows the tip and the markers of the cameras to be; None where the markers of rig.yaml are not those of
+    robot.yaml: a stretch of `LONGER` times what all chambers make at their highest pressure, and `MISPLACED` more."""
+    names = () if rig.instruments.mocap is None else getattr(rig.instruments.mocap, "markers", ())
+    if len(names) != len(robot.markers):
+        return None
+    strain = 0.0
+    if robot.chambers is not None and rig.instruments.pressure is not None:
+        highest = [rig.instruments.pressure.max_pressure] * len(robot.chambers.azimuths_deg)
+        spine = 0.0 if robot.spine is None else robot.length
+        push, _ = actuation_wrench(robot, conditions(robot, [0.0, spine], highest))
+        strain = float(push[:, 2].max()) / (robot.youngs_modulus * body_area(robot))
+    return Bodies(0.0, (robot.length, *robot.markers), 1 + MISPLACED + LONGER * strain)
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:

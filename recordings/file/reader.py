@@ -20,6 +20,7 @@ from .. import events
 from ..errors import BadMessage, Damaged, Foreign, MissingStream, NotARecording, Truncated
 from ..events import EVENTS, EventType, Mark, Request
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
+from ..states.bodies import Bodies
 from ..states.rules import LARGEST, State, checked
 from ..states.vacuum import VacuumBand
 from ..states.zeros import Drift, Zeros
@@ -393,8 +394,11 @@ def state_event(m: Any) -> StateEvent:
     vacuum = None
     if m.HasField("vacuum_since"):
         vacuum = checked(VacuumBand(m.vacuum_since, m.vacuum_lowest, m.vacuum_highest))
+    bodies = None
+    if m.HasField("bodies_since"):
+        bodies = checked(Bodies(m.bodies_since, tuple(m.bodies_arcs), m.bodies_stretch))
     least_force = m.least_force if m.HasField("least_force") else None
-    state = replace(State.from_json(_text(m)), clipped=m.clipped, vacuum=vacuum, least_force=least_force)
+    state = replace(State.from_json(_text(m)), clipped=m.clipped, vacuum=vacuum, least_force=least_force, bodies=bodies)
     return StateEvent(m.t, m.number, checked(state), m.repeats)
 
 

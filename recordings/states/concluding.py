@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import NoResistance, NotSettled, TooFewSamples, VacuumLost
+from ..errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from ..messages import SENSORS
 from ..trials import TrialRow
 from .averaging import (
@@ -19,6 +19,7 @@ from .averaging import (
     line_quaternion,
     mean_quaternion,
 )
+from .bodies import jumped, too_far
 from .buffer import Streams
 from .pushing import along_push
 from .rules import LARGEST, Crossing, Probe, Settled, State, Window
@@ -60,7 +61,8 @@ def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> T
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
     Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few, `VacuumLost` as
-    soon as a jammed spine has lost its vacuum, `NoResistance` when it hardly pushes back.
+    soon as a jammed spine has lost its vacuum, `NoResistance` when it hardly pushes back, `Misplaced` when a body is where the
+    robot cannot have brought it.
     """
     where = f"trial {state.trial} step {state.step}"
     watermark = min(streams.newest(topic) for topic in state.topics)
@@ -69,7 +71,10 @@ def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> T
     try:
         span = _span(streams, state, watermark)
         _demand_vacuum(streams, state, span, watermark)
-        return None if span is None else _row(streams, state, span, count)
+        if span is None:
+            return None
+        _demand_places(streams, state, span)
+        return _row(streams, state, span, count)
     except NotSettled as error:
         raise type(error)(f"{where}: {error}") from error
 
@@ -108,6 +113,20 @@ def _demand_vacuum(streams: Streams, state: State, span: Span | None, watermark:
         samples = samples[: int(np.searchsorted(samples["t"], span.t1, side="right")) + 1]
     if said := left_band(samples, state.ambient, band):
         raise VacuumLost(f"{said}; check pump, valve and hoses")
+
+
+def _demand_places(streams: Streams, state: State, span: Span) -> None:
+    """Raises Misplaced when a body is, in the window, where the robot cannot have brought it."""
+    bodies = state.bodies
+    if bodies is None:
+        return
+    said = too_far(tracked(streams.window("/tip", span.t0, span.t1)), bodies) or jumped(
+        tracked(streams.window("/tip", bodies.begin(span.t1), span.t1))
+    )
+    if said:
+        raise Misplaced(
+            f"{said}; the cameras may have taken one body for another, or the base frame is not where mocap_to_base says"
+        )
 
 
 def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:

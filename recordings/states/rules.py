@@ -21,6 +21,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from ..errors import BadMessage
 from ..json_text import read_json
 from ..messages import STREAMS, is_stream
+from .bodies import Bodies
 from .vacuum import VacuumBand
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
@@ -33,7 +34,7 @@ LARGEST = 1e15
 LARGEST_INTEGER = 2**53
 LONGEST_AVERAGE = 10_000
 """Samples of a moving average."""
-BESIDE_JSON = ("clipped", "vacuum", "least_force")
+BESIDE_JSON = ("clipped", "vacuum", "least_force", "bodies")
 """Fields of a state that came after its JSON text was first read key by key."""
 AMBIENT = 101_325.0
 """Standard atmosphere, Pa."""
@@ -128,7 +129,8 @@ class State:
 
     Beside the JSON text, which older readers take apart key by key: `clipped`: the rig's limits clipped set-points on the
     way here; `vacuum`: what the jammed spine must have kept, None where it is not jammed; `least_force` (N): force on the
-    specimen along the push, in excess of the probe's offset, below which it does not count as jammed.
+    specimen along the push, in excess of the probe's offset, below which it does not count as jammed; `bodies`: where the
+    robot allows tip and markers to be, None where that is not known.
     """
 
     trial: int
@@ -151,6 +153,7 @@ class State:
     clipped: bool = False
     vacuum: VacuumBand | None = None
     least_force: float | None = None
+    bodies: Bodies | None = None
 
     def __post_init__(self) -> None:
         if not PROTOCOL.fullmatch(self.protocol):
@@ -169,6 +172,8 @@ class State:
             raise BadMessage(f"state {self.trial}/{self.step}: a probe needs /force and /arm among the topics")
         if self.vacuum is not None and "/vacuum" not in self.topics:
             raise BadMessage(f"state {self.trial}/{self.step}: a vacuum to keep needs /vacuum among the topics")
+        if self.bodies is not None and "/tip" not in self.topics:
+            raise BadMessage(f"state {self.trial}/{self.step}: bodies to judge need /tip among the topics")
         if self.least_force is not None and self.probe is None:
             raise BadMessage(f"state {self.trial}/{self.step}: a least force needs a probe")
 
@@ -201,7 +206,7 @@ def _one_of(what: str, value: str, allowed: tuple[str, ...]) -> None:
         raise BadMessage(f"{what} {value!r} is unknown; one of {', '.join(allowed)}")
 
 
-_T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe | VacuumBand)
+_T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe | VacuumBand | Bodies)
 
 
 def checked(value: _T) -> _T:
@@ -224,7 +229,7 @@ def checked(value: _T) -> _T:
 
 
 _HINTS: dict[object, dict[str, Any]] = {
-    kind: get_type_hints(kind) for kind in (State, Settled, Window, Crossing, Probe, VacuumBand)
+    kind: get_type_hints(kind) for kind in (State, Settled, Window, Crossing, Probe, VacuumBand, Bodies)
 }
 """What the fields are annotated with; finding out takes longer than reading a state."""
 
