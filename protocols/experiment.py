@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
@@ -248,7 +249,7 @@ class Trials:
         if jammed is not None:
             self.bench.jammed = replace(jammed, vacuum=replace(jammed.vacuum, since=before[1].t))
         if state.bodies is not None:
-            self.bench.bodies = replace(state.bodies, since=before[1].t)
+            self.bench.bodies = replace(self.bench.bodies or state.bodies, since=before[1].t)
         if self.journal is not None:
             self.bench.recorder.sync()
             self.journal.step(trial.number, self._step)
@@ -288,7 +289,10 @@ class Trials:
         raise AssertionError("the last reading returns or raises")
 
     def _demand_rest(self, state: State, row: TrialRow) -> None:
-        """Raises Misplaced when the robot, hanging in the same way, is at rest elsewhere than in the trial before."""
+        """Check a state at rest against the first one of the same set-up; raises Misplaced where a body is elsewhere.
+
+        The first state at rest gives the arc lengths of markers that robot.yaml does not state: their distances from the base.
+        """
         if state.bodies is None or state.branch != "load" or any(state.targets) or not isinstance(state.rule, Settled):
             return
         hangs = (state.spine_length, state.vacuum is None, state.tip_mass, state.roll_deg, state.specimen)
@@ -299,6 +303,9 @@ class Trials:
                 "another, or the robot or a camera was moved"
             )
         self._rest.setdefault(hangs, row)
+        places = [math.hypot(*place) for place in row.markers]
+        if len(state.bodies.arcs) == 1 and all(map(math.isfinite, places)):
+            self.bench.bodies = replace(state.bodies, arcs=(*state.bodies.arcs, *places))
 
     def _wanted_again(self, rule: Settled | Window | Crossing) -> bool:
         """Whether a person wants the state that was just read to be read once more."""

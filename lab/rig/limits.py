@@ -187,19 +187,21 @@ def _push(push: Push, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess
     yield from _above(moment, "N m", "limits.max_moment", rig.limits.max_moment, path, subject, remedy)
 
 
-def bodies(rig: RigFile, robot: Robot) -> Bodies | None:
-    """Where the robot allows the tip and the markers of the cameras to be; None where the markers of rig.yaml are not those of
-    robot.yaml: a stretch of `LONGER` times what all chambers make at their highest pressure, and `MISPLACED` more."""
-    names = () if rig.instruments.mocap is None else getattr(rig.instruments.mocap, "markers", ())
-    if len(names) != len(robot.markers):
-        return None
+def bodies(rig: RigFile, robot: Robot) -> Bodies:
+    """Return the bounds that the robot sets to the places of its tip and markers, to be judged from rig time 0 on.
+
+    The stretch is `LONGER` times the strain with all chambers at their highest pressure, and `MISPLACED` more. Markers count
+    where robot.yaml states the arc length of each marker of rig.yaml.
+    """
+    names = getattr(rig.instruments.mocap, "markers", ())
+    markers = robot.markers if len(names) == len(robot.markers) else ()
     strain = 0.0
     if robot.chambers is not None and rig.instruments.pressure is not None:
         highest = [rig.instruments.pressure.max_pressure] * len(robot.chambers.azimuths_deg)
         spine = 0.0 if robot.spine is None else robot.length
         push, _ = actuation_wrench(robot, conditions(robot, [0.0, spine], highest))
         strain = float(push[:, 2].max()) / (robot.youngs_modulus * body_area(robot))
-    return Bodies(0.0, (robot.length, *robot.markers), 1 + MISPLACED + LONGER * strain)
+    return Bodies(0.0, (robot.length, *markers), 1 + MISPLACED + LONGER * strain)
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:

@@ -27,8 +27,12 @@ APART = 0.02
 
 @dataclass(frozen=True)
 class Bodies:
-    """What the robot allows: `arcs` (m), along the unloaded body from the base to the tip, then to each marker; `stretch`, by
-    how much it can be longer; from rig time `since` (s) on, no body may have jumped to another place."""
+    """Bounds that the robot sets to the places of the tip and its markers.
+
+    `arcs` (m): arc length of the unloaded body from the base to the tip, then to each marker, where markers are known;
+    `stretch`: largest ratio of a stretched length to the unloaded one; `since` (s): rig time since which no body may have
+    jumped.
+    """
 
     since: float
     arcs: tuple[float, ...]
@@ -52,11 +56,9 @@ def _places(samples: NDArray[np.void]) -> NDArray[np.float64]:
 def too_far(samples: NDArray[np.void], bodies: Bodies) -> str:
     """Which body is farther from the base, or from another one, than the robot is long between them, for people; empty where none
     is. `samples`: tracked ones of /tip; the worst distance of all is told."""
-    places = _places(samples)
-    if places.shape[1] != len(bodies.arcs) or not len(samples):
-        return ""
+    places = _places(samples)[:, : len(bodies.arcs)]
     worst, said = 0.0, ""
-    for name, arc, between in _pairs(places, bodies.arcs):
+    for name, arc, between in _pairs(places, bodies.arcs[: places.shape[1]]):
         seen = between[np.isfinite(between)]
         limit = bodies.stretch * arc + SLACK
         if len(seen) and (over := float(np.median(seen)) - limit) > worst:

@@ -1,0 +1,34 @@
+"""A run whose cameras take one body for another pauses, and reads the state again once that is put right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from house import House
+from test_pauses import BENDING, during, lab
+
+from lab.verbs.fakes import PATIENT
+from recordings.campaign.replay import compare, table_of
+from recordings.file.reader import Recording
+
+
+@pytest.mark.parametrize("pair", [("Tip", "M2"), pytest.param(("M1", "M3"), marks=pytest.mark.long)])
+def test_bodies_exchanged_in_mid_sweep_hold_the_run_up(
+    house: House, tmp_path: Path, pair: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    fakes, plant, cameras = house.fakes, house.fakes.plant, house.fakes.mocap
+    assert cameras is not None
+    fakes.on_confirm = lambda trouble: fakes.switch.end()
+    during(lambda: float(plant.chamber_pressure.max()) > 100e3, lambda: cameras.faults.extra.update(exchange=pair))
+    assert lab(house, tmp_path, "bending", *BENDING) == 3
+    assert any("mocap" in trouble and "mm apart" in trouble for trouble in fakes.troubles)
+    assert "a body was where the robot cannot have brought it" in capsys.readouterr().err
+    (file,) = tmp_path.glob("*.mcap")
+    recording = Recording.open(file)
+    table = table_of(recording)
+    assert [row.step for row in table] == [1, 2, 3, 4, 5] and table.doubtful
+    assert recording.marks and recording.marks[0].doubt == "bodies"
+    assert compare(recording).equal
+    assert all(row.tip is not None and row.tip[2] > 0.25 for row in table)
