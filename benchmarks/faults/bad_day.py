@@ -39,8 +39,8 @@ ANOTHER = """
 import os, sys
 from lab import cli
 from lab.files.all_drivers import found_drivers
-import lab.console, lab.guard.latch, lab.guard.new_guard, lab.rig.interrupts, lab.rig.real_time, lab.verbs.safe
-import concurrent.futures.thread, getpass, multiprocessing.connection, rich.text, serial
+import encodings.idna, lab.console, lab.failures, lab.guard.latch, lab.guard.new_guard, lab.rig.interrupts, lab.rig.real_time, lab.verbs.safe
+import concurrent.futures.thread, getpass, multiprocessing.connection, rich.text, serial, shlex
 found_drivers()
 os.setgroups([])
 os.setuid(65534)
