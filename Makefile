@@ -62,6 +62,7 @@ faults: $(READY_DEV)
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
 	$(BIN)/python -m benchmarks.faults.stops
 	$(BIN)/python -m benchmarks.faults.bad_day
+	$(BIN)/python -m benchmarks.faults.lines
 	$(BIN)/python -m benchmarks.faults.kills --count 50
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal INT

@@ -39,8 +39,9 @@ ANOTHER = """
 import os, sys
 from lab import cli
 from lab.files.all_drivers import found_drivers
-import encodings.idna, lab.console, lab.failures, lab.guard.latch, lab.guard.new_guard, lab.rig.interrupts, lab.rig.real_time, lab.verbs.safe
-import concurrent.futures.thread, getpass, multiprocessing.connection, rich.text, serial, shlex
+import encodings.idna, shlex
+import lab.console, lab.failures, lab.guard.latch, lab.guard.new_guard, lab.rig.interrupts, lab.rig.real_time, lab.verbs.safe
+import concurrent.futures.thread, getpass, multiprocessing.connection, rich.text, serial
 found_drivers()
 os.setgroups([])
 os.setuid(65534)
@@ -127,9 +128,9 @@ def one(fakes: FakeRig, day: str, scene: str) -> Cell:
         for table in yaml.safe_load(rig.read_text())["instruments"].values():
             if "port" in table and day == "another user":
                 os.chmod(os.path.realpath(table["port"]), 0o666)  # as the group dialout makes them
-        program = _running(fakes, rig, Path(place), scene)
+        program = running(fakes, rig, Path(place), scene)
         if scene == "after a crash":
-            _crash(program)
+            crash(program)
         called = DAYS[day](rig)
         words = (
             ["-c", ANOTHER, str(called)] if day == "another user" else ["-m", "lab.cli", "safe", "--rig", str(called)]
@@ -162,7 +163,7 @@ def _folder(place: Path, mounted: bool) -> Iterator[Path]:
         yield folder
 
 
-def _running(fakes: FakeRig, rig: Path, out: Path, scene: str) -> subprocess.Popen[bytes]:
+def running(fakes: FakeRig, rig: Path, out: Path, scene: str) -> subprocess.Popen[bytes]:
     """A run in a process of its own, once the robot is inflated or the arm moves."""
     protocol, *settings = SCENES[scene]
     command = [sys.executable, "-m", "lab.cli", "run", protocol, "--rig", str(rig), "--out", str(out / "runs")]
@@ -178,7 +179,7 @@ def _running(fakes: FakeRig, rig: Path, out: Path, scene: str) -> subprocess.Pop
     raise TimeoutError(f"{protocol} has not begun within {WITHIN:g} s")
 
 
-def _crash(program: subprocess.Popen[bytes]) -> None:
+def crash(program: subprocess.Popen[bytes]) -> None:
     """Kill the program and all that it has started, at the same moment."""
     whole = [program.pid]
     for pid in whole:

@@ -106,7 +106,12 @@ def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
     freed(virtual_lab)
     rig = virtual_lab.rig.with_name("at_terminal.yaml")
     rig.write_text(yaml.safe_dump({**yaml.safe_load(virtual_lab.rig.read_text()), "operator": "console"}))
-    holding = ("--set", "reading=hold", "--set", "hold_times=[1, 6000]")  # the terminal is closed before the second state
+    holding = (
+        "--set",
+        "reading=hold",
+        "--set",
+        "hold_times=[1, 6000]",
+    )  # the terminal is closed before the second state
     with Terminal("run", "bending", "--rig", rig, *SHORT, *holding, "--out", tmp_path) as terminal:
         terminal.until("Enter when ready")
         if not asked:
