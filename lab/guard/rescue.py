@@ -25,8 +25,11 @@ RESCUING: list[subprocess.Popen[bytes]] = []
 """Processes that this program has started for it."""
 
 
-def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
-    """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most."""
+def go_on_landing(rig: RigFile, names: Sequence[str], why: str, unlock: bool) -> None:
+    """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most.
+
+    `unlock` the rig when everything is confirmed, unless it was locked anew meanwhile.
+    """
     process = subprocess.Popen(
         [sys.executable, "-m", "lab.guard.rescue"],
         stdin=subprocess.PIPE,
@@ -37,21 +40,22 @@ def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
     RESCUING.append(process)
     assert process.stdin is not None
     with process.stdin as asked:
-        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why]).encode())
+        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why, unlock]).encode())
 
 
 def main() -> int:
     """Land one rig; unlock it when everything is confirmed."""
-    text, path, names, why = read_json(sys.stdin.buffer.read())
+    text, path, names, why, unlock = read_json(sys.stdin.buffer.read())
     rig = RigFile.model_validate_json(text).read_from(Path(path) if path else None)
     guard = Guard(rig, RigClock(rig.clock.speed), despite_latch=True, about=why)
+    locked = guard.latch.read() if guard.latch is not None else None
     guard.ending = True  # it commands nothing, and is gone when it has landed the rig
     try:
         guard.take_over()
     except RigLocked:
         return 1  # whoever owns the rig by now lands it
     report = guard.make_safe(why, rig.safe.keep_vacuum, names, LIVES_ON)
-    if report.confirmed:
+    if unlock and report.confirmed and guard.latch is not None and guard.latch.read() == locked:
         guard.unlock()
     guard.close()
     return 0
