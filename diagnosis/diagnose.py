@@ -109,6 +109,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, held_out.shrink,
         held_out.waterfall, which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking,
         found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),
+        calibration := assemble.calibration_section(found),
     )  # fmt: skip
     wanted.executor.progress(1.0)
     text = statement(facts)
@@ -129,6 +130,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         detail=detail,
         budget=budget,
         waterfall=held_out.waterfall,
+        calibration=calibration,
     )
     return Examined(answer, rivals, first)
 

@@ -21,7 +21,7 @@ from .attribute import Attribution
 from .confounding import confounded_shares
 from .distinguishability import TIED
 from .holdout import Holdout
-from .result import STAGES, Attribute, Data, Locate, Ranked, Simulator
+from .result import STAGES, Attribute, Calibration, Data, Locate, Ranked, Simulator
 from .shapes import worst_states
 from .shrink import HeldOutErrors
 from .size import sizes, values
@@ -30,6 +30,7 @@ from .verdict import conclude, rivals
 Array = NDArray[np.float64]
 
 MM = 1e3
+AREA = "area.excess"
 LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
 
@@ -65,6 +66,18 @@ def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
     numerical = float("nan") if p.baseline is not None else locate.numerical_error(p.robot, own) * MM
     what: Literal["tip", "deflection"] = "deflection" if p.pushes_only else "tip"
     return Locate(rmse * MM, p.noise_floor * MM, significant, by, stage, numerical, what)
+
+
+def calibration_section(f: Attribution) -> Calibration | None:
+    """The section `calibration`: the one area factor of the calibrated baseline next to robot.yaml's."""
+    p, parameters = f.prepared, f.prepared.problem.parameters
+    if p.baseline is not None or p.pushes_only or AREA not in parameters.names:
+        return None
+    robot, states = p.described or (p.robot, p.states)
+    own = ~p.states.pushed
+    given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
+    before = float(np.mean(p.robot.area_factor_at(p.states.spine_length[own])))
+    return Calibration(before * (1 + float(f.calibrated.theta[parameters.names.index(AREA)])), given)
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:
@@ -244,10 +257,10 @@ def _rms(p: Prepared, missed: Array) -> float:
 def _confounding(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:
     """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length."""
     parameters = p.problem.parameters
-    if "area.excess" not in parameters.names:
+    if AREA not in parameters.names:
         return {}
     weight = np.where(p.labels.kind == 0, 1.0, 0.0)
-    area = slope[:, [parameters.names.index("area.excess")]]
+    area = slope[:, [parameters.names.index(AREA)]]
     length = np.round(p.states.spine_length[p.labels.state], 2)
     per_length = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
     return {

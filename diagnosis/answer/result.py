@@ -72,6 +72,20 @@ class Locate:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """The area factor that the calibrated model has, mean over the states."""
+
+    area_factor: float
+    given: float
+    """That of robot.yaml."""
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the body, as a ratio to that of robot.yaml, with which the given area factor bends it as far."""
+        return self.given / self.area_factor
+
+
+@dataclass(frozen=True)
 class Simulator:
     """The simulator that takes the rod's place as a baseline, beside the rod of robot.yaml; rms of the tip."""
 
@@ -269,6 +283,8 @@ class Diagnosis:
     """The gap step by step on unseen states; None where nothing can be left out, or it was not asked for."""
     change: Change | None = None
     """Since a reference campaign, where one was given."""
+    calibration: Calibration | None = None
+    """What calibration changed; None for a simulator in the rod's place, and in answers of earlier versions."""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able, as diagnosis.json holds it."""
@@ -343,6 +359,7 @@ def _read(d: dict[str, Any]) -> Diagnosis:
         budget=tuple(Carries(**x) for x in d.get("budget", ())),
         waterfall=_waterfall(d.get("waterfall")),
         change=_change(d.get("change")),
+        calibration=Calibration(**d["calibration"]) if d.get("calibration") else None,
     )  # fmt: skip
 
 

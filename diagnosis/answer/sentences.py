@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..criticism.stage_errors import StageError
-from .result import Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
+from .result import Calibration, Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
 from .verdict import Decision, stage
 
 LEAST_TOLD = 0.01
 """Probability of a cause outside the catalogue from which the answer states it apart."""
 EXPLAINS = 0.5
 """Share of the reducible gap from which a hypothesis counts as explaining it."""
+LEAST_CHANGE = 0.01
+"""Share of the area factor above which the answer states what calibration changed."""
 ABSORBS = 0.7
 """An area factor for each spine length that leaves less than this share of what one leaves hides a cause."""
 
@@ -45,6 +47,7 @@ class Facts:
     """What the table lacks."""
     simulator: Simulator | None = None
     """What takes the rod's place; None: nothing does."""
+    calibration: Calibration | None = None
 
 
 def statement(f: Facts) -> str:
@@ -72,9 +75,11 @@ def _verdict(f: Facts) -> str:
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
         return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}"
     if f.conclusion == "none":
-        return f"No cause: no effect accounts for enough above the noise floor ({_sure(f)})."
+        first = _by_calibration(f) or "No cause:"
+        return f"{first} no effect accounts for enough above the noise floor ({_sure(f)})."
     if f.conclusion == "noise":
-        return f"No gap: nothing is above the noise floor ({_sure(f)})."
+        first = _by_calibration(f) or "No gap:"
+        return f"{first} nothing is above the noise floor ({_sure(f)})."
     if f.conclusion == "too little data":
         lacks = f": {'; '.join(f.missing)}" if f.missing else ""
         return f"Too little data to name a cause{lacks}."
@@ -107,13 +112,33 @@ def _gap(f: Facts) -> str:
         return f"Calibrated {_calibrated(f)} {_model(f)} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
     return (
-        f"As given {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor by "
-        f"{calibrated:.{digits}f} mm on states that the fit did not see; {floor}."
+        f"As given {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
+        f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see; {floor}."
     )
 
 
 def _calibrated(f: Facts) -> str:
-    return "with one area factor" if f.simulator is None else "with one area factor and towards the rod"
+    return f"with one area factor{_factor(f)}" if f.simulator is None else "with one area factor and towards the rod"
+
+
+def _factor(f: Facts) -> str:
+    """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
+    c = f.calibration
+    if c is None or abs(c.stiffness - 1) < LEAST_CHANGE:
+        return ""
+    how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
+    return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
+
+
+def _by_calibration(f: Facts) -> str:
+    """What calibration closes of the gap as given, where that is most of it; empty otherwise."""
+    w = f.waterfall
+    if f.calibration is None or w is None or not _factor(f):
+        return ""
+    floor = f.where.noise_floor_mm
+    reducible = w.given_mm**2 - floor**2
+    closed = 1 - (w.steps[0].left_mm ** 2 - floor**2) / reducible if reducible > 0 else 0.0
+    return f"Calibration closes {_percent(closed)} % of the reducible gap; beyond it," if closed > EXPLAINS else ""
 
 
 def _model(f: Facts) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from diagnosis.answer.result import Absorbed, Carries, Locate, Shrink, Step, Waterfall
+from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Step, Waterfall
 from diagnosis.answer.sentences import Facts, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.probability_calibration import CALIBRATED
@@ -75,6 +75,19 @@ def test_each_conclusion_has_its_sentence(found: Facts, conclusion: str, told: s
 def test_a_cause_says_what_it_accounts_for_and_what_is_there_beside_it() -> None:
     text = statement(facts(SURE))
     assert "base_tilt moves the tip by 2.50 mm" in text and "Also present: contact 0.40 mm" in text
+
+
+def test_what_calibration_changed_is_part_of_the_statement() -> None:
+    steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
+    gap = Waterfall("leave one trial out", 40, 25.2, steps, {}, None)
+    found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(0.88, 1.0))
+    text = statement(found)
+    assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
+    assert "with one area factor (0.88 instead of 1.00; a body 14 % stiffer would look the same) by 0.60 mm" in text
+    kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
+    assert kept.startswith("No gap: ") and "instead of" not in kept
+    small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
+    assert small.startswith("No gap: ") and "a body 36 % softer" in small
 
 
 def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> None:
