@@ -151,3 +151,10 @@ def test_the_wheel_holds_whatever_the_rooms_hold_and_nothing_else() -> None:
     assert left_out == []
     away = [str(p) for p in files if p.suffix == ".py" and re.search(r"/ \"(examples|tests|docs)\b", p.read_text())]
     assert away == []
+
+
+def test_processes_of_our_own_find_no_modules_in_the_folder_where_a_person_stands() -> None:
+    """A folder named like a package, there, would take the package's place."""
+    started = [(path, text) for room in ROOMS for path in (ROOT / room).rglob("*.py") if (text := path.read_text())]
+    unsafe = [path for path, text in started if re.search(r'sys\.executable,\s*"-m"', text)]
+    assert not unsafe

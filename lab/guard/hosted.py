@@ -108,7 +108,7 @@ class Hosted:
             if self._process is not None and self._process.poll() is None:
                 return
             ours, theirs = Pipe()
-            command = [sys.executable, "-m", "lab.guard.hosted", str(theirs.fileno())]
+            command = [sys.executable, "-P", "-m", "lab.guard.hosted", str(theirs.fileno())]
             self._process = subprocess.Popen(
                 command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
             )

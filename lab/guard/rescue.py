@@ -31,7 +31,7 @@ def go_on_landing(rig: RigFile, names: Sequence[str], why: str, unlock: bool) ->
     `unlock` the rig when everything is confirmed, unless it was locked anew meanwhile.
     """
     process = subprocess.Popen(
-        [sys.executable, "-m", "lab.guard.rescue"],
+        [sys.executable, "-P", "-m", "lab.guard.rescue"],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

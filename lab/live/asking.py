@@ -27,7 +27,7 @@ class Model:
     async def start(self) -> bool:
         """Start it; returns whether it gives intervals once its kernels are there. Raises `NoModel`."""
         self._process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "lab.live.expected", stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+            sys.executable, "-P", "-m", "lab.live.expected", stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL, limit=LONGEST_LINE, start_new_session=True,
         )  # fmt: skip
         answer = await self.ask({"robot": self._robot})

@@ -47,7 +47,7 @@ class Page:
         with at.listening:
             number = at.listening.fileno()
             process = subprocess.Popen(
-                [sys.executable, "-m", "lab.live", str(number), "open" if browser else "quiet"],
+                [sys.executable, "-P", "-m", "lab.live", str(number), "open" if browser else "quiet"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

@@ -76,7 +76,7 @@ class Actuators:
         self._samples, their_samples = Pipe(duplex=False)
         their_pulse, pulse = os.pipe()
         passed = (theirs.fileno(), their_pulse, their_samples.fileno())
-        command = [sys.executable, "-m", "lab.guard.process", *map(str, passed)]
+        command = [sys.executable, "-P", "-m", "lab.guard.process", *map(str, passed)]
         with _held_back():
             self._process = subprocess.Popen(command, pass_fds=passed, stdin=subprocess.DEVNULL, start_new_session=True)
         theirs.close()

@@ -52,7 +52,7 @@ class HostedArmState:
         """Start the process and the stream. Raises what UR5State.open raises."""
         self.close()
         ours, theirs = Pipe()
-        command = [sys.executable, "-m", "lab.rig.hosted_stream", str(theirs.fileno())]
+        command = [sys.executable, "-P", "-m", "lab.rig.hosted_stream", str(theirs.fileno())]
         self._process = subprocess.Popen(
             command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
         )

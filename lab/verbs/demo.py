@@ -152,7 +152,7 @@ def _model_warming_up() -> Iterator[Callable[[], None]]:
     """Have the model compiled in processes beside, while the rig mostly waits; what it yields waits for the rest."""
     beside = [
         subprocess.Popen(
-            [sys.executable, "-m", "model.warm_up", part],
+            [sys.executable, "-P", "-m", "model.warm_up", part],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -59,7 +59,7 @@ class UrProcess:
         self.host = host or free_host()
         self._folder = tempfile.TemporaryDirectory(prefix="softlab-")  # of mode 0700
         self.door = Path(self._folder.name) / "arm.sock"
-        command = [sys.executable, "-m", "sim_fakes.ur", "--host", self.host, "--version", version]
+        command = [sys.executable, "-P", "-m", "sim_fakes.ur", "--host", self.host, "--version", version]
         command += ["--speed", str(speed), "--seed", str(seed), "--die-with-parent"]
         command += ["--backdoor", str(self.door)]
         if pose_to is not None:
