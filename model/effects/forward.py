@@ -295,7 +295,7 @@ class ForwardModel:
 
     def _quantities(self, spread: Spread, more: Array | None = None, asked: frozenset[int] = frozenset()) -> Quantities:
         """All laws before the rod; `more` (full, chambers) Pa is what is read beyond the table."""
-        q = Quantities(**vars(self._baseline))
+        q = copy.copy(self._baseline)
         if more is not None:
             q.pressure = q.pressure + more
         for law, values in self._laws(spread, asked):

@@ -130,7 +130,7 @@ def loading_path(design: Design, rest_of: Order) -> Path:
     )
 
 
-@dataclass
+@dataclass(slots=True)
 class History:
     """What laws with memory see and fill; n states, v variants, possibly 1 for what all variants share."""
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Iterable
+from dataclasses import fields
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from model.effects.design import Columns, Design, design_from_columns
 from model.effects.forward import ForwardModel
+from model.effects.history import History
+from model.effects.quantities import Quantities
+from model.effects.readings import Readings
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect
 from model.robot import Robot
@@ -17,32 +23,61 @@ Array = NDArray[np.float64]
 
 PRESSURES = (0.0, 100e3, 200e3, 100e3, 0.0)
 """Pa, up and down."""
+RATE = 20e3
+"""Pa/s."""
+PUSHES = (0.002, 0.004)
+"""m."""
+_NO_SUCH = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
+LEAST = 1e-9
+"""m, rad or N; above the errors of rounding."""
 
 
 def prove(robot: Robot, specs: Iterable[EffectSpec]) -> None:
-    """Raises `BadEffect` when a law fails, is not of the right shape, does something at zero, or leaves no equilibrium."""
+    """Try effects on a small campaign.
+
+    Raises `BadEffect` when a law fails, is not of the right shape, moves a reading at zero or none at its plausible size, or
+    leaves no equilibrium.
+    """
     specs = tuple(specs)
     if not specs:
         return
     design = design_from_columns(robot, _campaign(robot))
     baseline = ForwardModel(robot, design, catalogue={})
     still = baseline.predict(np.zeros(len(baseline.parameters)))
+    bent = baseline.observations.channel != "force"
     for spec in specs:
         try:
             zero, large = _tried(robot, design, spec)
         except Exception as error:  # whatever a law of a person's own raises is a fault of that law
-            raise BadEffect(f"effect {spec.id}: its law fails: {type(error).__name__}: {error}") from error
+            raise BadEffect(
+                f"effect {spec.id}: its law fails: {type(error).__name__}: {error}{_nearest(error)}"
+            ) from error
         moved = float(np.nanmax(np.abs(zero - still)))
         if moved > 0.0 or (np.isnan(zero) != np.isnan(still)).any():
             raise BadEffect(
                 f"effect {spec.id}: moves readings by up to {moved:.3g} (m or rad) at zero sizes; "
                 "a law must have exactly no effect there"
             )
-        if not np.isfinite(large).any():
+        if not np.isfinite(large[bent]).any():
             raise BadEffect(
                 f"effect {spec.id}: no state of a small campaign has an equilibrium at its plausible size; "
                 "make the scale of its parameters smaller"
             )
+        if not np.nanmax(np.abs(large - zero), initial=0.0) > LEAST:
+            raise BadEffect(
+                f"effect {spec.id}: moves no reading of a small campaign at its plausible size by more than {LEAST:g} (m, rad or "
+                "N); check what its law sets, and the scale of its parameters"
+            )
+
+
+def _nearest(error: Exception) -> str:
+    """The quantity whose name is nearest to one that does not exist; empty for another error."""
+    found = _NO_SUCH.search(str(error)) if isinstance(error, AttributeError) else None
+    known = {kind.__name__: [f.name for f in fields(kind)] for kind in (Quantities, Readings, History)}
+    if found is None or found[1] not in known:
+        return ""
+    near = difflib.get_close_matches(found[2], known[found[1]], n=1, cutoff=0.5)
+    return f"; did you mean '{near[0]}'?" if near else f"; it has {', '.join(known[found[1]])}"
 
 
 def _tried(robot: Robot, design: Design, spec: EffectSpec) -> tuple[Array, Array]:
@@ -58,16 +93,25 @@ def _tried(robot: Robot, design: Design, spec: EffectSpec) -> tuple[Array, Array
 
 
 def _campaign(robot: Robot) -> Columns:
-    """Two spine lengths, one chamber up and down, tip and orientation read."""
+    """Two spine lengths, one chamber up and down, read while ramping; then the body pushed at its end."""
     n, chambers = len(PRESSURES), len(robot.actuators.azimuths_deg)
     lengths = (0.0, 0.5 * robot.length) if robot.spine is not None else (0.0,)
+    bent, pushed = n * len(lengths), len(PUSHES)
+
+    def joined(bending: ArrayLike, push: ArrayLike) -> NDArray[np.generic]:
+        return np.concatenate([np.resize(np.asarray(bending), bent), np.resize(np.asarray(push), pushed)])
+
     columns: dict[str, NDArray[np.generic]] = {
-        "trial": np.repeat(np.arange(1, len(lengths) + 1), n),
-        "branch": np.tile(["load"] * 3 + ["unload"] * 2, len(lengths)),
-        "t": np.arange(n * len(lengths)) * 10.0,
-        "spine_length": np.repeat(lengths, n),
+        "trial": np.concatenate([np.repeat(np.arange(1, len(lengths) + 1), n), np.full(pushed, len(lengths) + 1)]),
+        "protocol": joined("bending", "stiffness"),
+        "specimen": joined("", "body"),
+        "branch": joined(["load"] * 3 + ["unload"] * 2, "load"),
+        "t": np.arange(bent + pushed) * 10.0,
+        "rate": joined([0.0, RATE, RATE, -RATE, -RATE], 0.0),
+        "hold": np.zeros(bent + pushed),
+        "spine_length": np.concatenate([np.repeat(lengths, n), np.full(pushed, lengths[-1])]),
+        "deflection": joined(0.0, PUSHES),
+        "force": joined(np.nan, 0.0),
     }
-    columns |= {f"p{c + 1}": np.tile(PRESSURES if c == 0 else np.zeros(n), len(lengths)) for c in range(chambers)}
-    return columns | {
-        name: np.full(n * len(lengths), float(name == "qw")) for name in ("x", "y", "z", "qw", "qx", "qy", "qz")
-    }
+    columns |= {f"p{c + 1}": joined(PRESSURES if c == 0 else 0.0, 0.0) for c in range(chambers)}
+    return columns | {name: joined(float(name == "qw"), np.nan) for name in ("x", "y", "z", "qw", "qx", "qy", "qz")}

@@ -19,7 +19,7 @@ from model.robot import Robot
 Array = NDArray[np.float64]
 
 
-@dataclass
+@dataclass(slots=True)
 class Quantities:
     """What the baseline takes as given; shapes (v, n) unless said otherwise, v and n possibly 1."""
 

@@ -17,7 +17,7 @@ from model.rotation import from_vector, multiply, to_base
 Array = NDArray[np.float64]
 
 
-@dataclass
+@dataclass(slots=True)
 class Readings:
     """Arrays (v or 1, n, ...) in the base frame; laws replace them, never change them in place."""
 

@@ -23,7 +23,9 @@ RIG = str(ROOT / "examples/rig/rig.yaml")
 CREEP = (ROOT / "examples/protocol/creep.py").read_text()
 EFFECT = """
 from model.effects import EffectSpec, Law, Parameter
-EFFECTS = (EffectSpec("{id}", "material", "", (Parameter("size", "1", 0.1, -1.0, 1.0),), Law(), "", ""),)
+def soften(q, v):
+    q.body_modulus = q.body_modulus * (1 + v["size"])
+EFFECTS = (EffectSpec("{id}", "material", "", (Parameter("size", "1", 0.1, -0.9, 1.0),), Law(before=soften), "", ""),)
 """
 DRIVER = """
 from drivers.configs import GaugeConfig
@@ -174,7 +176,7 @@ def test_effects(install: Install) -> None:
     install("packaged", EFFECT.format(id="from_package"), effects={"any": ":EFFECTS"})
     install("greedy", EFFECT.format(id="base_tilt"), effects={"any": ":EFFECTS"})
     law = "Law(before=lambda q, v: 1 / 0)"
-    install("failing", EFFECT.format(id="failing").replace("Law()", law), effects={"failing": ":EFFECTS"})
+    install("failing", EFFECT.format(id="failing").replace("Law(before=soften)", law), effects={"failing": ":EFFECTS"})
     effects, told = catalogue(robot)
     assert "from_package" in effects and "failing" not in effects and effects["base_tilt"].equation
     text = "\n".join(told)

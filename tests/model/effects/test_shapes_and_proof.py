@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -66,6 +67,14 @@ def misspelt(q: Quantities, v: Values) -> None:
     q.body_modulus = q.body_modulus * (1 + 0.002 * v["kelwin"])
 
 
+def no_quantity(q: Quantities, v: Values) -> None:
+    q.body_modulos = q.body_modulus * (1 + 0.002 * v["kelvin"])  # type: ignore[attr-defined]
+
+
+def nothing(q: Quantities, v: Values) -> None:
+    q.tether = q.tether + 1e-15 * v["kelvin"]
+
+
 def never_off(q: Quantities, v: Values) -> None:
     q.body_modulus = q.body_modulus * (1.01 + 0.002 * v["kelvin"])
 
@@ -87,11 +96,13 @@ def test_a_sound_effect_of_one_s_own_passes(paper_robot: Robot) -> None:
     [
         (effect(misspelt), "law fails: KeyError: 'kelwin'"),
         (effect(of_one_shape), "law fails"),
+        (effect(no_quantity), "no attribute 'body_modulos'; did you mean 'body_modulus'?"),
+        (effect(nothing), "moves no reading of a small campaign at its plausible size"),
         (effect(never_off), "must have exactly no effect"),
         (effect(crushing), "no state of a small campaign has an equilibrium"),
     ],
-    ids=["misspelt", "shape", "never off", "too large"],
+    ids=["misspelt", "shape", "no quantity", "nothing", "never off", "too large"],
 )
 def test_an_effect_that_cannot_be_weighed_is_refused_by_name(paper_robot: Robot, spec: EffectSpec, said: str) -> None:
-    with pytest.raises(BadEffect, match=f"colder: .*{said}"):
+    with pytest.raises(BadEffect, match=f"colder: .*{re.escape(said)}"):
         prove(paper_robot, [spec])
