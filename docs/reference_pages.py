@@ -23,10 +23,18 @@ from lab.files.campaign_file import CampaignFile
 from lab.files.rig_file import RigFile
 from lab.imports.map_file import Map
 from model.effects import CATALOGUE
+from model.effects.history import History
+from model.effects.quantities import Quantities
+from model.effects.readings import Readings
 from model.effects.spec import STAGES, Parameter
 from model.robot import Robot
+from protocols import actions, suspension
+from protocols.bench import Bench, Setup
+from protocols.experiment import Ask, Plan, Reading, Step, Trials
+from protocols.parameters import Jam, Settle, SpineMotion
 from recordings import trials
 from recordings.messages import STREAMS
+from recordings.states.rules import Crossing, Settled, Window
 
 OFFERS: Mapping[str, type] = {
     "arm": interfaces.ArmDriver,
@@ -53,7 +61,9 @@ def write_all(folder: Path) -> None:
         "trials": trials_file(),
         "protocols": protocol_files(),
         "instruments": instruments(),
+        "protocol-calls": protocol_calls(),
         "effects": effects(),
+        "quantities": quantities(),
         "streams": streams(),
         "python": python(),
     }
@@ -151,6 +161,56 @@ def protocol_files() -> Iterator[str]:
             "",
         )
         yield from _tables(found.parameters, "", level=3)
+
+
+def protocol_calls() -> Iterator[str]:
+    """What a protocol of one's own calls."""
+    yield from (
+        "# Calls of a protocol",
+        "",
+        MADE,
+        "How they fit together: [a protocol of your own](../howto/protocol.md).",
+    )
+    yield from ("All values are in SI units, times are rig time in s.", "")
+    for kind in (Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing, Settle, Jam, SpineMotion):
+        yield from _class(kind, kind.__name__)
+    for module in (actions, suspension):
+        yield from (f"## {module.__name__}", "", *_prose(module))
+        rows = [
+            (_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or ""))
+            for name, f in vars(module).items()
+            if inspect.isfunction(f) and f.__module__ == module.__name__ and not name.startswith("_")
+        ]
+        yield from _table(("call", "does"), rows)
+
+
+def quantities() -> Iterator[str]:
+    """What laws of effects may change, with shapes."""
+    yield from (
+        "# Quantities that effects change",
+        "",
+        MADE,
+        "How a law is written: [an effect of your own](../howto/effect.md).",
+    )
+    yield from (
+        "v: variants, n: states, either may be 1. An array of chambers has one axis more, so that a law writes",
+        "",
+    )
+    yield from ("```python", 'q.pressure = q.pressure * (1 - v["share"][..., None])', "```", "")
+    for kind, part in ((Quantities, "before"), (History, "path"), (Readings, "after")):
+        yield from _class(kind, f"{kind.__name__}: `{part}`")
+
+
+def _class(kind: type, title: str) -> Iterator[str]:
+    """Fields and methods of a class, with their notes."""
+    yield from (f"## {title}", "", *_prose(kind))
+    notes = _notes(kind)
+    rows = [
+        (_code(name), _cell(notes.get(name, ""))) for name in inspect.get_annotations(kind) if not name.startswith("_")
+    ]
+    methods = [(name, f) for name, f in vars(kind).items() if inspect.isfunction(f) and not name.startswith("_")]
+    rows += [(_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or "")) for name, f in methods]
+    yield from _table(("name", "meaning"), rows)
 
 
 def instruments() -> Iterator[str]:
@@ -345,12 +405,17 @@ def _notes(model: type) -> dict[str, str]:
 
 
 def _prose(of: Any) -> Iterator[str]:
-    """A docstring; what is indented in it stays as it stands."""
-    quoted = False
+    """A docstring; what is indented in it stays as it stands, and an example up to the next empty line."""
+    quoted = ""
     for line in (inspect.getdoc(of) or "").splitlines():
-        inside = line.startswith("    ") or (quoted and not line)
+        if line.startswith(">>> ") and not quoted:
+            inside = "python"
+        elif quoted == "python":
+            inside = quoted if line else ""
+        else:
+            inside = "text" if line.startswith("    ") or (quoted and not line) else ""
         if inside != quoted:
-            yield from ("```", "") if quoted else ("```text",)
+            yield from ("```", "") if quoted else (f"```{inside}",)
             quoted = inside
         yield line
     if quoted:
@@ -377,3 +442,7 @@ def _cell(text: str) -> str:
 def _sentence(text: str | None) -> str:
     text = (text or "").strip()
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
+
+
+if __name__ == "__main__":
+    write_all(Path(__file__).parent / "reference")

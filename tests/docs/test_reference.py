@@ -35,6 +35,12 @@ def test_each_verb_key_effect_driver_and_stream_is_there(reference: dict[str, st
     assert all(f"\n## {topic}\n" in reference["streams"] for topic in STREAMS)
 
 
+def test_the_pages_in_the_repository_are_those_that_the_code_makes(reference: dict[str, str]) -> None:
+    folder = ROOT / "docs/reference"
+    stale = [name for name, text in reference.items() if (folder / f"{name}.md").read_text(encoding="utf-8") != text]
+    assert not stale, "write them anew: .venv/bin/python docs/reference_pages.py"
+
+
 def test_a_field_has_its_unit_its_limits_its_default_and_its_meaning(reference: dict[str, str]) -> None:
     row = "| `standoff` | number, above 0 to 0.3, m | 0.08 | Distance from the specimen's axis"
     assert row in reference["rig"]
