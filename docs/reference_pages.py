@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
+import os
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -52,6 +53,7 @@ MADE = "This page is made from the code."
 
 def write_all(folder: Path) -> None:
     """Write every page into `folder`."""
+    os.environ["COLUMNS"] = "100"  # the width of argparse's lines, wherever this is run
     pages = {
         "command": command(),
         "rig": rig_file(),
@@ -186,12 +188,8 @@ def protocol_calls() -> Iterator[str]:
 
 def quantities() -> Iterator[str]:
     """What laws of effects may change, with shapes."""
-    yield from (
-        "# Quantities that effects change",
-        "",
-        MADE,
-        "How a law is written: [an effect of your own](../howto/effect.md).",
-    )
+    yield from ("# Quantities that effects change", "", MADE)
+    yield from ("How a law is written: [an effect of your own](../howto/effect.md).", "")
     yield from (
         "v: variants, n: states, either may be 1. An array of chambers has one axis more, so that a law writes",
         "",
