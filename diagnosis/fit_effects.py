@@ -78,6 +78,16 @@ class Fitted:
     left_out_mm: float | None = None
     """With effects and learnt residual, on trials that the residual did not learn from."""
 
+    def __repr__(self) -> str:
+        sizes = [
+            f"{n} = {p.value:.4g} ± {p.sd:.2g}{'' if p.unit == '1' else f' {p.unit}'}"
+            for n, p in self.parameters.items()
+        ]
+        return (
+            f"<Fitted: {self.robot.name} with {', '.join(self.effects) or 'no effect'}, {self.states} states in {self.trials} "
+            f"trials: {self.fitted_mm:.3g} mm rms, {self.calibrated_mm:.3g} mm without (in-sample); {'; '.join(sizes[:8])}>"
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-able."""
         posterior = self.robot.posterior

@@ -1,6 +1,28 @@
-"""What a person runs: the `lab` command, rig assembly, processes, figures and reports.
+"""The laboratory in Python. What a script or notebook calls, all values in SI units:
 
-`import lab` is the front door for scripts and notebooks; `lab.api` documents its names.
+    load_robot(path)              the robot of a robot.yaml
+    case(*inputs)                 measured states: recordings, or a folder with robot.yaml and trials.csv
+    read(path)                    one recording, with its streams as arrays
+    predict(robot, pressures)     tip positions by the Cosserat rod model
+    predictor(robot)              the model for many states, with intervals and gradients
+    inverse(robot, targets)       pressures that bring the tip to its targets
+    fit(case)                     moduli and area factors with their intervals
+    fit_with(case, *effects)      area factor and named effects, for robot.yaml
+    compare(case)                 measured tips next to predicted ones
+    diagnose(case)                where the gap lies, and which effect causes it
+    open_rig(path)                the instruments of a rig.yaml, connected
+    run(rig, protocol, **keys)    run an experiment; returns the recording
+
+Start:
+
+    import lab
+
+    case = lab.case("runs/bending-20261121-101500.mcap")
+    answer = lab.diagnose(case)
+    known = lab.fit_with(case, *answer.attribute.effects).robot
+    lab.inverse(known, [[-0.05, 0.02, 0.38]]).pressures
+
+`case.table.to_pandas()` is a DataFrame. `help(lab.diagnose)` and so on say more; `lab.api` has longer examples.
 """
 
 from __future__ import annotations

@@ -41,6 +41,15 @@ class Calibration:
     calibrated: Fitted | None
     """One area factor and the tolerances of the set-up: the baseline of a diagnosis. None without tips."""
 
+    def __repr__(self) -> str:
+        found = {"body modulus": (self.body_modulus, "Pa")} if self.body_modulus else {}
+        found |= {f"spine modulus at {s:g} m": (e, "Pa") for s, e in self.spine_modulus.items()}
+        found |= {f"area factor at {s:g} m": (a.factor, "") for s, a in self.area_factor_by_length.items()}
+        if self.area_factor is not None:
+            found["area factor"] = self.area_factor.factor, ""
+        lines = [f"{n} {e.value:.4g} ± {e.standard_error:.2g} {unit}".rstrip() for n, (e, unit) in found.items()]
+        return f"<Calibration of {self.robot.name}: {'; '.join(lines[:9]) or 'nothing could be fitted'}>"
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-able; SI units."""
         return {

@@ -31,6 +31,12 @@ class Comparison:
     table: ErrorTable
     unsolved: int
 
+    def __repr__(self) -> str:
+        missed = f", {self.unsolved} without an equilibrium" if self.unsolved else ""
+        return (
+            f"<Comparison: {len(self.measured)} tips missed by {self.table.rmse * 1e3:.3g} mm rms (in-sample){missed}>"
+        )
+
 
 @dataclass(frozen=True)
 class Expected:

@@ -25,10 +25,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 from .errors import BadTable
 from .json_text import read_json
@@ -243,8 +246,31 @@ class Table:
     """Columns of the file that are no columns of this table."""
     warnings: tuple[str, ...] = ()
     """What looked odd when the file was read, but may be right."""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Unit of each sensor's column, where the input tells: a recording does, trials.csv does not."""
+    sensor_units: Mapping[str, str] = field(default_factory=dict)
+    """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column; "1" for a pure number, empty where the input does not state it."""
+        return {name: unit_of(name) or self.sensor_units.get(name.removeprefix("sd_"), "") for name in self.columns}
+
+    def to_pandas(self) -> DataFrame:
+        """A DataFrame with a row per state, SI units; `.attrs["units"]` has the unit of each column."""
+        import pandas  # a second, which most uses of a table do not need
+
+        frame = pandas.DataFrame({name: self[name] for name in self.columns})
+        frame.attrs["units"] = self.units
+        return frame
+
+    def __repr__(self) -> str:
+        trials = len({row.trial for row in self.rows})
+        protocols = ", ".join(sorted({row.protocol for row in self.rows}))
+        lengths = [row.spine_length for row in self.rows]
+        spine = f", spine {min(lengths) * 100:.3g} to {max(lengths) * 100:.3g} cm" if any(lengths) else ""
+        return f"<Table: {len(self.rows)} states in {trials} trials, {protocols or 'no protocol'}{spine}>"
+
+    def _repr_html_(self) -> str:
+        return str(self.to_pandas().to_html(max_rows=20))
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -6,6 +6,7 @@ the contract; everything else is fixed.
 
 from __future__ import annotations
 
+import html
 import json
 import math
 from collections.abc import Mapping
@@ -285,6 +286,16 @@ class Diagnosis:
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
     """What calibration changed; None for a simulator in the rod's place, and in answers of earlier versions."""
+
+    def __repr__(self) -> str:
+        return f"<Diagnosis: {self.statement}>"
+
+    def _repr_html_(self) -> str:
+        ranking = "".join(
+            f"<tr><td>{html.escape(' + '.join(r.effects) or 'none')}</td><td>{r.probability:.2f}</td></tr>"
+            for r in self.attribute.ranking[:10]
+        )
+        return f"<p>{html.escape(self.statement)}</p><table><tr><th>hypothesis</th><th>probability</th></tr>{ranking}</table>"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able, as diagnosis.json holds it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +28,12 @@ class Case:
 
     robot: Robot
     table: Table
+
+    def __repr__(self) -> str:
+        return f"<Case: {self.robot.name}, {repr(self.table)[len('<Table: ') :]}"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(self.robot.name)}</p>{self.table._repr_html_()}"
 
     def of(self, *protocols: str) -> Table:
         """The rows of these protocols."""
@@ -82,8 +89,8 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         first = max((r.trial for r in rows), default=0)
         rows += [replace(r, trial=r.trial + first) for r in table]
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
-    units = {column: unit for _, table in parts for column, unit in table.units.items()}
-    return Case(robot, Table(tuple(rows), warnings=doubts, units=units))
+    units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
+    return Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units))
 
 
 def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recording], Table]]:

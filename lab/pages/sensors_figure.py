@@ -29,7 +29,7 @@ def quantities(table: Table) -> tuple[str, ...]:
 
 def label(table: Table, column: str) -> str:
     """Sensor, quantity and unit."""
-    return column.removeprefix(PREFIX) + unit_text(table.units.get(column, ""), ", ")
+    return column.removeprefix(PREFIX) + unit_text(table.sensor_units.get(column, ""), ", ")
 
 
 def sensors(table: Table, path: Path) -> Path:

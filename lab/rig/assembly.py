@@ -254,6 +254,10 @@ class Rig:
             bodies=bodies(self.file, self.file.body) if has("mocap") else None,
         )
 
+    def __repr__(self) -> str:
+        opened = ", ".join(f"{name} ({i.model})" for name, i in self.identities.items())
+        return f"<Rig of {self.file.path or 'no file'}: {opened or 'not connected'}>"
+
     # -- the end
     def make_safe(self) -> SafeReport:
         """Bring the actuators into the safe state, confirmed by reading back; by a new guard when the first is lost."""

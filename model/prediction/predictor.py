@@ -86,6 +86,10 @@ class Predictor:
     array([[-0.01, -0.01,  0.4 ]])
     """
 
+    def __repr__(self) -> str:
+        r = self.robot
+        return f"<Predictor of {r.name}: {len(r.actuators.azimuths_deg)} actuators, effects: {', '.join(r.effects) or 'none'}>"
+
     def __init__(self, robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE, cores: int | None = None) -> None:
         self.robot, self._chain, self._residual = robot, Chain(robot, catalogue), residual_of(robot)
         self._cores = cores if cores is not None else len(os.sched_getaffinity(0))

@@ -81,7 +81,7 @@ def _table(
         if number in again
     ]
     kept = marked((row for number, row in rows if number not in again), recording.marks)
-    return Table(tuple(without_drift(kept, drifts)), warnings=tuple(doubts), units=units_of(recording))
+    return Table(tuple(without_drift(kept, drifts)), warnings=tuple(doubts), sensor_units=units_of(recording))
 
 
 def units_of(recording: Recording) -> dict[str, str]:

@@ -61,7 +61,7 @@ def merged(recordings: Sequence[Recording]) -> Table:
         rows += [replace(row, t=row.t + shift) if shift else row for row in table]
         doubts += table.warnings
     units = {column: unit for recording in parts for column, unit in units_of(recording).items()}
-    return Table(tuple(rows), warnings=tuple(doubts), units=units)
+    return Table(tuple(rows), warnings=tuple(doubts), sensor_units=units)
 
 
 def _begin(recording: Recording) -> int:

@@ -112,6 +112,11 @@ class Recording:
         self._sequences: dict[int, list[NDArray[np.int64]]] = {}
         self._streams: dict[str, NDArray[np.void]] = {}
 
+    def __repr__(self) -> str:
+        first, last = self.contents.span or (0, 0)
+        topics = ", ".join(sorted({c.topic for c in self.contents.channels.values()}))
+        return f"<Recording: {self.path.name}, {(last - first) / 1e9:.1f} s, {topics}>"
+
     @classmethod
     def open(cls, path: str | os.PathLike[str], *, truncated: bool = False) -> Recording:
         """Open a file; `truncated=True` also takes one that was never finished, as far as it goes.

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosed_case import campaign, folder
 from virtual_lab import VirtualLab
 
 import lab
@@ -59,6 +60,24 @@ def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp
     assert fitted.area_factor is not None
     gap = lab.compare(lab.Case(fitted.robot, case.table))
     assert gap.predicted.shape == gap.measured.shape == (5, 3)
+
+
+def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(tmp_path: Path) -> None:
+    case = lab.case(folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0, 0.2))))
+    shown = [case, case.table, lab.compare(case), lab.fit(case), lab.predictor(case.robot)]
+    shown += [lab.fit_with(case, "chamber_azimuth")]
+    assert all(1 <= len(repr(one).splitlines()) <= 10 and len(repr(one)) < 1500 for one in shown)
+    assert "14 states in 2 trials" in repr(case) and "mm rms (in-sample)" in repr(lab.compare(case))
+    frame = case.table.to_pandas()
+    assert list(frame.columns) == list(case.table.columns) and len(frame) == 14
+    assert frame.attrs["units"]["p1"] == "Pa" and case.table.units["x"] == "m"
+    assert "<table" in case._repr_html_()
+
+
+def test_help_begins_with_the_names() -> None:
+    assert lab.__doc__ is not None
+    listed = re.findall(r"^    (\w+)\(", lab.__doc__, re.MULTILINE)
+    assert set(listed) == set(lab.__all__) - {"Case"}
 
 
 def test_every_verb_says_what_it_does() -> None:
