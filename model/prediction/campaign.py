@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,7 @@ def _read(forward: ForwardModel, predicted: Array) -> Read:
     return Read(tip, multiply(from_vector(turn), forward.observations.reference[: len(tip)]), shape)
 
 
-def _prediction(r: Read, missed: Array | float, spread: Mapping[str, Array] | None = None) -> Prediction:
+def _prediction(r: Read, missed: Array | float, spread: Mapping[str, Any] | None = None) -> Prediction:
     return Prediction(r.tip + missed, r.orientation, r.shape, **(spread or {}))
 
 

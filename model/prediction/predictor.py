@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,8 @@ PRESSURE_STEP, LENGTH_STEP = 50.0, 1e-5
 """Pa and m by which inputs are varied for a gradient."""
 SHARE = 1e-3
 """Of its standard deviation by which a parameter is varied."""
+PRESSURE_NOISE = 2e3
+"""Pa by which a reading of a regulator may lie outside the robot's limits."""
 NORMAL_95 = 1.959963984540054
 
 
@@ -59,6 +62,9 @@ class Prediction:
     """(n, 3, chambers) m/Pa."""
     tip_by_length: Array | None = None
     """(n, 3) m/m: by the spine's length."""
+    outside: NDArray[np.bool_] | None = None
+    """(n,) whether a pressure is below 0 or above the robot's `max_pressure`, by more than `PRESSURE_NOISE`: nothing was
+    measured there. None from `campaign`."""
 
     @property
     def converged(self) -> NDArray[np.bool_]:
@@ -141,7 +147,24 @@ class Predictor:
         alike = np.lexsort((asked.pressure.sum(axis=1), np.round(asked.spine_length / SAME_LENGTH)))
         order = alike if n > BATCH else np.arange(n)
         batches = [order[k : k + BATCH] for k in range(0, n, BATCH)]
-        return _joined(self._shared_out(part, batches), order)
+        found = _joined(self._shared_out(part, batches), order)
+        return replace(found, outside=self._outside(asked.pressure))
+
+    def _outside(self, pressure: Array) -> NDArray[np.bool_]:
+        """(n,) of pressures (n, chambers) Pa; warns where there are any."""
+        highest = np.inf if self.robot.max_pressure is None else self.robot.max_pressure
+        outside: NDArray[np.bool_] = np.any(
+            (pressure < -PRESSURE_NOISE) | (pressure > highest + PRESSURE_NOISE), axis=1
+        )
+        if self.robot.chambers is None:
+            return np.zeros(len(pressure), bool)
+        if outside.any():
+            warnings.warn(
+                f"{int(outside.sum())} of {len(pressure)} states have pressures outside 0 to {highest / 1e3:g} kPa, the "
+                f"limits of {self.robot.name}; `.outside` marks them",
+                stacklevel=3,
+            )
+        return outside
 
     def _shared_out(self, part: Callable[[Order], Prediction], batches: Sequence[Order]) -> list[Prediction]:
         if self._cores < 2 or len(batches) < 2:
@@ -162,7 +185,7 @@ class Predictor:
         by_input = None
         if gradient:
             r, by_input = chain.slopes(s, chain.values, arcs[:0], self._inputs(s))
-        found: dict[str, Array] = {}
+        found: dict[str, Any] = {}
         if intervals:
             r, by_parameter = chain.slopes(s, chain.values, arcs, self._parameters(s))
             absent = [chain.read(s, chain.without(id), arcs) for id in self.robot.effects]

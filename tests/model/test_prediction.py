@@ -181,3 +181,12 @@ def test_every_effect_of_the_catalogue_can_be_predicted_with(paper_robot: Robot)
     robot = robot_with(paper_robot, effects, obstacle_azimuth_deg=180.0)
     found = Predictor(robot, cores=1)([[60e3] * 3 + [0.0] * 6], 0.1, intervals=True)
     assert found.converged.all() and found.sd is not None and np.isfinite(found.sd).all()
+
+
+def test_states_beyond_the_robot_s_limits_are_marked(paper_robot: Robot) -> None:
+    at = Predictor(paper_robot)
+    assert paper_robot.max_pressure is not None
+    rows = [[60e3] + [0.0] * 8, [paper_robot.max_pressure + 50e3] + [0.0] * 8, [-5e3] + [0.0] * 8, [-200.0] + [0.0] * 8]
+    with pytest.warns(UserWarning, match="2 of 4 states have pressures outside 0 to"):
+        found = at(rows)
+    assert found.outside is not None and found.outside.tolist() == [False, True, True, False]
