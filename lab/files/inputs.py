@@ -14,6 +14,7 @@ from diagnosis.data.plausible import require_plausible
 from diagnosis.errors import DiagnosisError
 from model.condition import Condition, conditions
 from model.robot import Robot
+from recordings.bounded import read_bounded
 from recordings.campaign.resumed import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.table_file import read_csv
@@ -127,6 +128,28 @@ def same_body(a: bytes, b: bytes) -> bool:
     return _body(one) == _body(other)
 
 
+def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
+    """One line for each imported case whose map.yaml still has guesses to be confirmed, which `lab import --guess` marks."""
+    said = []
+    for place in inputs:
+        path = place / "map.yaml"
+        try:
+            lines = read_bounded(path, LARGEST_MAP, ConfigError).decode("utf-8", "replace").splitlines()
+        except ConfigError:  # a recording, or a case that was not imported
+            continue
+        found = [line.removeprefix(UNCONFIRMED).strip() for line in lines if line.startswith(UNCONFIRMED)]
+        if found:
+            said.append(
+                f"unconfirmed: {path} has {len(found)} guesses that nobody has confirmed ({found[0]}); check each, correct the "
+                f"map, delete its line {UNCONFIRMED!r}, and import again"
+            )
+    return said
+
+
+UNCONFIRMED = "# CHECK:"
+"""How `lab import --guess` begins a line about a guess that the data do not force."""
+LARGEST_MAP = 1_000_000
+"""Bytes."""
 DOUBTS = {
     "soft": "the jammed spine was soft",
     "bodies": "a body was where the robot cannot have brought it",

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..files.inputs import UNCONFIRMED
+
 
 @dataclass
 class Guess:
@@ -36,7 +38,7 @@ def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
         f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.",
         "",
     ]
-    lines += [f"# CHECK: {d}" for d in g.doubts] + ([""] if g.doubts else [])
+    lines += [f"{UNCONFIRMED} {d}" for d in g.doubts] + ([""] if g.doubts else [])
     lines.append(f"robot: {yaml.safe_dump(str(robot), default_flow_style=True).strip().removesuffix('...').strip()}")
     for key, value in g.values.items():
         own = {k.partition(".")[2]: r for k, r in g.reasons.items() if k == key or k.startswith(f"{key}.")}

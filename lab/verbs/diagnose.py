@@ -27,7 +27,7 @@ from ..cluster import cluster
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable
-from ..files.inputs import Case, marked_notes, read_case
+from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
 from ..processes import for_case
 
@@ -87,6 +87,8 @@ def diagnose(
         note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
     with cluster(scheduler) if scheduler is not None else for_case(len(case.table), cores) as others:
         answer = _answer(case, robot, comparisons, Executor(remote_map=None if others is None else others.in_order))
+    if guesses := unconfirmed_guesses(inputs):
+        answer = replace(answer, concerns=(*guesses, *answer.concerns))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
@@ -187,9 +189,13 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
 
 
 def _show(d: Diagnosis) -> None:
+    unconfirmed = [c for c in d.concerns if c.startswith("unconfirmed: ")]
+    for concern in unconfirmed:
+        out.print(concern)
     out.print(d.statement)
     for concern in d.concerns:
-        out.print(f"  note: {concern}")
+        if concern not in unconfirmed:
+            out.print(f"  note: {concern}")
     if d.change is not None:
         out.print(d.change.statement)
     out.print(_ranking(d.attribute.ranking))

@@ -163,6 +163,19 @@ def test_a_small_table_is_answered_with_its_limits_and_without_confidence(
 
 
 @pytest.mark.usefixtures("weighed")
+def test_guesses_that_nobody_has_confirmed_stand_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0,), pressures=(0.0, 100e3)))
+    (case / "map.yaml").write_text("# CHECK: which chamber does 'Valve B' feed?\nrobot: robot.yaml\n")
+    assert main(["diagnose", str(case), "--json", str(tmp_path / "d.json")]) == 0
+    first = " ".join(capsys.readouterr().out.split())
+    assert first.startswith("unconfirmed: ") and "1 guesses" in first and "'Valve B'" in first
+    assert json.loads((tmp_path / "d.json").read_text())["concerns"][0].startswith("unconfirmed: ")
+    (case / "map.yaml").write_text("robot: robot.yaml\n")
+    assert main(["diagnose", str(case)]) == 0
+    assert "unconfirmed" not in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("weighed")
 def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
     code, _ = ran(
