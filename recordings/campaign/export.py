@@ -6,8 +6,9 @@ import csv
 import io
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -29,14 +30,36 @@ StreamFormat = Literal["csv", "parquet", "mat"]
 ROWS = 10_000
 """Of a table that are written at a time."""
 Columns = dict[str, NDArray[Any]]
+MEANINGS = (
+    (r"trial|step|repeat", "number, from 1"),
+    (r"protocol|branch|specimen|doubt", "text"),
+    (r"t", "rig time of the reading"),
+    (r"rate", "of the pressure ramp that led here, negative downwards"),
+    (r"hold", "time from the end of the ramp to the reading"),
+    (r"spine_length", "length of the spine"),
+    (r"vacuum", "of the spine, below ambient"),
+    (r"tip_mass", "mass hung at the tip"),
+    (r"roll_deg", "turn of the body in its mount about the robot's axis"),
+    (r"force_[xyz]", "known force on the tip, base frame"),
+    (r"p[0-9]+", "pressure of this chamber, gauge, measured"),
+    (r"[xyz]", "position of the tip, base frame"),
+    (r"q[wxyz]", "orientation of the tip, unit quaternion, base frame"),
+    (r"m[0-9]+[xyz]", "position of this marker, base frame"),
+    (r"force", "on the specimen along the push"),
+    (r"deflection", "of the specimen along the push"),
+    (r"clipped", "1 where the rig's limits clipped set-points on the way to this state"),
+    (r"force_drift", "by which the force sensor's zero moved over the trial"),
+)
+"""Of columns of the table of trials, by pattern."""
 
 
 def export_streams(recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv") -> list[Path]:
-    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all and the trials to one `.mat`; returns the files.
+    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all to one `.mat`; returns the files.
 
-    What people asked of the run, notes among it, is in `requests` where there is any.
+    The states that were read are in `trials`, what people asked of the run (notes among it) in `requests`, where there are
+    any. `columns` has unit and meaning of every column, and the wall time of t = 0.
 
-    Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) tells
+    Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) states
     when they were taken by its clock. Raises `MissingPackage` when Parquet is asked for without pyarrow.
 
     >>> [path.name for path in export_streams(Recording.open("run.mcap"), "streams")][:2]
@@ -46,28 +69,70 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: S
     folder.mkdir(parents=True, exist_ok=True)
     if not recording.streams:
         recording.need(*STREAMS)
+    table, used = table_of(recording), [t for t in recording.streams if len(recording.stream(t))]
     if form == "mat":
-        structures = {_stem(t): _columns(recording, t) for t in recording.streams if len(recording.stream(t))}
-        table = table_of(recording)
+        structures = {_stem(t): _columns(recording, t) for t in used}
         if len(table):
             structures["trials"] = {name: table[name] for name in table.columns}
         if recording.requests:
-            structures["requests"] = {
-                name: values.astype(object) if values.dtype.kind == "U" else values
-                for name, values in _requests(recording).items()
-            }
+            structures["requests"] = _texts_as_objects(_requests(recording))
+        structures["columns"] = _texts_as_objects(_described(recording, used, table))
         return [write_mat(structures, folder / f"{recording.path.stem}.mat")]
     write = _write_csv if form == "csv" else _parquet_writer()
-    written = []
-    for topic in recording.streams:
-        if len(recording.stream(topic)):
-            path = folder / f"{_stem(topic)}.{form}"
-            write(_columns(recording, topic), path)
-            written.append(path)
+    written = [folder / f"{_stem(topic)}.{form}" for topic in used]
+    for topic, path in zip(used, written, strict=True):
+        write(_columns(recording, topic), path)
     if recording.requests:
         written.append(folder / f"requests.{form}")
         write(_requests(recording), written[-1])
+    if len(table):
+        written.append(folder / "trials.csv")
+        write_csv(table, written[-1])
+    written.append(folder / "columns.csv")
+    _write_csv(_described(recording, used, table), written[-1])
     return written
+
+
+def _described(recording: Recording, topics: Sequence[str], table: Table) -> Columns:
+    """Unit and meaning of every exported column: one row per column."""
+    rows: list[tuple[str, str, str, str]] = []
+    since = ""
+    if recording.metadata.get("recording", {}).get("start_wall_ns"):
+        since = f"; t = 0 at {datetime.fromtimestamp(recording.start_wall_ns / 1e9, UTC).isoformat(timespec='milliseconds')}"
+    for topic in topics:
+        known = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
+        units = recording.units(topic)
+        for column in _columns(recording, topic):
+            name = column if column in units else column.rpartition("_")[0]
+            meaning = known[name].doc if name in known else ""
+            if column == "t":
+                meaning = f"rig time{since}"
+            elif column == "t_aligned":
+                meaning = "rig time at which the sample was taken, by the clock of the instrument"
+            elif column != name:
+                part = f"component {column.rpartition('_')[2]}"
+                meaning = f"{part}; {meaning}" if meaning else part
+            rows.append(
+                (_stem(topic), column, "s" if column == "t_aligned" else units.get(name, ""), " ".join(meaning.split()))
+            )
+    rows += [("trials", c, unit, _meaning(c)) for c, unit in table.units.items()]
+    return dict(
+        zip(
+            ("file", "column", "unit", "meaning"), (np.array(column) for column in zip(*rows, strict=True)), strict=True
+        )
+    )
+
+
+def _meaning(column: str) -> str:
+    """Of a column of the table of trials."""
+    of = column.removeprefix("sd_")
+    found = next((text for pattern, text in MEANINGS if re.fullmatch(pattern, of)), "")
+    return f"standard deviation of {of}" if of != column else found
+
+
+def _texts_as_objects(columns: Columns) -> Columns:
+    """The same with texts as MATLAB's cells."""
+    return {name: v.astype(object) if v.dtype.kind == "U" else v for name, v in columns.items()}
 
 
 def _requests(recording: Recording) -> Columns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import sys
 from pathlib import Path
 
@@ -35,6 +36,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 def test_csv_holds_every_number_to_the_last_bit(recording: Recording, tmp_path: Path) -> None:
     files = {f.stem: f for f in export_streams(recording, tmp_path / "new")}
+    assert files.pop("columns")
     assert set(files) == {"pressure", "tip", "spine", "vacuum", "force", "arm"}  # the valve sent nothing
     for name, columns in COLUMNS.items():
         with files[name].open(newline="") as file:
@@ -48,6 +50,7 @@ def test_csv_holds_every_number_to_the_last_bit(recording: Recording, tmp_path: 
 def test_parquet_holds_the_same_columns_and_numbers_with_their_types(recording: Recording, tmp_path: Path) -> None:
 
     files = {f.stem: f for f in export_streams(recording, tmp_path, "parquet")}
+    assert files.pop("columns").suffix == ".csv"
     assert {f.suffix for f in files.values()} == {".parquet"}
     for name, columns in COLUMNS.items():
         table, samples = parquet.read_table(files[name]), recording.stream(f"/{name}")
@@ -84,3 +87,15 @@ def test_a_recording_without_a_concluded_state_makes_no_case_folder(recording: R
     with pytest.raises(BadTable, match="lab replay"):
         export_case(recording, tmp_path / "case")
     assert not (tmp_path / "case").exists()
+
+
+def test_every_column_is_described_with_unit_and_time_base(recording: Recording, tmp_path: Path) -> None:
+    files = {f.stem: f for f in export_streams(recording, tmp_path)}
+    with files["columns"].open(newline="") as file:
+        rows = {(row["file"], row["column"]): row for row in csv.DictReader(file)}
+    for name, path in files.items():
+        if name != "columns":
+            heads = path.read_text().splitlines()[0].split(",")
+            assert [column for of, column in rows if of == name] == heads
+    assert rows["pressure", "measured_2"]["unit"] == "Pa" and "component 2" in rows["pressure", "measured_2"]["meaning"]
+    assert re.search(r"t = 0 at \d{4}-\d\d-\d\dT.*[+]00:00", rows["tip", "t"]["meaning"])
