@@ -29,10 +29,11 @@ from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import STAGES, Parameter
 from model.robot import Robot
-from protocols import actions, suspension
+from protocols import actions, suspension, visits
 from protocols.bench import Bench, Setup
 from protocols.experiment import Ask, Plan, Reading, Step, Trials
 from protocols.parameters import Jam, Settle, SpineMotion
+from protocols.visits import Sweep, Visit
 from recordings import trials
 from recordings.messages import STREAMS
 from recordings.states.rules import Crossing, Settled, Window
@@ -174,9 +175,25 @@ def protocol_calls() -> Iterator[str]:
         "How they fit together: [a protocol of your own](../howto/protocol.md).",
     )
     yield from ("All values are in SI units, times are rig time in s.", "")
-    for kind in (Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing, Settle, Jam, SpineMotion):
+    for kind in (
+        Visit,
+        Sweep,
+        Trials,
+        Bench,
+        Setup,
+        Plan,
+        Step,
+        Ask,
+        Reading,
+        Settled,
+        Window,
+        Crossing,
+        Settle,
+        Jam,
+        SpineMotion,
+    ):
         yield from _class(kind, kind.__name__)
-    for module in (actions, suspension):
+    for module in (visits, actions, suspension):
         yield from (f"## {module.__name__}", "", *_prose(module))
         rows = [
             (_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or ""))

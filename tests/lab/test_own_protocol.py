@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -26,4 +27,26 @@ def test_creep_is_run_and_replayed(virtual_lab: VirtualLab, tmp_path: Path, caps
     assert [row.protocol for row in rows] == ["creep", "creep"]
     assert [row.hold for row in rows] == pytest.approx([10.0, 30.0], abs=0.5)
     assert all(row.pressures[0] == pytest.approx(60e3, rel=0.05) for row in rows)
+    assert main(["replay", str(file)]) == 0 and "bit-identical to the live run's" in capsys.readouterr().out
+
+
+def test_a_staircase_of_a_few_lines_is_planned_run_and_replayed(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    staircase = CREEP.with_name("staircase.py")
+    assert len(staircase.read_text().splitlines()) <= 30
+    how = ["--rig", str(virtual_lab.rig)]
+    for setting in ("step=30 kPa", "steps=2", "chambers=[9, 1, 2]", "hold=30 s", "repeats=2"):
+        how += ["--set", setting]
+    assert main(["plan", str(staircase), *how, "--json"]) == 0
+    planned = json.loads(capsys.readouterr().out)
+    code = main(["run", str(staircase), *how, "--out", str(tmp_path)])
+    assert code in (0, 3), "".join(capsys.readouterr())
+    (file,) = tmp_path.glob("staircase-*.mcap")
+    rows = table_of(Recording.open(file)).rows
+    assert len(planned["steps"]) == len(rows) + 2  # and a preparation in each repeat
+    assert [(row.repeat, row.branch) for row in rows] == [
+        (k, branch) for k in (1, 2) for branch in ("load", "load", "load", "unload", "unload")
+    ]
+    assert [row.pressures[1] / 30e3 for row in rows] == pytest.approx([0, 1, 2, 1, 0] * 2, abs=0.1)
     assert main(["replay", str(file)]) == 0 and "bit-identical to the live run's" in capsys.readouterr().out
