@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from drivers.errors import InstrumentError
@@ -17,6 +18,7 @@ from model.robot import Robot
 from protocols.bench import Setup
 from protocols.errors import ProtocolError, Stopped
 from recordings.file.writer import Recorder
+from recordings.states.bodies import too_far
 
 from ..console import Screen, answer, err, out, styled
 from ..files.config import ConfigError
@@ -25,6 +27,7 @@ from ..guard.latch import Latch
 from ..rig.assembly import Rig
 from ..rig.checked import Moved, keep
 from ..rig.interrupts import Interrupts
+from ..rig.limits import bodies
 from ..rig.losses import newly_lost
 
 VACUUM = 80e3
@@ -53,6 +56,7 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
         before, lost_before = dict(rig.counts), rig.lost()
         span = _listen(rig, before, seconds)
         rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
+        rig.notices += _misplaced(rig)
         if robot is not None and all(r["ok"] for r in rows):
             moved = _moved(rig, robot, as_json)
             keep(rig_path, file, moved)
@@ -138,6 +142,22 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
             recorder.close("completed", "")
     tell(Moved("safe state", report.confirmed, str(report)))
     return seen
+
+
+def _misplaced(rig: Rig) -> list[str]:
+    """What speaks against the places of tip and markers as the cameras report them."""
+    try:
+        seen = rig.streams["mocap"].latest() if "mocap" in rig.identities else None
+    except InstrumentError:  # a body that is not tracked: reported when it is needed
+        seen = None
+    if seen is None:
+        return []
+    said = too_far(np.array([[seen.position, *seen.markers]]), bodies(rig.file, rig.file.body))
+    return (
+        [f"mocap: {said}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"]
+        if said
+        else []
+    )
 
 
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:

@@ -47,16 +47,16 @@ def _name(index: int) -> str:
     return f"marker {index}" if index else "the tip"
 
 
-def _places(samples: NDArray[np.void]) -> NDArray[np.float64]:
-    """(samples, bodies, 3) m, of the tip and the markers; NaN where one is not seen."""
+def places_of(samples: NDArray[np.void]) -> NDArray[np.float64]:
+    """Return the places (samples, bodies, 3) m of the tip and the markers; NaN where one is not seen."""
     places: Any = np.concatenate([samples["position"][:, None, :], samples["markers"]], axis=1)
     return places
 
 
-def too_far(samples: NDArray[np.void], bodies: Bodies) -> str:
+def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     """Which body is farther from the base, or from another one, than the robot is long between them, for people; empty where none
-    is. `samples`: tracked ones of /tip; the worst distance of all is told."""
-    places = _places(samples)[:, : len(bodies.arcs)]
+    is. `places` (samples, bodies, 3) m; the worst distance of all is told."""
+    places = places[:, : len(bodies.arcs)]
     worst, said = 0.0, ""
     for name, arc, between in _pairs(places, bodies.arcs[: places.shape[1]]):
         seen = between[np.isfinite(between)]
@@ -80,7 +80,7 @@ def jumped(samples: NDArray[np.void]) -> str:
 
     `samples`: tracked ones of /tip, oldest first. What jumped and came back does not count.
     """
-    places = _places(samples)
+    places = places_of(samples)
     for body in range(places.shape[1]):
         seen = np.isfinite(places[:, body]).all(axis=1)
         at, t = places[seen, body], samples["t"][seen]

@@ -19,7 +19,7 @@ from .averaging import (
     line_quaternion,
     mean_quaternion,
 )
-from .bodies import jumped, too_far
+from .bodies import jumped, places_of, too_far
 from .buffer import Streams
 from .pushing import along_push
 from .rules import LARGEST, Crossing, Probe, Settled, State, Window
@@ -120,7 +120,7 @@ def _demand_places(streams: Streams, state: State, span: Span) -> None:
     bodies = state.bodies
     if bodies is None:
         return
-    said = too_far(tracked(streams.window("/tip", span.t0, span.t1)), bodies) or jumped(
+    said = too_far(places_of(tracked(streams.window("/tip", span.t0, span.t1))), bodies) or jumped(
         tracked(streams.window("/tip", bodies.begin(span.t1), span.t1))
     )
     if said:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from house import House
 from test_pauses import BENDING, during, lab
 
+from lab.cli import main
 from lab.verbs.fakes import PATIENT
 from recordings.campaign.replay import compare, table_of
 from recordings.file.reader import Recording
@@ -32,3 +34,14 @@ def test_bodies_exchanged_in_mid_sweep_hold_the_run_up(
     assert recording.marks and recording.marks[0].doubt == "bodies"
     assert compare(recording).equal
     assert all(row.tip is not None and row.tip[2] > 0.25 for row in table)
+
+
+def test_a_check_names_bodies_that_cannot_be_where_they_are(house: House, capsys: pytest.CaptureFixture[str]) -> None:
+    house.change(without=("arm", "force"))
+    assert main(["check", "--rig", str(house.rig)]) in (0, 3)
+    assert "mm apart" not in capsys.readouterr().err
+    mocap = yaml.safe_load(house.rig.read_text())["instruments"]["mocap"]
+    position = [c + 0.3 for c in mocap["mocap_to_base"]["position"]]
+    house.change_instrument("mocap", mocap_to_base={**mocap["mocap_to_base"], "position": position})
+    assert main(["check", "--rig", str(house.rig)]) in (0, 3)
+    assert "the base and the tip are" in " ".join(capsys.readouterr().err.split())
