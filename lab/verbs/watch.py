@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import json
+import signal
 import sys
 import threading
 import time
@@ -38,6 +39,7 @@ def watch(
         raise ConfigError(f"--speed: {file} is being written; a run that goes on is shown as it comes")
     if what != file and not going_on:
         raise ConfigError(f"{what}: no run is going on; its last recording can be played: lab watch {file}")
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts background jobs with SIGINT ignored
     at = listening(bind, port)
     with at.listening, contextlib.ExitStack() as more:
         other = None if foxglove is None else more.enter_context(_foxglove(bind, foxglove))

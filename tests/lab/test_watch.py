@@ -161,7 +161,11 @@ def test_what_is_said_of_a_run_is_on_its_page_and_finds_it(
 
 def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], virtual_lab: VirtualLab) -> None:
     _, file = run
-    program = command("watch", file, "--speed", "1000", "--no-browser")
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell starts a job in the background
+    try:
+        program = command("watch", file, "--speed", "1000", "--no-browser")
+    finally:
+        signal.signal(signal.SIGINT, before)
     try:
         known = told(address(program))
         program.send_signal(signal.SIGINT)
