@@ -143,7 +143,8 @@ def until(condition: Callable[[], bool]) -> bool:
 def test_it_says_who_it_is_and_takes_a_second_open(unit: Unit) -> None:
     for _ in range(2):
         identity = unit.driver.open()
-        assert isinstance(identity, Identity) and identity.maker and identity.model
+        assert isinstance(identity, Identity), f"open() returned {identity!r}, needed an Identity"
+        assert identity.maker and identity.model, f"open() left maker or model empty: {identity}"
         if unit.role == "arm":
             unit.driver.close()  # nobody else may take control of it meanwhile
 
@@ -202,12 +203,20 @@ def test_each_channel_fills_its_own_chambers_and_no_other(unit: Unit) -> None:
     unit.driver.open()
     for channel, chambers in enumerate(HOSES):
         asked = tuple(ASKED if c == channel else 0.0 for c in range(unit.driver.channels))
-        assert until(lambda asked=asked: near(unit.driver.set(asked), asked))  # type: ignore[misc]
+        assert until(lambda asked=asked: near(unit.driver.set(asked), asked)), (  # type: ignore[misc]
+            f"set({asked}) never confirmed these set-points (Pa): {unit.driver.set(asked)}"
+        )
         regulator = [ASKED if number in chambers else 0.0 for number in range(1, 10)]
-        assert until(lambda want=regulator: near(unit.plant.regulator, want))  # type: ignore[misc]
+        assert until(lambda want=regulator: near(unit.plant.regulator, want)), (  # type: ignore[misc]
+            f"channel {channel + 1} at {ASKED:g} Pa must inflate chambers {chambers} alone; the chambers are told "
+            f"{np.round(unit.plant.regulator).tolist()} Pa: are channels swapped?"
+        )
     sample = unit.driver.read()
     assert isinstance(sample, PressureSample)
-    assert len(sample.setpoint) == len(sample.measured) == unit.driver.channels and near(sample.setpoint, asked)
+    assert len(sample.setpoint) == len(sample.measured) == unit.driver.channels, (
+        f"{sample}: one value per channel is needed"
+    )
+    assert near(sample.setpoint, asked), f"read() gives set-points {sample.setpoint} Pa after set({asked})"
 
 
 @units("pressure")
@@ -217,19 +226,27 @@ def test_what_is_measured_is_the_plant_s_pressure(unit: Unit) -> None:
     with unit.plant.lock:
         unit.plant.chamber_pressure[:] = truth
     wanted = [sum(truth[c - 1] for c in chambers) / len(chambers) for chambers in HOSES]
-    assert until(lambda: near(unit.driver.read().measured, wanted))
+    assert until(lambda: near(unit.driver.read().measured, wanted)), (
+        f"read() measured {unit.driver.read().measured} Pa, the chambers hold {wanted} Pa: check unit, offset and order"
+    )
 
 
 @units("pressure")
 def test_set_points_keep_range_and_rate(unit: Unit) -> None:
     unit.driver.open()
-    assert until(lambda: near(unit.driver.set((1e9,) * unit.driver.channels), (2 * ASKED,) * unit.driver.channels))
-    assert max(unit.driver.set((1e9,) * unit.driver.channels)) <= 2 * ASKED * (1 + 1e-9)
+    beyond = (1e9,) * unit.driver.channels
+    assert until(lambda: near(unit.driver.set(beyond), (2 * ASKED,) * unit.driver.channels)), (
+        f"set({beyond}) must be clipped to max_pressure {2 * ASKED:g} Pa, confirmed were {unit.driver.set(beyond)} Pa"
+    )
+    assert max(unit.driver.set(beyond)) <= 2 * ASKED * (1 + 1e-9), f"set() went beyond max_pressure {2 * ASKED:g} Pa"
     slow = unit.another(max_rate=1.0)
     unit.driver.close()
     slow.open()
     try:
-        assert max(slow.set((ASKED,) * slow.channels)) < ASKED / 2  # at 1 Pa/s it takes hours
+        confirmed = slow.set((ASKED,) * slow.channels)
+        assert max(confirmed) < ASKED / 2, (
+            f"at max_rate 1 Pa/s the first set() confirmed {confirmed} Pa: the rate is not kept"
+        )
         for wrong in ((math.nan,) * slow.channels, (math.inf,) * slow.channels, (0.0,) * (slow.channels + 1)):
             with pytest.raises(LimitExceeded):
                 slow.set(wrong)
@@ -244,7 +261,9 @@ def test_vent_and_close_leave_nothing_inflated(unit: Unit) -> None:
         asked = (ASKED,) * unit.driver.channels
         assert until(lambda asked=asked: near(unit.driver.set(asked), asked))  # type: ignore[misc]
         end()
-        assert until(lambda: not unit.plant.regulator.any())
+        assert until(lambda: not unit.plant.regulator.any()), (
+            f"after {end.__name__}() chambers are still told {np.round(unit.plant.regulator).tolist()} Pa"
+        )
 
 
 @units("pressure")
@@ -259,7 +278,9 @@ def test_connect_is_enough_to_vent(unit: Unit) -> None:
     late = unit.another()
     late.connect()
     late.vent()
-    assert until(lambda: not unit.plant.regulator.any())
+    assert until(lambda: not unit.plant.regulator.any()), (
+        f"connect() and vent() left chambers told {np.round(unit.plant.regulator).tolist()} Pa; vent() must not need open()"
+    )
     late.close()
 
 
@@ -270,7 +291,9 @@ def test_the_cameras_see_tip_and_markers_in_the_base_frame(unit: Unit) -> None:
     with unit.plant.lock:
         unit.plant.tip_position, unit.plant.markers, unit.plant.tip_rotation = tip, markers, turned
     unit.driver.open()
-    assert until(lambda: close(unit.driver.latest().position, tip))
+    assert until(lambda: close(unit.driver.latest().position, tip)), (
+        f"latest() puts the tip at {unit.driver.latest().position} m, in the base frame it is at {tip.tolist()} m"
+    )
     sample = unit.driver.latest()
     assert isinstance(sample, BodySample) and sample.valid and len(sample.markers) == MARKERS
     assert all(close(seen, truth) for seen, truth in zip(sample.markers, markers, strict=True))
@@ -287,13 +310,14 @@ def test_a_stream_hands_over_its_samples_in_the_order_of_time_until_it_is_closed
     assert until(lambda: len(unit.samples) >= 3)
     newest = unit.driver.latest()
     times = [sample.t for sample in unit.samples]
-    assert times == sorted(times) and newest.t <= unit.samples[-1].t and unit.driver.lost >= 0
+    assert times == sorted(times), "samples did not come in the order of their time t"
+    assert newest.t <= unit.samples[-1].t and unit.driver.lost >= 0
     for name in drivers()[unit.config.driver].quantities:
         assert math.isfinite(getattr(newest, name)), name
     unit.driver.close()
     sent = len(unit.samples)
     time.sleep(0.2)
-    assert len(unit.samples) == sent
+    assert len(unit.samples) == sent, f"{len(unit.samples) - sent} samples came after close()"
 
 
 @units("arm")
