@@ -176,7 +176,12 @@ def compare(measured: Case) -> Comparison:
 
 
 def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
-    """Where the gap lies, which effect may cause it, how far it shrinks, what to do next. Raises DiagnosisError."""
+    """Where the gap lies, which effect may cause it, how far it shrinks, what to do next. Raises DiagnosisError.
+
+    `options` (`from diagnosis.diagnose import Options`): `Options(quantify=False)` leaves out errors on unseen states,
+    `experiments=False` what to do next; `holdout=lab.case(..)` is a campaign on which the answer is tested; `catalogue` are the
+    effects that are weighed.
+    """
     return _diagnose(measured, options)
 
 

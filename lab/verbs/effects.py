@@ -41,7 +41,7 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json
 
 
 def _table(found: list[Signature], robot: str) -> Table:
-    table = Table(title=f"Effects at their plausible size, and what they do to the {robot}", title_justify="left")
+    table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot}", title_justify="left")
     table.add_column("effect", no_wrap=True)
     table.add_column("plausible size")
     table.add_column("moves", justify="right", no_wrap=True)
