@@ -23,6 +23,7 @@ from recordings.file.reader import Recording
 
 from ..console import note, out
 from ..files.config import ConfigError
+from ..files.inputs import without_torn
 from ..files.units import unit_text
 
 
@@ -119,7 +120,7 @@ def play(file: Path, speed: float) -> int:
 
 def replay(files: Sequence[Path], as_json: bool) -> int:
     """Print whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
-    found = [(file, *replayed(file)) for file in files]
+    found = [(file, *replayed(file)) for file in without_torn(files)]
     if as_json:
         _print_json([
             (file, {"live": r.live, "replayed": r.replayed, "equal": r.equal, "sha256": digest, "differences": r.differences})
