@@ -133,7 +133,8 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
     home(bench)
     for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.spine_lengths), 2 + p.steps):
         bench.check_stop()
-        bench.say(f"Repeat {repeat} of {p.repeats}: specimen {p.specimen}, spine {spine * 100:g} cm")
+        inside = "" if p.specimen == "spine" else "spine "
+        bench.say(f"Repeat {repeat} of {p.repeats}: specimen {p.specimen}, {inside}{spine * 100:g} cm")
         grow = partial(_grow, bench, p, probe, spine)
         ambient = through_pauses(bench, grow)
         trials.step_done()

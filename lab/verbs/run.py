@@ -288,7 +288,7 @@ def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
 def plan_dict(p: Plan) -> dict[str, Any]:
     """A plan as JSON has it, printed and in the recording."""
     steps = [{"label": s.label, "seconds": round(s.seconds, 2)} for s in p.steps]
-    return {"protocol": p.protocol, "seconds": p.seconds, "limits": p.limits, "steps": steps}
+    return {"protocol": p.protocol, "seconds": p.seconds, "states": p.states, "limits": p.limits, "steps": steps}
 
 
 @dataclass(frozen=True)
