@@ -64,6 +64,10 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
     for path in inputs:
         if path.is_dir():
+            if not (path / "trials.csv").exists() and any(path.glob("*.mcap")):
+                raise ConfigError(
+                    f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap"
+                )
             if robot_path is None:
                 robots.append((str(path), load(path / "robot.yaml", Robot)))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
