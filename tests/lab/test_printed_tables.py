@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 from diagnosed_case import campaign, folder
+from virtual_lab import VirtualLab
 
 import lab
 from lab.cli import main
@@ -76,3 +77,10 @@ def test_a_folder_of_recordings_is_no_case(tmp_path: Path) -> None:
     (tmp_path / "one.mcap").touch()
     with pytest.raises(ConfigError, match="is a folder of recordings, not a case folder"):
         lab.case(tmp_path)
+
+
+def test_check_shows_limits_with_their_units(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--rig", str(virtual_lab.rig), "--seconds", "0"]) in (0, 3)
+    limits = [line.split("│")[-2] for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    told = "".join("".join(limits).split())
+    assert re.search(r"pressure\d+kPa,rate\d+kPa/s", told) and re.search(r"turn[\d.]+rad", told)
