@@ -9,6 +9,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from .help import GROUPS, METAVARS, Verbs, epilog, unknown
+
 OK, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
 
 Handler = Callable[[argparse.Namespace], int]
@@ -21,9 +23,13 @@ def _check(a: argparse.Namespace) -> int:
 
 
 def _plan(a: argparse.Namespace) -> int:
-    from .verbs.run import plan
+    from .verbs.run import keys, plan
 
-    return plan(a.protocol, a.rig, a.set, a.json)
+    if a.keys:
+        return keys(a.protocol, a.rig, a.json)
+    if a.rig is None:
+        raise _usage("--rig: give the rig.yaml of the rig, or --keys for what can be set of the protocol")
+    return plan(a.protocol, a.rig, a.set, a.all, a.json)
 
 
 def _run(a: argparse.Namespace) -> int:
@@ -268,16 +274,20 @@ READERS = (
 
 def parser() -> argparse.ArgumentParser:
     """All verbs and their options."""
-    top = argparse.ArgumentParser(
-        prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model."
-    )
+    top = Verbs(prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model.")
     top.add_argument("--version", action=Version, nargs=0, help="print the version, and the commit of a checkout")
-    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=argparse.ArgumentParser)
 
     def verb(name: str, handler: Handler, text: str, reads: bool = False) -> argparse.ArgumentParser:
         """`reads`: the result can be had as JSON."""
         plain = text.replace("%", "%%")  # argparse formats what it is given
-        p = verbs.add_parser(name, help=plain, description=plain)
+        p = verbs.add_parser(
+            name,
+            help=plain,
+            description=text,
+            epilog=epilog(name),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
         p.set_defaults(handler=handler)
         if reads:
             p.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -327,8 +337,17 @@ def parser() -> argparse.ArgumentParser:
             nargs="?" if name == "run" else None,
             help="stiffness, bending, elongation, cycles, a protocol of an installed package, or a protocol file (.yaml, .py)",
         )
-        p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
-        p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one parameter")
+        p.add_argument("--rig", type=Path, required=name == "run", help="rig.yaml")
+        if name == "plan":
+            p.add_argument("--keys", action="store_true", help="list what --set can change: unit, default, limits")
+            p.add_argument("--all", action="store_true", help="list the steps of every repeat")
+        p.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="change one parameter; `lab plan PROTOCOL --keys` lists them",
+        )
         if name == "run":
             p.add_argument("--out", type=Path, help="folder for the recording (default: this one)")
             p.add_argument("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)")
@@ -424,7 +443,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("file", type=Path)
     p = verb("recover", _recover, "save all that can be read of a damaged or truncated recording", reads=True)
     p.add_argument("file", type=Path)
-    p.add_argument("--out", type=Path, help="the new file (default: <name>-recovered.mcap beside the old one)")
+    p.add_argument(
+        "--out", type=Path, metavar="FILE", help="the new file (default: <name>-recovered.mcap beside the old one)"
+    )
     p = verb(
         "replay",
         _replay,
@@ -448,7 +469,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "inputs", type=Path, nargs="+", help="recordings (.mcap); with --mat, --crate and --arviz also a case folder"
     )
-    p.add_argument("--out", type=Path, required=True)
+    p.add_argument("--out", type=Path, required=True, help="folder to write")
     form = p.add_mutually_exclusive_group()
     form.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
     form.add_argument("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)")
@@ -548,17 +569,17 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--json", type=Path, metavar="OUT", help="write diagnosis.json here")
     p.add_argument("--report", type=Path, metavar="OUT.html", help="write the page with all figures here")
     p.add_argument("--protocols", type=Path, metavar="FOLDER", help="write the proposed experiments as protocol files")
-    p.add_argument("--reference", type=Path, metavar="A", help="an earlier campaign: report what has changed since")
+    p.add_argument("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since")
     p.add_argument(
         "--holdout",
         type=Path,
-        metavar="B",
+        metavar="CASE",
         help="a campaign that is not fitted (case folder or .mcap): test the answer on it",
     )
     p.add_argument(
         "--baseline",
         type=Path,
-        metavar="P.csv",
+        metavar="PREDICTED.csv",
         help="what another simulator predicts of these states: diagnose its gap",
     )
     p.add_argument("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself")
@@ -567,10 +588,10 @@ def parser() -> argparse.ArgumentParser:
     own_effects(p)
 
     p = verb("power", _power, "before measuring: which causes a plan can tell apart, and what to add to it", reads=True)
-    p.add_argument("--protocol", metavar="P", help="a protocol or its file")
+    p.add_argument("--protocol", metavar="PROTOCOL", help="a protocol or its file")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change one of its parameters")
     p.add_argument("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead")
-    p.add_argument("--case", type=Path, nargs="+", default=[], metavar="C", help="states that were measured instead")
+    p.add_argument("--case", type=Path, nargs="+", default=[], metavar="CASE", help="states that were measured instead")
     p.add_argument("--rig", type=Path, help="rig.yaml")
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the rig's, or the case's)")
     p.add_argument("--worlds", type=int, default=30, metavar="N", help="robots drawn of each cause (default 30)")
@@ -629,6 +650,10 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("paper", _paper, "the paper's tables and model curves, reproduced", reads=True)
     p.add_argument("--out", type=Path, default=Path("out/paper"), help="folder for the figures")
+    for p in verbs.choices.values():
+        for action in p._actions:  # noqa: SLF001 - argparse offers no list of them
+            if action.metavar is None:
+                action.metavar = METAVARS.get(action.dest)
     return top
 
 
@@ -642,7 +667,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if wrong := strangers():
         complain(wrong)
         return USAGE
-    a = parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    top = parser()
+    if not words or words == ["help"]:
+        top.print_help()
+        return OK if words else USAGE
+    if words[0] == "help":
+        words = [*words[1:], "--help"]
+    if not words[0].startswith("-") and not any(words[0] in verbs for verbs in GROUPS.values()):
+        complain(unknown(words[0]))
+        return USAGE
+    a = top.parse_args(words)
     plain_failures()
     if getattr(a, "any_size", False):
         from recordings.file.budget import lift

@@ -107,6 +107,13 @@ class Plan:
         """Expected duration, s of rig time."""
         return sum(s.seconds for s in self.steps)
 
+    @property
+    def states(self) -> int:
+        """Number of states that it will read, as far as its steps state it (see `Step.reads`)."""
+        if any(s.reads for s in self.steps):
+            return sum(len(s.reads) for s in self.steps)
+        return sum(bool(s.ask.pressures and s.ask.pressure_rate) for s in self.steps)
+
 
 @dataclass(frozen=True)
 class Trial:

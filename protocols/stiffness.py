@@ -10,10 +10,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -34,7 +34,8 @@ class Stiffness(Probing):
     """Parameters of stiffness trials."""
 
     specimen: Literal["spine", "body"] = "spine"
-    lengths: list[SpineLength] = Field(
+    renamed: ClassVar[Mapping[str, str]] = {"lengths": "spine_lengths"}
+    spine_lengths: list[SpineLength] = Field(
         [0.05, 0.10, 0.15, 0.20, 0.25, 0.30], min_length=1, max_length=200, json_schema_extra={"unit": "m"}
     )
     """Spine lengths; with the body as specimen, the spine inside it (0 for the bare body)."""
@@ -79,7 +80,7 @@ def plan(p: Stiffness) -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     steps: list[Step] = []
     before = 0.0
-    for repeat, spine in itertools.product(range(1, p.repeats + 1), p.lengths):
+    for repeat, spine in itertools.product(range(1, p.repeats + 1), p.spine_lengths):
         label = f"{p.specimen} {spine * 100:g} cm, repeat {repeat}"
         grow, approach, deflect = _asks(p, spine)
         if not steps:
@@ -95,8 +96,8 @@ def plan(p: Stiffness) -> Plan:
         ]
         before = spine
     limits = {
-        "force_n": p.max_force, "arm_speed_m_s": p.speed, "spine_length_m": max(p.lengths),
-        "deflection_m": max(p.deflection_ratio * p.cantilever(x) for x in p.lengths), "vacuum_pa": p.vacuum,
+        "force_n": p.max_force, "arm_speed_m_s": p.speed, "spine_length_m": max(p.spine_lengths),
+        "deflection_m": max(p.deflection_ratio * p.cantilever(x) for x in p.spine_lengths), "vacuum_pa": p.vacuum,
     }  # fmt: skip
     return Plan("stiffness", steps, limits)
 
@@ -130,9 +131,10 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
         vent(bench)
     probe = ProbeMotion(bench, p, stand, p.radius)
     home(bench)
-    for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.lengths), 2 + p.steps):
+    for repeat, spine in trials.remaining(itertools.product(range(1, p.repeats + 1), p.spine_lengths), 2 + p.steps):
         bench.check_stop()
-        bench.say(f"Repeat {repeat} of {p.repeats}: {p.specimen} with the spine at {spine * 100:g} cm")
+        inside = "" if p.specimen == "spine" else "spine "
+        bench.say(f"Repeat {repeat} of {p.repeats}: specimen {p.specimen}, {inside}{spine * 100:g} cm")
         grow = partial(_grow, bench, p, probe, spine)
         ambient = through_pauses(bench, grow)
         trials.step_done()

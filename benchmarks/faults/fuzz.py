@@ -149,7 +149,7 @@ def small_files(folder: Path) -> dict[str, Go]:
         "robot.yaml": yaml(paper_robot().read_text(), Robot),
         "robot.yaml, of the model": file("robot.yaml", paper_robot().read_text(), load_robot),
         "bending.yaml": yaml(PROTOCOL, Bending),
-        "stiffness.yaml": yaml("lengths: [5 cm]\nsteps: 3\n", Stiffness),
+        "stiffness.yaml": yaml("spine_lengths: [5 cm]\nsteps: 3\n", Stiffness),
         "trials.csv": table,
         "campaign.yaml": file("campaign.yaml", CAMPAIGN, lambda p: campaign_of(p, RIG_EXAMPLE, 1)),
         "campaign.journal": file("campaign.journal", CAMPAIGN_JOURNAL, read_campaign_journal),

@@ -34,7 +34,7 @@ BENDING = (
     "rate=20 kPa/s",
     *PATIENT_SETTLE,
 )
-STIFFNESS = ("stiffness", "lengths=[0.1]", "steps=3", "min_samples=30")
+STIFFNESS = ("stiffness", "spine_lengths=[0.1]", "steps=3", "min_samples=30")
 LIMIT = 30.0
 AGAIN = 0.03
 """Host seconds between two Ctrl-C: two at once are one to the kernel."""

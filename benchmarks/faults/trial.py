@@ -36,7 +36,7 @@ QUICK = {
         "zero_state=false",
         *PATIENT_SETTLE,
     ),
-    "stiffness": ("lengths=[0.1]", "steps=3", "min_samples=30", "zero_samples=20"),
+    "stiffness": ("spine_lengths=[0.1]", "steps=3", "min_samples=30", "zero_samples=20"),
 }
 STAYS = {"bending": ("arm", "force"), "stiffness": ("mocap",)}
 """Instruments that are left out of the rig of a protocol, which saves the time to connect them."""

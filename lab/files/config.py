@@ -27,6 +27,7 @@ from .units import UnitError, to_si
 
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]
+Lines = Mapping[Loc, int]
 SMALLEST = sys.float_info.min
 """Magnitude of a number other than zero: smaller ones lose their digits, and dividing by them overflows."""
 MOST_PROBLEMS = 50
@@ -50,7 +51,7 @@ class Source:
 
     name: str
     data: object
-    lines: Mapping[Loc, int]
+    lines: Lines
     text: bytes = b""
     """What was parsed."""
 
@@ -128,7 +129,8 @@ def _collect_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int]) -> None:
 
 
 # ------------------------------------------------------------------ "250 kPa" -> 250000.0
-def _unit(field: FieldInfo) -> str | None:
+def unit_of(field: FieldInfo) -> str | None:
+    """Return the unit that a field states; None where it states none."""
     extra = field.json_schema_extra
     return str(extra["unit"]) if isinstance(extra, dict) and "unit" in extra else None
 
@@ -198,20 +200,22 @@ def _spread(
     """What stands behind +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
     table = model.model_fields["uncertainty"].annotation
     share = (
-        isinstance(table, type) and issubclass(table, BaseModel) and _unit(table.model_fields[_uncertain(field)]) == "1"
+        isinstance(table, type)
+        and issubclass(table, BaseModel)
+        and unit_of(table.model_fields[_uncertain(field)]) == "1"
     )
     try:
-        whole = to_si(value, _unit(field) or "1")
+        whole = to_si(value, unit_of(field) or "1")
         if beside.endswith("%"):
             return to_si(beside, "1") * (1.0 if share else whole)
-        return to_si(beside, _unit(field) or "1") / (whole if share else 1.0)
+        return to_si(beside, unit_of(field) or "1") / (whole if share else 1.0)
     except (UnitError, ZeroDivisionError) as e:
         problems[loc] = f"{_dotted(loc)}: {e}; write for example '505 kPa +- 30 %'"
         return None
 
 
 def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:
-    unit = _unit(field)
+    unit = unit_of(field)
     if isinstance(value, dict):
         inner = _models(field.annotation, value)
         if inner is not None:
@@ -271,7 +275,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     kind, context = error["type"], error.get("ctx", {})
     key = _dotted(loc)
     field, siblings = _find(loc, data, model)
-    unit = (_unit(field) or "") if field is not None else ""
+    unit = (unit_of(field) or "") if field is not None else ""
     number = f"{_short(error['input'])} {unit}".strip()
     if kind == "extra_forbidden":
         near = difflib.get_close_matches(str(loc[-1]), siblings, n=1, cutoff=0.5)

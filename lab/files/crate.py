@@ -12,10 +12,12 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import yaml
 
 from recordings.campaign.info import Info
+from recordings.campaign.labels import RECORD
 from recordings.own_files import copied, replaced
 from recordings.trials import Table, unit_of
 
@@ -132,12 +134,15 @@ def _made(graph: Sequence[Mapping[str, Any]], recordings: Mapping[str, Info]) ->
         ]
         versions = ", ".join(f"{k} {v}" for k, v in recorded.metadata.get("versions", {}).items())
         out += instruments
-        out.append(
-            {
-                "@id": f"#recorded-{name}", "@type": "CreateAction", "name": "recorded", "startTime": recorded.start,
-                "instrument": [{"@id": i["@id"]} for i in instruments], "result": {"@id": name}, "description": versions,
-            }
-        )  # fmt: skip
+        action: dict[str, Any] = {
+            "@id": f"#recorded-{name}", "@type": "CreateAction", "name": "recorded", "startTime": recorded.start,
+            "instrument": [{"@id": i["@id"]} for i in instruments], "result": {"@id": name}, "description": versions,
+        }  # fmt: skip
+        if operator := recorded.metadata.get(RECORD, {}).get("operator"):
+            person = {"@id": f"#operator-{quote(operator)}", "@type": "Person", "name": operator}
+            out += [] if person in out else [person]
+            action["agent"] = {"@id": person["@id"]}
+        out.append(action)
     there = {str(f["@id"]) for f in graph}
     made = [n for n in ("trials.csv", "diagnosis.json", "diagnosis.html") if n in there]
     if made:

@@ -17,9 +17,11 @@ from model.robot import Robot
 from recordings.bounded import read_bounded
 from recordings.campaign.resumed import campaigns, merged
 from recordings.file.reader import Recording
+from recordings.file.verify import verify
 from recordings.table_file import read_csv
 from recordings.trials import Table, TrialRow
 
+from ..console import note
 from .config import ConfigError, check, load, parse_yaml
 
 
@@ -67,9 +69,13 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """
     robots: list[tuple[str, Robot]] = []
     parts: list[tuple[str, Table]] = []
-    recordings = [Recording.open(path) for path in inputs if not path.is_dir()]
+    recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
     for path in inputs:
         if path.is_dir():
+            if not (path / "trials.csv").exists() and any(path.glob("*.mcap")):
+                raise ConfigError(
+                    f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap"
+                )
             if robot_path is None:
                 robots.append((str(path), load(path / "robot.yaml", Robot)))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
@@ -92,6 +98,21 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
     return Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units))
+
+
+def without_torn(paths: Sequence[Path]) -> list[Path]:
+    """Return the paths without one of each damaged or unfinished recording and its recovered file, where both are given.
+
+    The recording is left out with a note. One that is whole counts, and its recovered file is left out instead.
+    """
+    left_out: dict[Path, Path] = {}
+    for path in paths:
+        saved = path.with_name(f"{path.stem}-recovered.mcap")
+        if saved in paths:
+            over, counts = (saved, path) if verify(path).ok else (path, saved)
+            left_out[over] = counts
+    note(f"{over}: not read; {counts}, which holds the same run, is given too" for over, counts in left_out.items())
+    return [path for path in paths if path not in left_out]
 
 
 def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recording], Table]]:

@@ -74,3 +74,19 @@ LONGEST_UNIT = 30
 def unit_text(unit: str, before: str = " ") -> str:
     """A unit as it stands behind a number or, after a comma, behind a name; nothing for 1."""
     return "" if unit in ("", "1") else f"{before}{unit[:LONGEST_UNIT]}"
+
+
+USUAL = {"Pa": "kPa", "Pa/s": "kPa/s", "m": "cm", "m/s": "cm/s", "kg": "g"}
+"""SI unit -> the unit in which people read such values at a rig."""
+
+
+def usual(unit: str) -> tuple[float, str]:
+    """Return the unit in which people read values of an SI unit, and its size in that SI unit; "" for a pure number."""
+    name = USUAL.get(unit, unit)
+    return KINDS.get(unit, {}).get(name, 1.0), "" if name == "1" else name
+
+
+def shown(value: float, unit: str) -> str:
+    """Return an SI value as people read it at a rig: `250 kPa`."""
+    factor, name = (1e-3, "mm") if unit == "m" and 0 < abs(value) < 0.01 else usual(unit)
+    return f"{value / factor:.4g}{unit_text(name)}"

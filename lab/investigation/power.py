@@ -68,10 +68,12 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
             design = of_case(case, weighed)
             found: dict[str, Power] = {}
             for k, (name, clutter) in enumerate(CLUTTERS.items()):
+                screen.say(f"{name}: {each} worlds of each of {len(weighed)} causes, part {k + 1} of {whole}")
                 found[name] = power(design, tuple(weighed), each, seed, clutter)
                 screen.progress((k + 1) / whole, 1.0)
             brings: tuple[Addition, ...] = ()
             if more and not states(case)[0].pushed.all():
+                screen.say(f"further experiments, part {whole} of {whole}")
                 brings = additions(case, weighed, seed=seed, progress=lambda s: screen.progress((2 + s) / whole, 1.0))
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
@@ -146,16 +148,24 @@ def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
     clean, cluttered = found["clean"], found["cluttered"]
     sheet = Sheet(title="How often the cause would be told, by its size (thirds of 0.5 to 1.5 plausible scales)",
                   title_justify="left")  # fmt: skip
-    for column in ("cause", "carries", "small", "medium", "large", "in clutter", "else taken for"):
-        sheet.add_column(column)
+    sheet.add_column("cause", no_wrap=True)
+    for column in ("carries, floors", "small", "medium", "large", "in clutter"):
+        sheet.add_column(column, justify="right")
+    mistaken: list[str] = []
     beside = {e.effect: e for e in cluttered.effects}
     for e in clean.effects:
         other = beside[e.effect]
         shares = [share for share in other.right.values() if share is not None]
-        taken = ", ".join(f"{name} {share:.2f}" for name, share in other.taken_for[:2])
+        if other.taken_for:
+            taken = ", ".join(f"{name} ({share:.2f})" for name, share in other.taken_for[:2])
+            mistaken.append(f"  {e.effect}: {taken}")
         sizes = ["" if share is None else f"{share:.2f}" for share in e.right.values()]
-        sheet.add_row(e.effect, f"{e.carries:.1f} floors", *sizes, f"{np.mean(shares):.2f}", taken)
+        sheet.add_row(e.effect, f"{e.carries:.1f}", *sizes, f"{np.mean(shares):.2f}")
     out.print(sheet)
+    if mistaken:
+        out.print("in clutter taken for (share of its worlds):")
+    for line in mistaken:
+        out.print(line, soft_wrap=True)
     for name, p in found.items():
         low, high = p.right95
         out.print(

@@ -67,6 +67,6 @@ def last(rig_path: Path, rig: RigFile) -> Checked | str:
             return f"instruments or stand of {rig_path} were changed after the check of {data['when']}"
         return Checked(str(data["when"]), tuple(Moved(**m) for m in data["seen"]))
     except FileNotFoundError:
-        return f"{rig_path} was never checked"
+        return f"{rig_path} never passed lab check --move, which fakes can do without"
     except (OSError, ValueError, KeyError, TypeError):
         return f"{place(rig_path)} cannot be read"

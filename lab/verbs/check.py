@@ -21,8 +21,9 @@ from recordings.file.writer import Recorder
 from recordings.states.bodies import too_far
 
 from ..console import Screen, answer, err, out, styled
-from ..files.config import ConfigError
+from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
+from ..files.units import shown
 from ..guard.latch import Latch
 from ..rig.assembly import Rig
 from ..rig.checked import Moved, keep
@@ -197,6 +198,7 @@ def _row(
             }
     config = table_of(rig.file.instruments, name)
     row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}
+    row["units"] = {k: unit_of(type(config).model_fields[k]) or "" for k in row["limits"]}
     return row
 
 
@@ -211,7 +213,9 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         identity = " ".join(x for x in (r["maker"], r["model"], r["serial"], r["firmware"]) if x)
         rate = f"{r['rate_hz']:g} Hz" if r.get("rate_hz") is not None else ""
         limits = ", ".join(
-            f"{k.removeprefix('max_')} {v:g}" for k, v in r["limits"].items() if isinstance(v, (int, float))
+            f"{k.removeprefix('max_')} {shown(v, r['units'][k])}"
+            for k, v in r["limits"].items()
+            if isinstance(v, (int, float))
         )
         table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
     return table

@@ -11,10 +11,12 @@ from rich.table import Table as Sheet
 
 from diagnosis.errors import DiagnosisError
 from model.compare import ErrorTable
+from model.robot import Robot
 
 from ..comparison import comparison
 from ..console import note, out
-from ..files.config import ConfigError
+from ..files.config import ConfigError, load
+from ..files.example import paper_robot
 from ..files.inputs import marked_notes, read_case
 from ..files.own_effects import stated_by
 from ..pages.figures import tip_curves
@@ -40,7 +42,7 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
         data["sensors"] = str(measured) if measured else None
         print(json.dumps(data, indent=1))
         return 0
-    out.print(sheet(c.table))
+    out.print(sheet(c.table, case.robot))
     note(marked_notes(case.table))
     if c.unsolved:
         out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
@@ -50,18 +52,27 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
     return 0
 
 
-def sheet(table: ErrorTable) -> Sheet:
-    """The error table as the paper prints it, in mm and in % of the robot's length."""
+def sheet(table: ErrorTable, robot: Robot) -> Sheet:
+    """The error table in mm; of the paper's robot with the paper's names of the axes, and in % of the robot's length."""
+    paper = _of_the_paper(robot)
+    named = ("x (paper: X)", "z (paper: Y)", "y (out of plane)") if paper else ("x", "y", "z")
     t = Sheet(title="Measured against model: mean absolute error of the tip", title_justify="left")
-    for column in ("spine", "n", "x (paper: X)", "z (paper: Y)", "y (out of plane)", "rms", "worst"):
+    for column in ("spine", "n", *named, "rms", "worst"):
         t.add_column(column, justify="right")
     for r in table.rows:
+        along = (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y) if paper else (r.mean_abs_x, r.mean_abs_y, r.mean_abs_z)
         t.add_row(
-            f"{r.spine_length * 100:.1f} cm", str(r.n),
-            *(f"{v * 1e3:.2f} mm" for v in (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y, r.rmse, r.worst)),
+            f"{r.spine_length * 100:.1f} cm", str(r.n), *(f"{v * 1e3:.2f} mm" for v in (*along, r.rmse, r.worst)),
         )  # fmt: skip
-    t.caption = (
-        f"largest mean error: {table.worst_percent_x:.2f} % of the length in X, {table.worst_percent_z:.2f} % in Y; "
-        f"rms {table.rmse * 1e3:.2f} mm"
-    )
+    worst = {"X": table.worst_percent_x, "Y": table.worst_percent_z} if paper else {
+        axis: 100 * max(getattr(r, f"mean_abs_{axis}") for r in table.rows) / table.length for axis in "xyz"
+    }  # fmt: skip
+    told = ", ".join(f"{percent:.2f} % in {axis}" for axis, percent in worst.items())
+    t.caption = f"largest mean error in % of the length: {told}; rms {table.rmse * 1e3:.2f} mm"
     return t
+
+
+def _of_the_paper(robot: Robot) -> bool:
+    """Whether a robot has the length and the chambers of the paper's, which bends in the plane of its tables."""
+    paper = load(paper_robot(), Robot)
+    return (robot.length, robot.chambers) == (paper.length, paper.chambers)

@@ -134,7 +134,7 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
     after = story.step(
         "lab compare: an area factor for each spine length", lambda: comparison(Case(fit.robot, case.table))
     )
-    out.print(error_sheet(before.table))
+    out.print(error_sheet(before.table, case.robot))
     answers = Outputs(json=folder / "diagnosis.json", report=folder / "diagnosis.html", protocols=folder / "next")
     story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))

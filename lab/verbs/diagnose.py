@@ -29,6 +29,7 @@ from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
+from ..files.units import unit_text
 from ..processes import for_case
 
 FIRST = 6
@@ -211,7 +212,8 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
         if r.probability < 0.005:
             continue
         sizes = ", ".join(
-            f"{name.partition('.')[2]} {v.value:.3g} ± {v.sd:.2g} {v.unit}" for name, v in r.parameters.items()
+            f"{name.partition('.')[2]} {v.value:.3g} ± {v.sd:.2g}{unit_text(v.unit)}"
+            for name, v in r.parameters.items()
         )
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
         t.add_row(" + ".join(r.effects) or "none", f"{r.probability:.2f}", f"{r.log_evidence:.1f}", held, sizes)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from ..console import note, out
 from ..files.arviz_file import write_inference
 from ..files.config import ConfigError, load
 from ..files.crate import write_crate
-from ..files.inputs import marked_notes, same_body
+from ..files.inputs import marked_notes, same_body, without_torn
 
 DIAGNOSIS = "diagnosis.json"
 IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
@@ -43,7 +44,25 @@ class Forms:
 
 def export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
     """Files of each stream, one case folder, an RO-Crate, or diagnoses for ArviZ; raises ConfigError."""
+    with _made(folder):
+        return _export(without_torn(inputs), folder, forms, as_json)
+
+
+@contextlib.contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make the folder for the block; folders that were made are removed again where the block fails and they are empty."""
+    new = [place for place in (folder, *folder.parents) if not place.exists()]
     folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(OSError):  # something is in it
+            for place in new:
+                place.rmdir()
+        raise
+
+
+def _export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
     cases = [p for p in inputs if p.is_dir()]
     if forms.crate:
         return _crate(inputs, folder, forms, as_json)

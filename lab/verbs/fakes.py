@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 from pydantic import ValidationError
+from rich.table import Table as Sheet
 
 from model.robot import Robot
 from recordings.messages import NAME
@@ -27,7 +28,7 @@ from ..files.all_drivers import drivers, found_drivers
 from ..files.config import ConfigError, load
 from ..files.example import paper_robot
 from ..files.packages import Found, Unusable, installed
-from ..files.units import to_si
+from ..files.units import to_si, unit_text
 
 PATIENT: dict[str, Any] = {
     "instruments": {
@@ -55,8 +56,13 @@ PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
 def serve(a: argparse.Namespace) -> int:
     """Run until Ctrl-C."""
     if a.list_effects:
+        sheet = Sheet(title="Effects of the virtual robot, for --effect ID[=SIZE]", title_justify="left")
+        sheet.add_column("effect", no_wrap=True)
+        sheet.add_column("plausible size", justify="right")
+        sheet.add_column("what it is")
         for e in list_effects():
-            out.print(f"{e.id:24s} {e.scale:10.4g} {e.unit:12s} {e.physics}")
+            sheet.add_row(e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics)
+        out.print(sheet)
         return 0
     rig = _rig(a)
     _demand_agreement(rig.rig_file()["instruments"])
@@ -210,6 +216,11 @@ def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None
 def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     both = {k: _merged(tables[k], v) for k, v in changes.items() if k in tables and isinstance(v, Mapping)}
     return {**tables, **changes, **both}
+
+
+def effect_names() -> list[str]:
+    """Return the effects of the virtual robot."""
+    return [e.id for e in list_effects()]
 
 
 def effects(settings: list[str]) -> dict[str, float]:

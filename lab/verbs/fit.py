@@ -25,6 +25,9 @@ from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
 from ..samples import drawn, write_samples
 
+AXES = 3
+"""Numbers that the tip of a state gives."""
+
 
 @dataclass(frozen=True)
 class WithEffects:
@@ -148,7 +151,7 @@ def residual_lines(f: Fitted) -> list[str]:
 def sheet(c: Calibration) -> Sheet:
     """The calibration as a table."""
     t = Sheet(title="Calibration (± standard error)", title_justify="left")
-    for column in ("parameter", "spine", "value", "n", "residual"):
+    for column in ("parameter", "spine", "value", "states", "residual"):
         t.add_column(column)
     for length, e in c.spine_modulus.items():
         t.add_row("E of the spine", f"{length * 100:.1f} cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N")
@@ -161,25 +164,22 @@ def sheet(c: Calibration) -> Sheet:
             f"{c.body_modulus.rms_residual:.3f} N",
         )
     for length, a in c.area_factor_by_length.items():
+        states = str(a.factor.n // AXES)
         t.add_row(
-            "A_eff / A", f"{length * 100:.1f} cm", _plain(a.factor), str(a.factor.n), f"{a.rmse * 1e3:.2f} mm rms"
+            "A_eff / A, per length", f"{length * 100:.1f} cm", _plain(a.factor), states, f"{a.rmse * 1e3:.2f} mm rms"
         )
-    if c.area_factor:
-        t.add_row(
-            "A_eff / A alone",
-            "all",
-            _plain(c.area_factor.factor),
-            str(c.area_factor.factor.n),
-            f"{c.area_factor.rmse * 1e3:.2f} mm rms",
-        )
+    if c.calibrated is not None:
+        area = c.calibrated.parameters[AREA_FACTOR]
+        one = f"{area.value:.3f} ± {area.sd:.3f}"
+        residual = f"{c.calibrated.calibrated_mm:.2f} mm rms"
+        t.add_row("A_eff / A, one for all", "all", one, str(c.calibrated.states), residual)
     return t
 
 
 def baseline_line(f: Fitted) -> str:
     """The baseline of a diagnosis, in its words."""
-    area = f.parameters[AREA_FACTOR]
     return (
-        f"calibrated with one area factor ({area.value:.3f} ± {area.sd:.3f}) and the tolerances of the set-up, the model misses "
+        "calibrated with one area factor for all lengths and the tolerances of the set-up, the model misses "
         f"the tip by {f.calibrated_mm:.2f} mm rms on the {f.states} states (in-sample): the baseline of lab diagnose"
     )
 

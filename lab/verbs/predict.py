@@ -36,6 +36,8 @@ AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """What a table may tell of states that are each reached from rest by one ramp."""
 MM, SHOWN = 1e3, 40
 """Rows that are printed; all are written."""
+OWN_COLUMNS = 4
+"""Chambers of which each has a column of its own; those of a robot with more are listed in one."""
 LEAST_SHOWN = 10.0
 """Pa."""
 INTERVAL = (
@@ -286,15 +288,18 @@ def _tell(outputs: Outputs, rows: int) -> None:
 
 def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
     low, high = found.interval()
-    pressure = _pressures(robot, states).max(axis=1)
+    pressures = _pressures(robot, states)
+    count = pressures.shape[1]
+    own = count <= OWN_COLUMNS
+    columns = [f"p{c}" for c in range(1, count + 1)] if own else ["p (chambers)"]
     named = " + ".join(robot.effects) or "no effect"
-    t = Sheet(title=f"Expected readings of the tip: {robot.name}, {named}", title_justify="left")
-    for column in ("spine", "highest pressure", "x, mm", "y, mm", "z, mm"):
+    t = Sheet(title=f"Expected readings of the tip, p in kPa: {robot.name}, {named}", title_justify="left")
+    for column in ("spine", *columns, "x, mm", "y, mm", "z, mm"):
         t.add_column(column, justify="right")
     for i in range(min(len(found.tip), SHOWN)):
         t.add_row(
             f"{100 * float(states['spine_length'][i]):.1f} cm",
-            f"{pressure[i] / 1e3:.1f} kPa",
+            *([f"{p / 1e3:.1f}" for p in pressures[i]] if own else [_inflated(pressures[i])]),
             *_with_half(found.tip[i], low[i], high[i]),
         )
     return t

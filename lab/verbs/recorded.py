@@ -20,10 +20,12 @@ from recordings.campaign.replay import compare as hold_against
 from recordings.events import Request
 from recordings.file.player import play as played
 from recordings.file.reader import Recording
+from recordings.messages import is_stream
 
 from ..console import note, out
-from ..files.config import ConfigError
-from ..files.units import unit_text
+from ..files.config import ConfigError, parse_yaml
+from ..files.inputs import attached, without_torn
+from ..files.units import UnitError, to_si, unit_text
 
 
 def info(files: Sequence[Path], as_json: bool) -> int:
@@ -44,23 +46,35 @@ def _print_json(found: Sequence[tuple[Path, dict[str, Any]]]) -> None:
 
 
 def _show(file: Path, s: Info) -> None:
-    t = Sheet(title=str(file), title_justify="left")
-    t.add_column("topic", justify="right", no_wrap=True)
-    for column in ("messages", "rate", "jitter p50/p99/max", "gaps", "longest", "dropped", "lost"):
-        t.add_column(column, justify="right")
+    speed, nominal = _rig_of(file)
+    t = Sheet(title=str(file), title_justify="left", box=None, padding=(0, 1, 0, 0))
+    t.add_column("topic", no_wrap=True)
+    for column in ("count", "Hz", "nominal", "jitter, ms p50/p99/max", "gaps", "longest, s", "dropped", "lost"):
+        t.add_column(column, justify="right", overflow="fold")
     for topic, stream in s.streams.items():
         at = stream.timing
-        jitter = " / ".join(f"{1e3 * x:.1f}" for x in (at.jitter_p50, at.jitter_p99, at.jitter_max))
-        t.add_row(topic, str(at.count), f"{at.rate:.1f} Hz", f"{jitter} ms", str(at.gaps), f"{at.longest:.3f} s",
-                  *("?" if n is None else str(n) for n in (stream.dropped, stream.lost)))  # fmt: skip
+        losses = ["?" if n is None else str(n) for n in (stream.dropped, stream.lost)]
+        if not (at.count or stream.dropped or stream.lost):
+            continue
+        if not is_stream(topic):
+            t.add_row(topic, str(at.count), *[""] * 5, *losses)
+            continue
+        jitter = "/".join(f"{1e3 * x:.1f}" for x in (at.jitter_p50, at.jitter_p99, at.jitter_max))
+        usual = f"{nominal[topic]:.1f}" if topic in nominal else ""
+        t.add_row(topic, str(at.count), f"{at.rate:.1f}", usual, jitter, str(at.gaps), f"{at.longest:.3f}", *losses)
     out.print(t)
+    if speed != 1:
+        out.print(
+            f"Rates are per second of rig time; its clock ran at {speed:g} times real speed, so {speed:g} Hz at an instrument "
+            "are 1 Hz here.",
+            soft_wrap=True,
+        )
     if s.finished:
         ended = s.outcome or "finished, without a word on how it ended"
     else:
         ended = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `lab recover {file}` keeps them"
-    out.print(
-        f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {s.rows} of {s.states} states read"
-    )
+    states = f"{s.rows} of {s.planned} planned states" if s.planned else f"{s.rows} of {s.states} states"
+    out.print(f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {states} read")
     out.print(f"attached: {', '.join(s.attachments) or 'nothing'}")
     for topic, stream in s.streams.items():
         if stream.channels > 1:
@@ -83,6 +97,34 @@ def _show(file: Path, s: Info) -> None:
             f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay above the minimum "
             f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
         )
+
+
+POLLED = ("/pressure", "/spine", "/vacuum", "/valve")
+"""Topics of instruments that are read at `poll` of rig.yaml."""
+
+
+def _rig_of(file: Path) -> tuple[float, dict[str, float]]:
+    """Speed of the rig's clock, and rates (Hz of rig time) that the attached rig.yaml states by topic; 1 and none where it
+    cannot be read."""
+    try:
+        rig = parse_yaml(attached(Recording.open(file, truncated=True), "rig.yaml"), "rig.yaml").data
+        speed = _number(rig, "clock", "speed", unit="1") or 1.0
+    except ConfigError:
+        return 1.0, {}
+    rates = {topic: _number(rig, "poll", unit="Hz") for topic in POLLED}
+    rates |= dict.fromkeys(("/tip", "/tip/pose"), _number(rig, "instruments", "mocap", "rate", unit="Hz"))
+    return speed, {topic: rate / speed for topic, rate in rates.items() if rate is not None}
+
+
+def _number(data: object, *keys: str, unit: str) -> float | None:
+    """A positive number within tables, in `unit`; None where there is none."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, dict) else None
+    try:
+        value = to_si(str(data), unit)
+    except UnitError:
+        return None
+    return value if 0 < value < math.inf else None
 
 
 def said(request: Request) -> str:
@@ -119,7 +161,7 @@ def play(file: Path, speed: float) -> int:
 
 def replay(files: Sequence[Path], as_json: bool) -> int:
     """Print whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
-    found = [(file, *replayed(file)) for file in files]
+    found = [(file, *replayed(file)) for file in without_torn(files)]
     if as_json:
         _print_json([
             (file, {"live": r.live, "replayed": r.replayed, "equal": r.equal, "sha256": digest, "differences": r.differences})

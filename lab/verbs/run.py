@@ -5,21 +5,23 @@ from __future__ import annotations
 import contextlib
 import copy
 import json
+import re
 import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
+from rich.table import Table as Sheet
 
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 from model.robot import Robot
 from protocols.errors import BadProtocol, Stopped
-from protocols.experiment import Plan, Trials
+from protocols.experiment import Plan, Step, Trials
 from protocols.parameters import Parameters, RobotFacts
 from protocols.registry import Experiment
 from protocols.steering import Steering
@@ -34,8 +36,9 @@ from recordings.trials import Table
 
 from ..console import Screen, answer, clock, err, note, out
 from ..files.all_protocols import found_protocols, protocol_from_file
-from ..files.config import ConfigError, Source, check, parse_yaml, read_yaml
+from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
+from ..files.protocol_keys import protocol_keys
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.about import PLAN
@@ -47,6 +50,7 @@ from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import problems, wiring
 from ..rig.losses import newly_lost
+from ..rig.margins import ACTIVE, margins
 from ..rig.provenance import provenance
 
 LONGEST_PLAN = 30 * 86400.0
@@ -107,9 +111,9 @@ def protocol_plan(
     table = source.data if isinstance(source.data, dict) else {}
     name = table.get("protocol", protocol)
     experiment = _experiment(name, own, source.name)
-    values = {k: v for k, v in table.items() if k != "protocol"}
+    values, lines = _by_new_names({k: v for k, v in table.items() if k != "protocol"}, source, experiment)
     values = {**experiment.parameters.defaults_for(known), **values}
-    parameters = check(Source(source.name, values, source.lines), experiment.parameters)
+    parameters = check(Source(source.name, values, lines), experiment.parameters)
     plan = _planned(experiment, parameters)
     if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
         raise ConfigError(
@@ -117,6 +121,17 @@ def protocol_plan(
             f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten what it waits for"
         )
     return experiment, parameters, plan
+
+
+def _by_new_names(values: dict[str, Any], source: Source, experiment: Experiment) -> tuple[dict[str, Any], Lines]:
+    """Values and lines with renamed keys under their new names; each is named in a note."""
+    found, lines = dict(values), dict(source.lines)
+    for old, new in experiment.parameters.renamed.items():
+        if old in found and new not in found:
+            found[new] = found.pop(old)
+            lines |= {(new, *loc[1:]): line for loc, line in source.lines.items() if loc[:1] == (old,)}
+            note([f"{source.at((old,))}: {old} is called {new} now; write {new}"])
+    return found, lines
 
 
 OF_SPINE = ("spine", "valve", "gauge")
@@ -190,28 +205,90 @@ def _with(source: Source, settings: list[str]) -> Source:
     return Source(source.name, data, source.lines)
 
 
-def plan(protocol: str, rig_path: Path, settings: list[str], as_json: bool) -> int:
-    """Print the steps, the duration and the limits; connects to nothing."""
+def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_json: bool) -> int:
+    """Print limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number."""
     j = job(protocol, rig_path, settings)
     p = j.plan
     speed = j.rig.clock.speed
+    asked = margins(p, j.rig, j.rig.body)
+    if not any(m.name in ACTIVE for m in asked):
+        note(
+            [
+                f"{p.protocol}: no step asks for a pressure, a spine length or a push; check its parameters, such as "
+                "chambers: `lab plan PROTOCOL --keys` lists them"
+            ]
+        )
     if as_json:
-        answer({**plan_dict(p), "clock_speed": speed, "host_seconds": p.seconds / speed})
+        told = [asdict(m) for m in asked]
+        answer({**plan_dict(p), "largest": told, "clock_speed": speed, "host_seconds": p.seconds / speed})
         return 0
-    for i, step in enumerate(p.steps, 1):
-        out.print(f"{i:4d}  {clock(step.seconds):>8}  {step.label}")
-    fast = f" (its clock runs at {speed:g} times real speed)" if speed != 1 else ""
-    times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours{fast}"
-    out.print(f"{len(p.steps)} steps, {times}{'; at most:' if p.limits else ''}", soft_wrap=True)
-    for key, value in p.limits.items():
-        out.print(f"  {key} {value:g}")
+    times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours"
+    out.print(f"{p.protocol}: {len(p.steps)} steps, {times}", soft_wrap=True)
+    if speed != 1:
+        out.print(
+            f"Yours is the rig's time divided by {speed:g}, the speed of its clock; a computer that cannot keep up with this "
+            "clock takes longer, which counts in both.",
+            soft_wrap=True,
+        )
+    for m in asked:
+        out.print(f"  {m}", soft_wrap=True)
+    steps, repeats = (p.steps, 1) if whole else folded(p.steps)
+    for i, step in enumerate(steps, 1):
+        label = REPEAT.sub("", step.label) if repeats > 1 else step.label
+        out.print(f"{i:4d}  {clock(step.seconds):>8}  {label}", soft_wrap=True)
+    if repeats > 1:
+        out.print(f"x {repeats} repeats (--all lists every step)")
+    return 0
+
+
+REPEAT = re.compile(r",? (?:repeat|cycle) \d+(?: of \d+)?")
+"""The number of a repeat in the label of a step."""
+
+
+def folded(steps: Sequence[Step]) -> tuple[Sequence[Step], int]:
+    """Return the steps of the first repeat, and how many repeats alike the plan consists of."""
+    labels = [REPEAT.sub("", step.label) for step in steps]
+    same = [0] * len(labels)
+    """How many labels up to each one are also the first ones."""
+    for i in range(1, len(labels)):
+        k = same[i - 1]
+        while k and labels[i] != labels[k]:
+            k = same[k - 1]
+        same[i] = k + (labels[i] == labels[k])
+    period = len(labels) - same[-1] if labels else 0
+    return (steps[:period], len(labels) // period) if period and not len(labels) % period else (steps, 1)
+
+
+def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
+    """Print what can be set of a protocol: key, unit, default (for the robot of the rig, where one is given), limits."""
+    source = source_of(protocol)
+    table = source.data if isinstance(source.data, dict) else {}
+    experiment = _experiment(table.get("protocol", protocol), None, source.name)
+    defaults: dict[str, Any] = {}
+    if rig_path is not None:
+        rig = load_rig(rig_path)
+        defaults = experiment.parameters.defaults_for(_known(rig, rig.body))
+    found = protocol_keys(experiment.parameters, defaults)
+    if as_json:
+        answer({"protocol": experiment.name, "keys": [asdict(key) for key in found]})
+        return 0
+    sheet = Sheet(title=f"Keys of {experiment.name}", title_justify="left")
+    sheet.add_column("key", no_wrap=True)
+    for column in ("unit", "default", "allowed", "meaning"):
+        sheet.add_column(column)
+    for key in found:
+        sheet.add_row(key.name, key.unit, key.default, key.limits, key.meaning)
+    out.print(sheet)
+    out.print(
+        "Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True
+    )
     return 0
 
 
 def plan_dict(p: Plan) -> dict[str, Any]:
     """A plan as JSON has it, printed and in the recording."""
     steps = [{"label": s.label, "seconds": round(s.seconds, 2)} for s in p.steps]
-    return {"protocol": p.protocol, "seconds": p.seconds, "limits": p.limits, "steps": steps}
+    return {"protocol": p.protocol, "seconds": p.seconds, "states": p.states, "limits": p.limits, "steps": steps}
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,26 @@ def _listed(found: Sequence[Run]) -> None:
         spine = f", spine {spines} cm" if spines else ""
         out.print(run.path, soft_wrap=True, style="bold")
         out.print(f"  {run.start[:19].replace('T', ' ')} UTC, {clock(run.duration)}, {run.protocol or 'no protocol'}{spine}, "
-                  f"{run.rows} of {run.states} states, {run.outcome}, {run.lost} lost{notes}", soft_wrap=True)  # fmt: skip
+                  f"{_states(run)} states, {run.outcome}, {run.lost} lost{notes}", soft_wrap=True)  # fmt: skip
         if run.labels:
             out.print("  " + ", ".join(f"{k}={v}" for k, v in run.labels.items()), soft_wrap=True)
+
+
+def _states(run: Run) -> str:
+    """How many states were read, of those planned or, where that is not known, asked for."""
+    return f"{run.rows} of {run.planned} planned" if run.planned else f"{run.rows} of {run.states}"
+
+
+def continued(found: Sequence[Run]) -> list[tuple[Run, Run]]:
+    """Return each run that resumed another one, behind that one; `found` is in the order of time."""
+    last: dict[str, Run] = {}
+    pairs: list[tuple[Run, Run]] = []
+    for run in found:
+        if run.campaign and run.campaign in last and not run.path.endswith("-recovered.mcap"):
+            pairs.append((last[run.campaign], run))
+        if run.campaign:
+            last[run.campaign] = run
+    return pairs
 
 
 def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: bool, where: Sequence[str] = ()) -> int:
@@ -66,14 +83,15 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
         sheet.add_column(column)
     for run in found:
         spines = ", ".join(f"{100 * length:g}" for length in run.spines)
-        states = f"{run.rows} of {run.states}"
         notes, labels = str(run.notes or ""), ", ".join(f"{k}={v}" for k, v in run.labels.items())
-        sheet.add_row(run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol, spines, states,
-                      run.outcome, str(run.lost), notes, labels)  # fmt: skip
+        sheet.add_row(run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol, spines,
+                      _states(run), run.outcome, str(run.lost), notes, labels)  # fmt: skip
     if out.measure(sheet, options=out.options.update(max_width=WIDEST)).maximum <= out.width:
         out.print(sheet)
     else:
         _listed(found)
+    for before, after in continued(found):
+        out.print(f"{before.path}: continued in {after.path}", soft_wrap=True)
     for run in found:
         if run.outcome == "unreadable":
             out.print(f"{run.path}: {run.detail}")

@@ -18,6 +18,7 @@ from ..file.clocks import ClockModel, clocks
 from ..file.counts import counted
 from ..file.reader import Recording
 from ..file.timing import Timing, timing
+from ..json_text import read_json
 from ..states.concluding import of_sensor
 
 T = TypeVar("T")
@@ -63,6 +64,8 @@ class Info:
     """Rig seconds from first to last message."""
     states: int
     rows: int
+    planned: int
+    """States of the whole plan, of which a run that resumes another one reads the rest; 0 where the plan does not say."""
     streams: dict[str, StreamInfo]
     attachments: dict[str, int]
     """Name -> bytes."""
@@ -132,6 +135,7 @@ def info(path: str | os.PathLike[str]) -> Info:
         duration=0.0 if first is None else (last - first) / 1e9,
         states=len(times["/state"]) if recording.knows("/state") else 0,
         rows=len(times["/trial"]) if recording.knows("/trial") else 0,
+        planned=planned_of(recording)[1],
         streams=streams,
         attachments={name: len(data) for name, data in recording.attachments.items()},
         clocks=_or({}, notes, partial(clocks, recording)),
@@ -140,6 +144,16 @@ def info(path: str | os.PathLike[str]) -> Info:
         sensors={topic: _or({}, notes, partial(_quantities, recording, topic)) for topic in sensors},
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def planned_of(recording: Recording) -> tuple[str, int]:
+    """Return protocol and number of states of the attached plan; "" and 0 where it does not say."""
+    try:
+        plan = read_json(recording.attachments["plan.json"])
+        states = plan.get("states", 0)
+        return str(plan["protocol"]), states if isinstance(states, int) and 0 < states < 10**9 else 0
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return "", 0
 
 
 def _or(otherwise: T, notes: list[str], way: Callable[[], T]) -> T:

@@ -20,11 +20,11 @@ from typing import Any
 from ..errors import RecordingError
 from ..file.reader import Recording
 from ..json_text import read_json
-from .info import info
+from .info import info, planned_of
 from .labels import MOST, labels_of
 
 INDEX = ".recordings.sqlite"
-VERSION = 4
+VERSION = 5
 LONGEST = 1_000_000
 """Bytes of a text in the index."""
 TOLERANCE = 0.5e-3
@@ -34,9 +34,12 @@ _TABLE = """CREATE TABLE runs (
     path TEXT PRIMARY KEY, size INTEGER NOT NULL, changed INTEGER NOT NULL,
     start TEXT NOT NULL, duration REAL NOT NULL, protocol TEXT NOT NULL, spines TEXT NOT NULL, outcome TEXT NOT NULL,
     detail TEXT NOT NULL, states INTEGER NOT NULL, rows INTEGER NOT NULL, lost INTEGER NOT NULL, campaign TEXT NOT NULL,
-    labels TEXT NOT NULL, notes INTEGER NOT NULL
+    labels TEXT NOT NULL, notes INTEGER NOT NULL, planned INTEGER NOT NULL
 )"""
-_COLUMNS = "path, size, changed, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes"
+_COLUMNS = (
+    "path, size, changed, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes, "
+    "planned"
+)
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,8 @@ class Run:
     """What a person said of it (see `labels`)."""
     notes: int
     """How many lines people wrote down while it went on."""
+    planned: int
+    """States of the whole plan; 0 where it does not say."""
 
     @property
     def complete(self) -> bool:
@@ -109,8 +114,10 @@ def runs(
 
 def _run(row: tuple[Any, ...]) -> Run:
     """A line of the index; ValueError or TypeError when it is none."""
-    path, size, _, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes = row
-    texts, counts = (path, start, protocol, outcome, detail, campaign), (size, states, rows, lost, notes)
+    (
+        path, size, _, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes, planned
+    ) = row  # fmt: skip
+    texts, counts = (path, start, protocol, outcome, detail, campaign), (size, states, rows, lost, notes, planned)
     lengths, said = read_json(spines), read_json(labels)
     if not isinstance(said, dict) or not all(isinstance(text, str) for text in said.values()):
         raise TypeError(f"{path!r}: not a line of this index")
@@ -118,7 +125,7 @@ def _run(row: tuple[Any, ...]) -> Run:
         raise TypeError(f"{path!r}: not a line of this index")
     return Run(
         path, size, start, float(duration), protocol, tuple(float(x) for x in lengths), outcome, detail, states, rows,
-        lost, campaign, said, notes,
+        lost, campaign, said, notes, planned,
     )  # fmt: skip
 
 
@@ -167,14 +174,6 @@ def _refresh(index: sqlite3.Connection, folder: Path) -> None:
         index.executemany("DELETE FROM runs WHERE path = ?", [(name,) for name in known.keys() - there])
 
 
-def _planned(recording: Recording) -> str:
-    """The protocol that its plan names: of a recording without states."""
-    try:
-        return str(read_json(recording.attachments["plan.json"])["protocol"])
-    except (KeyError, TypeError, ValueError):
-        return ""
-
-
 def _entry(file: Path) -> tuple[Any, ...]:
     """What the index says of a file, from its start on; a file that cannot be read is listed as such."""
     try:
@@ -182,10 +181,10 @@ def _entry(file: Path) -> tuple[Any, ...]:
         states = [event.state for event in recording.states]
     except RecordingError as error:
         changed = datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="seconds")
-        return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "", "{}", 0)
+        return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "", "{}", 0, 0)
     lost = sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values())
     outcome = (summary.outcome or "finished") if summary.finished else "abrupt"
-    protocols = ", ".join(sorted({state.protocol for state in states})) or _planned(recording)
+    protocols = ", ".join(sorted({state.protocol for state in states})) or planned_of(recording)[0]
     spines = json.dumps(sorted({state.spine_length for state in states}))
     campaign = summary.metadata.get("campaign", {}).get("id", "")
     when = (summary.start, summary.duration)
@@ -201,4 +200,5 @@ def _entry(file: Path) -> tuple[Any, ...]:
         campaign[:200],
         json.dumps(dict(itertools.islice(labels_of(recording).items(), MOST))),
         sum(request.kind == "note" for request in summary.requests),
+        summary.planned,
     )

@@ -30,7 +30,7 @@ SHORT = {"pressures": ["60 kPa", "100 kPa"], "settle": SETTLE}
 EVERY_WAY = {
     "campaign": "ways", "seed": 2, "blocks": 1, "warm_up": {"cycles": 0}, "stop": {"max_failed": 10},
     "protocols": [
-        {"protocol": "stiffness", "parameters": {"lengths": [0.1], "steps": 3, "min_samples": 30, "zero_samples": 20}},
+        {"protocol": "stiffness", "parameters": {"spine_lengths": [0.1], "steps": 3, "min_samples": 30, "zero_samples": 20}},
         {"protocol": "bending", "parameters": SHORT, "conditions": {"spine_lengths": [0.04]}},
         {"protocol": "bending", "parameters": {**SHORT, "spine_lengths": [0.0], "reading": "hold", "hold_times": [4.0, 12.0],
                                                "unload": False, "zero_state": False}},

@@ -137,7 +137,7 @@ def test_the_warm_up_goes_to_the_highest_pressure_of_each_group(tmp_path: Path) 
     groups = dict(zip(map(tuple, found.warm_up.parameters.chambers), found.warm_up.parameters.pressures, strict=True))
     assert groups == {(1, 2, 9): 120e3, tuple(range(1, 10)): 150e3} and found.warm_up.parameters.cycles == 4
     assert campaign(tmp_path, warm_up={"cycles": 0}).warm_up is None
-    pushes = [{"protocol": "stiffness", "parameters": {"lengths": [0.1]}}]
+    pushes = [{"protocol": "stiffness", "parameters": {"spine_lengths": [0.1]}}]
     assert campaign(tmp_path, protocols=pushes).warm_up is None
 
 
@@ -162,7 +162,7 @@ def test_the_planned_table_is_a_design_with_and_without_pushes(tmp_path: Path) -
     assert len(design) == 4 * 3 * 5 and len(design.trial_id) == 12 and design.channels == ("x", "y", "z")
     assert (np.diff(table["t"]) > 0).all() and sorted(set(table["tip_mass"])) == [0.053, 0.08]
     assert "specimen" not in table and "x" not in planned_table(found)
-    pushes = [{"protocol": "stiffness", "parameters": {"lengths": [0.1], "steps": 3}}, *SMALL["protocols"]]
+    pushes = [{"protocol": "stiffness", "parameters": {"spine_lengths": [0.1], "steps": 3}}, *SMALL["protocols"]]
     mixed = planned_table(campaign(tmp_path, protocols=pushes), ("x", "y", "z", "force"))
     assert (mixed["protocol"] == "stiffness").sum() == 9 and set(mixed["specimen"]) == {"spine", ""}
     assert np.isnan(mixed["deflection"][mixed["protocol"] == "bending"]).all()

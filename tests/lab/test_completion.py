@@ -25,6 +25,7 @@ def script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     path = tmp_path / "lab.bash"
     path.write_text(capsys.readouterr().out)
     (tmp_path / "beam.yaml").touch()
+    (tmp_path / "beside.txt").touch()
     return path
 
 
@@ -34,6 +35,10 @@ def script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
         ("lab diag", {"diagnose"}),
         ("lab run be", {"bending", "beam.yaml"}),
         ("lab run --res", {"--resume"}),
+        ("lab run bending --set settle.max_", {"settle.max_gap=", "settle.max_hidden="}),
+        ("lab predict --protocol elo", {"elongation"}),
+        ("lab fit --with spine_sl", {"spine_slip"}),
+        ("lab fakes --effect vacuum_l", {"vacuum_leak"}),
         ("lab check --rig bea", {"beam.yaml"}),
         ("lab blind ma", {"make"}),
         ("lab fakes --channels ", {"3", "9"}),

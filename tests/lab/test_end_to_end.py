@@ -125,7 +125,7 @@ def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pyte
 def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_each_length(
     virtual_lab: VirtualLab, tmp_path: Path, lengths: tuple[float, ...]
 ) -> None:
-    settings = ["--set", "steps=6", "--set", "min_samples=40", "--set", f"lengths={list(lengths)}"]
+    settings = ["--set", "steps=6", "--set", "min_samples=40", "--set", f"spine_lengths={list(lengths)}"]
     assert lab("run", "stiffness", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
     found = calibrate(read_case([recorded(tmp_path)])).spine_modulus
     assert sorted(round(x, 3) for x in found) == sorted(lengths)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,10 @@ from rocrate.rocrate import ROCrate
 from scipy.io import loadmat
 
 from lab.cli import main
+from lab.files.crate import write_crate
+from recordings.campaign.info import info
 from recordings.table_file import read_csv
+from recordings.trials import Table
 
 RECORDING = Path(__file__).parent.parent / "recordings" / "data" / "bending-schema-1.mcap"
 
@@ -49,6 +53,17 @@ def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, capsys:
     recorded = crate.get(f"#recorded-{RECORDING.name}")
     assert recorded["result"].id == RECORDING.name and recorded["startTime"]
     assert crate.get("#analysed")["instrument"]["softwareVersion"]
+
+
+def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
+    (tmp_path / "robot.yaml").write_text("name: finger\n")
+    found = info(RECORDING)
+    ran = {name: replace(found, metadata={"labels": {"operator": "Lin Ø."}}) for name in ("a.mcap", "b.mcap")}
+    write_crate(tmp_path / "crate", [tmp_path / "robot.yaml"], Table(()), {**ran, "c.mcap": found}, "runs", None)
+    crate = ROCrate(tmp_path / "crate")
+    agents = [crate.get(f"#recorded-{letter}.mcap").get("agent") for letter in "abc"]
+    assert [agent and (agent.type, agent["name"]) for agent in agents] == [("Person", "Lin Ø.")] * 2 + [None]
+    assert len([e for e in crate.get_entities() if e.type == "Person"]) == 1
 
 
 def test_a_case_as_a_matlab_file(case: Path, tmp_path: Path) -> None:

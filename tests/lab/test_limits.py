@@ -52,7 +52,7 @@ def test_the_default_protocols_are_within_the_limits_of_the_example(rig: Rig) ->
     path = rig()
     for protocol in ("bending", "elongation", "stiffness"):
         job(protocol, path, [])
-    job("stiffness", path, ["specimen=body", "lengths=[0, 10 cm]"])
+    job("stiffness", path, ["specimen=body", "spine_lengths=[0, 10 cm]"])
 
 
 def test_a_robot_that_does_not_say_what_it_bears_is_planned_for_no_inflation(rig: Rig) -> None:
@@ -132,7 +132,7 @@ def test_the_force_that_a_push_should_make_is_judged_beforehand(rig: Rig) -> Non
     lines = refused(rig(limits={"max_force": 4, "max_moment": 0.4}), "stiffness")
     assert any("4.40954 N, above limits.max_force = 4 N" in line and "spine 10 cm" in line for line in lines)
     assert any("N m, above limits.max_moment = 0.4 N m" in line and "spine 20 cm" in line for line in lines)
-    (line,) = refused(rig(), "stiffness", "max_force=2 N", "lengths=[5 cm]")
+    (line,) = refused(rig(), "stiffness", "max_force=2 N", "spine_lengths=[5 cm]")
     assert "above max_force = 2 N of the protocol" in line and "deflection 8" in line
 
 

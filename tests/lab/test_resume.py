@@ -20,6 +20,7 @@ from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.journal import read
 from recordings.campaign.labels import labels_of
+from recordings.campaign.shelf import runs
 from recordings.file.reader import Recording
 from recordings.trials import Table
 
@@ -98,6 +99,12 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: Vi
     # The unfinished sweep was begun again: its first state is there twice, in two files, and once in the table.
     assert 2 in {event.row.trial for event in Recording.open(first, truncated=True).trials}
     assert lab("recover", first, "--out", broken / "first.mcap") == 3
+    assert (
+        lab("recover", first) == 3
+    )  # as the how-to has it: the torn file, its recovered one and the resumed run together
+    together = [first, broken / f"{first.stem}-recovered.mcap", second]
+    assert read_case(together).table.rows == read_case([second, broken / "first.mcap"]).table.rows
+    assert [(run.planned, run.rows) for run in runs(broken) if run.path == second.name] == [(6, 4)]
     resumed, plain = read_case([second, broken / "first.mcap"]).table, read_case(list(whole.glob("*.mcap"))).table
     assert len(resumed) == 6 and [row[:4] for row in shape(resumed)] == [row[:4] for row in shape(plain)]
     assert [row[4] for row in shape(resumed)] == pytest.approx([row[4] for row in shape(plain)], abs=1e-3)

@@ -60,7 +60,7 @@ def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(
     [
         ("bending", "spine_lengths=[0.1]", "it has no spine"),
         ("bending", "chambers=[4]", "4 is not a chamber; chambers are numbered 1 to 3"),
-        ("stiffness", "lengths=[0.1]", "it has no spine"),
+        ("stiffness", "spine_lengths=[0.1]", "it has no spine"),
     ],
 )
 def test_what_it_has_not_is_told_before_anything_moves(

@@ -25,7 +25,7 @@ BENDING = [
     for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]", *PATIENT_SETTLE)
     for word in ("--set", setting)
 ]
-STIFFNESS = ["--set", "lengths=[0.1]", "--set", "steps=3", "--set", "min_samples=20"]
+STIFFNESS = ["--set", "spine_lengths=[0.1]", "--set", "steps=3", "--set", "min_samples=20"]
 
 
 def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:

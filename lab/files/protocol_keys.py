@@ -1,0 +1,63 @@
+"""The keys of a protocol: what a person can set, with unit, default, limits and meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from protocols.parameters import Parameters
+
+from .units import usual
+
+BOUNDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to", "exclusiveMaximum": "below"}
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key; numbers in `unit`."""
+
+    name: str
+    """With the tables it is in: `settle.within`."""
+    unit: str
+    default: str
+    limits: str
+    meaning: str
+
+
+def protocol_keys(model: type[Parameters], defaults: Mapping[str, Any]) -> list[Key]:
+    """Return all keys of a protocol's parameters; `defaults` replace the model's own."""
+    schema = model.model_json_schema()
+    return list(_keys(schema, schema.get("$defs", {}), "", defaults))
+
+
+def _keys(node: Mapping[str, Any], defs: Mapping[str, Any], table: str, defaults: Mapping[str, Any]) -> Iterator[Key]:
+    for name, field in node.get("properties", {}).items():
+        default = defaults.get(name, field.get("default"))
+        if "$ref" in field:
+            inner = default if isinstance(default, dict) else {}
+            yield from _keys(defs[field["$ref"].rpartition("/")[2]], defs, f"{table}{name}.", inner)
+            continue
+        factor, unit = usual(field.get("unit", ""))
+        told = "required" if name in node.get("required", ()) and default is None else _told(default, factor)
+        meaning = " ".join(field.get("description", "").split())
+        yield Key(f"{table}{name}", unit, told, _limits(field, factor), meaning)
+
+
+def _told(value: Any, factor: float) -> str:
+    """A default as a person writes it, in the usual unit."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return f"{value / factor:.6g}"
+    if isinstance(value, list):
+        return f"[{', '.join(_told(item, factor) for item in value)}]"
+    return "" if value is None else str(value)
+
+
+def _limits(field: Mapping[str, Any], factor: float) -> str:
+    """What is allowed: bounds in the usual unit, or the choices."""
+    if "enum" in field:
+        return " or ".join(map(str, field["enum"]))
+    inner = field.get("items") or next((one for one in field.get("anyOf", ()) if one.get("type") != "null"), field)
+    return " ".join(f"{word} {inner[key] / factor:.6g}" for key, word in BOUNDS.items() if key in inner)
