@@ -190,11 +190,12 @@ def _blind(a: argparse.Namespace) -> int:
 
 
 def _effects(a: argparse.Namespace) -> int:
-    from model.robot import load_robot
+    from model.robot import Robot
 
+    from .files.config import load
     from .verbs.effects import run
 
-    return run(a.out, load_robot(a.robot) if a.robot else None, a.effects, a.json)
+    return run(a.out, load(a.robot, Robot) if a.robot else None, a.effects, a.json)
 
 
 def _demo(a: argparse.Namespace) -> int:
