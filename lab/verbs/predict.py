@@ -6,8 +6,9 @@ import csv
 import io
 import json
 import re
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from model.errors import ModelError
 from model.prediction import NORMAL_95, Prediction, Predictor
 from model.prediction.campaign import ASKED, predict_campaign
 from model.prediction.inverse import REACHED, Reached, inverse, limits_of
+from model.prediction.spread import uncertain
 from model.robot import Robot
 from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
@@ -44,6 +46,11 @@ INTERVAL = (
     "95 %: parameters of robot.yaml to first order, law error, discrepancy, pressure and spine from trial to trial; "
     "of a reading also its noise"
 )
+NO_INTERVAL = "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that does"
+LEAST_PRESSURE = 1e3
+"""Pa; a table whose highest pressure is below is one in kPa or bar."""
+FARTHEST = 3.0
+"""Robot lengths; a target that is farther from the base is not in m."""
 PICTURES = (".svg", ".png", ".pdf")
 
 
@@ -74,7 +81,7 @@ def predict(robot_path: Path, states: Columns, outputs: Outputs, effects: Path |
     catalogue = stated_by(robot, effects)
     _demand_columns(robot, states)
     with Screen("predicting", quiet=outputs.json):
-        found = _predicted(robot, states, catalogue)
+        found = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(found.tip), bool)
     kept = {name: column[bent] for name, column in states.items() if name != "protocol"}
     rows = prediction_rows(kept, found)
@@ -94,7 +101,7 @@ def predict(robot_path: Path, states: Columns, outputs: Outputs, effects: Path |
         print(json.dumps({**_head(robot, outputs), "states": rows}, indent=1))
         return 0
     out.print(_sheet(robot, kept, found))
-    _tell(outputs, len(rows))
+    _tell(robot, outputs, len(rows))
     lost = int((~found.converged).sum())
     if lost:
         out.print(f"{lost} of {len(rows)} states have no trusted equilibrium: no tip is given")
@@ -108,7 +115,9 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
         roll = np.radians(np.asarray(states.get("roll_deg", 0.0 * number), float))
         mass = states.get("tip_mass")
         pressures = _pressures(robot, states)
-        return Predictor(robot, catalogue)(pressures, states["spine_length"], mass, roll, intervals=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # `_beyond` names what is outside the robot's limits
+            return Predictor(robot, catalogue)(pressures, states["spine_length"], mass, roll, intervals=True)
     return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
 
 
@@ -118,12 +127,14 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
     _writable(outputs)
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)", empty=True)
     place, weight = _coordinates(targets_path, table)
+    _demand_metres(targets_path, place, robot)
     fixed = None if wanted.spine_length is None else (wanted.spine_length, wanted.spine_length)
     try:
         limits = limits_of(robot, wanted.groups, wanted.max_pressure, fixed)
         with Screen("searching pressures", quiet=outputs.json) as screen:
             at = Predictor(robot, stated_by(robot, effects))
             found = inverse(at, place, limits, weight, lambda share: screen.progress(share, 1.0))
+        found = replace(found, prediction=_with_known_intervals(robot, found.prediction))
     except ModelError as e:
         raise ConfigError(f"{targets_path}: {e}") from e
     rows = inverse_rows(place, found)
@@ -137,7 +148,7 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
         print(json.dumps({**_head(robot, outputs), "targets": rows}, indent=1))
         return 0
     out.print(_inverse_sheet(place, found))
-    _tell(outputs, len(rows))
+    _tell(robot, outputs, len(rows))
     missed = np.flatnonzero(~found.reached)
     if missed.size:
         nearest = ", ".join(f"{i + 1} ({MM * found.miss[i]:.1f} mm)" for i in missed[:10].tolist())
@@ -156,7 +167,37 @@ def table_states(path: Path) -> Columns:
             raise ConfigError(f"{path}: the column {name} is empty, leave it out")
     n = len(next(iter(found.values())))
     found.setdefault("spine_length", np.zeros(n))
+    highest = {name: float(np.nanmax(np.abs(column))) for name, column in found.items() if re.fullmatch(r"p\d+", name)}
+    if highest and 0 < max(highest.values()) < LEAST_PRESSURE:
+        name = max(highest, key=lambda n: highest[n])
+        raise ConfigError(
+            f"{path}: column {name}: the highest pressure is {highest[name]:g} Pa, which looks like kPa or bar; write Pa "
+            f"({highest[name]:g} kPa is {1e3 * highest[name]:g})"
+        )
     return found
+
+
+def _demand_metres(path: Path, place: Array, robot: Robot) -> None:
+    """Raises ConfigError for targets (m, 3) that cannot be in m."""
+    far = float(np.nanmax(np.abs(place), initial=0.0))
+    if far > FARTHEST * robot.length:
+        raise ConfigError(
+            f"{path}: a target is {far:g} m from the base of a robot of {robot.length:g} m, which looks like mm or cm; write m"
+        )
+
+
+def _states_uncertainty(robot: Robot) -> bool:
+    """Whether robot.yaml states how well its numbers are known."""
+    return robot.posterior is not None or bool(uncertain(robot)[0])
+
+
+def _with_known_intervals(robot: Robot, found: Prediction) -> Prediction:
+    """The same without an interval where robot.yaml states no uncertainty."""
+    if _states_uncertainty(robot):
+        return found
+    sd: dict[str, Any] = {n: getattr(found, n) for n in ("model_sd", "sd", "orientation_sd", "shape_sd")}
+    unknown: dict[str, Any] = {n: None if own is None else np.full(own.shape, np.nan) for n, own in sd.items()}
+    return replace(found, **unknown)
 
 
 def protocol_states(protocol: str, settings: list[str], robot_path: Path) -> Columns:
@@ -272,15 +313,15 @@ def _head(robot: Robot, outputs: Outputs) -> dict[str, Any]:
         "schema": "prediction/1",
         "robot": robot.name,
         "effects": list(robot.effects),
-        "interval": INTERVAL,
+        "interval": INTERVAL if _states_uncertainty(robot) else None,
         "files": [str(p) for p in (outputs.csv, outputs.figure) if p is not None],
     }
 
 
-def _tell(outputs: Outputs, rows: int) -> None:
+def _tell(robot: Robot, outputs: Outputs, rows: int) -> None:
     if rows > SHOWN:
         out.print(f"{rows - SHOWN} more rows; --out FILE.csv writes all")
-    out.print(f"± {INTERVAL}")
+    out.print(f"± {INTERVAL}" if _states_uncertainty(robot) else NO_INTERVAL)
     for path in (outputs.csv, outputs.figure):
         if path is not None:
             out.print(f"written: {path}")
@@ -333,6 +374,6 @@ def _inflated(pressures: Array) -> str:
 
 def _with_half(value: Array, low: Array, high: Array) -> list[str]:
     return [
-        "none" if not np.isfinite(v) else f"{MM * v:.2f} ± {MM * (h - l) / 2:.2f}"
+        "none" if not np.isfinite(v) else f"{MM * v:.2f}" + (f" ± {MM * (h - l) / 2:.2f}" if h >= l else "")
         for v, l, h in zip(value, low, high, strict=True)
     ]

@@ -17,6 +17,7 @@ from model.effects.nominal import stated_effects
 from tests.lab.diagnosed_case import ROBOT, campaign, folder
 
 EFFECT = "chamber_azimuth"
+THREE = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
 
 
 def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
@@ -154,3 +155,42 @@ def test_the_schema_of_robot_yaml_has_effects(capsys: pytest.CaptureFixture[str]
     schema = json.loads(said)
     assert code == 0 and {"effects", "tolerances", "posterior"} <= set(schema["properties"])
     assert {"Stated", "Posterior", "Noise"} <= set(schema["$defs"]) and ROBOT.plain == ROBOT
+
+
+def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "states.csv"
+    table.write_text("p1,p2,p3\n30000,0,0\n90000,0,0\n")
+    assert main(["predict", "--robot", str(THREE), "--table", str(table)]) == 0
+    said = capsys.readouterr()
+    assert "±" not in said.out and "no interval: robot.yaml states no uncertainty" in " ".join(said.out.split())
+    assert (
+        "up to 90 kPa are asked for, robot.yaml allows 80 kPa" in " ".join(said.err.split())
+        and "Warning" not in said.err
+    )
+    assert main(["predict", "--robot", str(THREE), "--table", str(table), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["interval"] is None and found["states"][0]["x_low"] is None and found["states"][0]["x"] < 0
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "says"),
+    [
+        (
+            "--table",
+            "p1,p2,p3\n30,0,0\n",
+            "column p1: the highest pressure is 30 Pa, which looks like kPa or bar; write Pa",
+        ),
+        (
+            "--inverse",
+            "x,y,z\n-10,,\n",
+            "a target is 10 m from the base of a robot of 0.15 m, which looks like mm or cm",
+        ),
+    ],
+)
+def test_a_table_in_other_units_is_refused(
+    option: str, text: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(text)
+    assert main(["predict", "--robot", str(THREE), option, str(table)]) == 2
+    assert says in " ".join(capsys.readouterr().err.split())
