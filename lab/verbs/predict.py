@@ -46,7 +46,10 @@ INTERVAL = (
     "95 %: parameters of robot.yaml to first order, law error, discrepancy, pressure and spine from trial to trial; "
     "of a reading also its noise"
 )
-NO_INTERVAL = "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that does"
+NO_INTERVAL = (
+    "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that "
+    "does"
+)
 LEAST_PRESSURE = 1e3
 """Pa; a table whose highest pressure is below is one in kPa or bar."""
 FARTHEST = 3.0
