@@ -17,10 +17,11 @@ from model.effects.spec import EffectSpec
 from .answer import assemble, next_experiment
 from .answer.attribute import attribute
 from .answer.carried import carried
+from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
-from .answer.sentences import Facts, statement, stiffness_sentence
+from .answer.sentences import Facts, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
 from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.baseline import Baseline
@@ -131,6 +132,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=budget,
         waterfall=held_out.waterfall,
         calibration=calibration,
+        headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts)),
     )
     return Examined(answer, rivals, first)
 

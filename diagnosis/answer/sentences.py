@@ -130,15 +130,21 @@ def _factor(f: Facts) -> str:
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
 
 
-def _by_calibration(f: Facts) -> str:
-    """What calibration closes of the gap as given, where that is most of it; empty otherwise."""
+def closed_by_calibration(f: Facts) -> float | None:
+    """Share of the reducible gap that calibration closes, where it changed the area factor and that is most; None otherwise."""
     w = f.waterfall
     if f.calibration is None or w is None or not _factor(f):
-        return ""
+        return None
     floor = f.where.noise_floor_mm
     reducible = w.given_mm**2 - floor**2
     closed = 1 - (w.steps[0].left_mm ** 2 - floor**2) / reducible if reducible > 0 else 0.0
-    return f"Calibration closes {_percent(closed)} % of the reducible gap; beyond it," if closed > EXPLAINS else ""
+    return closed if closed > EXPLAINS else None
+
+
+def _by_calibration(f: Facts) -> str:
+    """What calibration closes of the gap as given, where that is most of it; empty otherwise."""
+    closed = closed_by_calibration(f)
+    return "" if closed is None else f"Calibration closes {_percent(closed)} % of the reducible gap; beyond it,"
 
 
 def _model(f: Facts) -> str:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.headline import for_people
+from diagnosis.answer.result import Diagnosis, Proposal
 from recordings.trials import Table
 
 from . import diagnosis_figures as draw
@@ -47,7 +48,11 @@ def write(d: Diagnosis, length: float, path: Path, source: str, table: Table | N
 
     `length` m of the robot, `source` what was diagnosed, `table` its states, for sensors of the lab's own.
     """
-    report = Report("The gap between model and robot", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.statement)
+    report = Report(
+        "The gap between model and robot", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement,
+        small(d), gap_numbers(d), _first_step(d),
+    )  # fmt: skip
+    report.section("The answer in full", folded=True).text(d.statement)
     tips = d.locate.of == "tip"
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -81,6 +86,38 @@ def write(d: Diagnosis, length: float, path: Path, source: str, table: Table | N
         if table is not None and quantities(table):
             _sensors(report.section("What the lab's own sensors measured", folded=True), table, folder)
     return report.write(path)
+
+
+def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
+    """The gap by each model and the noise floor: name, mm rms, and whether the states were fitted."""
+    digits = 2 if d.locate.of == "tip" else 3
+    how = "unseen states"
+    if d.waterfall is None:
+        found, how = [("calibrated", d.locate.gap_rmse_mm)], "in-sample"
+    else:
+        found = [("as given", d.waterfall.given_mm), ("calibrated", d.waterfall.steps[0].left_mm)]
+        if d.shrink is not None and d.attribute.verdict == "effect":
+            found.append(("with cause", d.shrink.after_mm))
+    floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}") for name, mm in found), floor]
+
+
+def small(d: Diagnosis) -> str:
+    """Identifiers of what is named, to type into commands, and what the probability rests on."""
+    named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
+    return f"{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
+
+
+def _first_step(d: Diagnosis) -> tuple[str, str]:
+    if not d.next_experiment:
+        return "", ""
+    first = d.next_experiment[0]
+    return f"{first.do} ({first.cost_min:.0f} min).", command(first)
+
+
+def command(p: Proposal) -> str:
+    """What to type to run a proposed experiment."""
+    return f"lab run next/{p.id}.yaml --rig rig.yaml"
 
 
 STEPS = {
@@ -135,8 +172,8 @@ def _against(d: Diagnosis) -> list[str]:
     """Concerns, sizes that cannot be, errors that stages ask for."""
     lines = list(d.concerns)
     lines += [
-        f"The data would require {x['name']} = {x['mean']:.3g} {x['unit']}, which is physically impossible: evidence against "
-        "the effect itself."
+        f"The data would require {x['name']} = {_number(x['mean'], x['unit'])}, which is physically impossible: "
+        "evidence against the effect itself."
         for x in d.detail["sizes"]
         if x["impossible"]
     ]
@@ -273,20 +310,27 @@ def _diagnostic(value: float | str | None) -> str:
 
 def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
     s.figure(
-        draw_sizes(sizes, folder / "sizes.svg"),
-        "Size of the leading hypothesis: normal posterior of the problem linearised at the fit, widened as calibrated "
-        "(dashed), cut at the physical bounds (red). Left: the physically possible range; right: close up, 90 % shaded",
+        draw_sizes(sizes, folder),
+        "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
+        "dashed: its median; 90 % shaded. First the physically possible range, then close up. Sizes in ln are factors",
     )
-    rows = [
-        [x["name"], x["unit"], f"{x['fitted']:.3g}", f"{x['sd']:.2g}", f"{x['low90']:.3g} .. {x['high90']:.3g}",
-         f"{_bound(x['low'])} .. {_bound(x['high'])}"]
-        for x in sizes
-    ]  # fmt: skip
-    s.table(("size", "unit", "fitted", "sd", "90 %", "physically possible"), rows)
+    s.table(("size", "median", "90 %", "physically possible"), [_size(x) for x in sizes])
 
 
-def _bound(value: float | None) -> str:
-    return "unbounded" if value is None else f"{value:g}"
+def _size(x: Mapping[str, Any]) -> list[str]:
+    """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
+    unit = x["unit"]
+    ends = [_bound(x[end], unit) for end in ("low90", "high90", "low", "high")]
+    return [x["name"], _number(x["median"], unit), f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
+
+
+def _number(value: float, unit: str) -> str:
+    number, name = for_people(value, unit)
+    return f"{number:.3g} {name}".rstrip()
+
+
+def _bound(value: float | None, unit: str) -> str:
+    return "unbounded" if value is None else f"{for_people(value, unit)[0]:.3g}"
 
 
 def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:

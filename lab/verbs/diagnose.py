@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from rich.table import Table as Sheet
 
+from diagnosis.answer.headline import sized
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
@@ -187,6 +188,7 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
 
 
 def _show(d: Diagnosis) -> None:
+    out.print(d.headline)
     out.print(d.statement)
     for concern in d.concerns:
         out.print(f"  note: {concern}")
@@ -204,9 +206,7 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
     for r in ranking:
         if r.probability < 0.005:
             continue
-        sizes = ", ".join(
-            f"{name.partition('.')[2]} {v.value:.3g} ± {v.sd:.2g} {v.unit}" for name, v in r.parameters.items()
-        )
+        sizes = ", ".join(f"{name.partition('.')[2]} {sized(v)}" for name, v in r.parameters.items())
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
         t.add_row(" + ".join(r.effects) or "none", f"{r.probability:.2f}", f"{r.log_evidence:.1f}", held, sizes)
     return t
