@@ -95,7 +95,8 @@ def _amount(value: float, unit: str) -> str:
     if unit == "1":
         return f"{100 * value:.0f} %"
     number, name = for_people(value, unit)
-    return f"{float(f'{number:.2g}'):g} {name}"
+    digits = max(0, 1 - math.floor(math.log10(abs(number)))) if number else 0
+    return f"{number:.{digits}f} {name}"
 
 
 def _joined(said: Sequence[str]) -> str:

@@ -157,12 +157,12 @@ def _simulator(f: Facts) -> str:
     if own is None:
         return ""
     apart = f"{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
+    beyond = f"and by {own.beyond_calibration_mm:.2f} mm after an area factor is fitted"
     if own.beyond_calibration_mm < f.where.noise_floor_mm:
-        return f"{apart}, {own.beyond_calibration_mm:.2f} mm beyond an area factor: less than the noise floor."
-    return (
-        f"{apart}, {own.beyond_calibration_mm:.2f} mm beyond an area factor; {own.not_measured_mm:.2f} mm of that are not in the "
-        "measurements (in-sample)."
-    )
+        return f"{apart}, {beyond}: less than the noise floor."
+    step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
+    left = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
+    return f"{apart}, {beyond}; the measurements do not show {own.not_measured_mm:.2f} mm of that (in-sample).{left}"
 
 
 def _moved(f: Facts) -> str:

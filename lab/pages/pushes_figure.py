@@ -9,14 +9,17 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from .figures import STYLE, colours, save
+from .figures import CALIBRATED, STYLE, colours, save
 
 MM = 1e3
-MODELS = (("calibrated", "calibrated"), ("explained", "with the best hypothesis"))
 
 
-def pushes(found: Mapping[str, Any], path: Path) -> Path:
-    """`found` is the diagnosis' detail of stiffness trials: deflection read, and missed by the model, a line a trial."""
+def pushes(found: Mapping[str, Any], name: str, path: Path) -> Path:
+    """`found` is the diagnosis' detail of stiffness trials: deflection read, and missed by the model, a line a trial.
+
+    `name` of the model with the cause.
+    """
+    models = (("calibrated", CALIBRATED), ("explained", name))
     trial, deflection = np.array(found["trial"]), np.array(found["deflection"])
     names = [
         f"{one} {100 * length:.3g} cm" for one, length in zip(found["specimen"], found["spine_length"], strict=True)
@@ -24,7 +27,7 @@ def pushes(found: Mapping[str, Any], path: Path) -> Path:
     specimens = list(dict.fromkeys(names))
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(1, 2, figsize=(9.4, 3.6), layout="constrained", sharey=True)
-        for axis, (key, title) in zip(axes, MODELS, strict=True):
+        for axis, (key, title) in zip(axes, models, strict=True):
             missed = MM * (np.array(found["force"]) - np.array(found[key])) / np.array(found["stiffness"])
             axis.axhspan(-found["floor_mm"], found["floor_mm"], color="0.9")
             for name, colour in zip(specimens, colours(len(specimens)), strict=False):

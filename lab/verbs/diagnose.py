@@ -96,7 +96,7 @@ def diagnose(
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 
-        write(answer, case.robot.length, outputs.report.resolve(), ", ".join(str(p) for p in inputs), case.table)
+        write(answer, case, inputs, outputs.report.resolve(), outputs.protocols)
         out.print(f"report: {outputs.report}")
     return 0
 

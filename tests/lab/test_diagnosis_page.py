@@ -18,7 +18,8 @@ from diagnosed_case import Answered, answered_once
 from numpy.typing import NDArray
 
 from diagnosis.answer.result import Diagnosis
-from lab.pages.diagnosis_report import gap_numbers, write
+from lab.files.inputs import read_case
+from lab.pages.diagnosis_report import TERMS, gap_numbers, write
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (
@@ -33,7 +34,7 @@ SECTIONS = (
     "The answer in full", "The gap, step by step", "Where it is", "What to do next", "Evidence: which cause",
     "Evidence: a campaign that was not fitted", "How large the cause is",
     "The gap by spine length, pressure, branch and time", "Which effects these data can distinguish",
-    "Confounding: what a calibration absorbs", "Stages and misfit diagnostics",
+    "Confounding: what a calibration absorbs", "Stages and misfit diagnostics", "Terms",
 )  # fmt: skip
 
 
@@ -90,7 +91,7 @@ def test_the_page_shows_what_comes_from_outside_as_text(answered: Answered, tmp_
     hostile = "[/red] \x1b[2J <script>alert(1)</script> <img src=x onerror=alert(1)>"
     found = Diagnosis.from_json(answered.json.read_text())
     found = replace(found, headline=hostile, statement=hostile, concerns=(hostile,))
-    page = write(found, 0.4, tmp_path / "page.html", hostile).read_text()
+    page = write(found, read_case([answered.case]), [Path(hostile)], tmp_path / "page.html").read_text()
     shown = "[/red] \\x1b[2J &lt;script&gt;alert(1)&lt;/script&gt; &lt;img src=x onerror=alert(1)&gt;"
     assert page.count(shown) == 4 and "\x1b" not in page and "<script" not in page and "<img src=x" not in page
 
@@ -102,11 +103,30 @@ def test_page_json_statement_and_command_give_the_same_headline_and_numbers(answ
     assert f"(p = {found.attribute.probability:.2f})" in found.headline and "area_moment" not in found.headline
     assert [name for name, _, _ in gap_numbers(found)] == ["as given", "calibrated", "with cause", "noise floor"]
     for name, value, how in gap_numbers(found):
-        assert f'<dt>{name}</dt><dd>{value}</dd><dd class="soft">{how}</dd>' in page
+        assert f'<dt><a href="#terms">{name}</a></dt><dd>{value}</dd><dd class="soft">{how}</dd>' in page
         assert value in found.statement
         assert name == "noise floor" or "unseen" in how
     once = replace(found, waterfall=None)
     assert [(name, how) for name, _, how in gap_numbers(once)][0] == ("calibrated", "rms, in-sample")
+
+
+def test_only_probable_hypotheses_are_said_to_be_separated(answered: Answered) -> None:
+    found = Diagnosis.from_json(answered.json.read_text())
+    probable = {" + ".join(r.effects) or "none" for r in found.attribute.ranking if r.probability > 0.02}
+    assert all(probable.issuperset(pair) for p in found.next_experiment for pair in p.separates)
+    page = answered.page.read_text()
+    first = found.next_experiment[0]
+    assert f"<b>Next:</b> {first.do} ({first.cost_min:.0f} min)." in page
+    assert f"lab run {answered.protocols}/{first.id}.yaml --rig rig.yaml" in page
+    separating = any(p.separates for p in found.next_experiment[:6])
+    assert ("<th>separates</th>" in page) == separating and ("which none of these separates" in page) != separating
+
+
+def test_terms_are_those_of_the_glossary(answered: Answered) -> None:
+    glossary = (Path(__file__).parents[2] / "docs/glossary.md").read_text()
+    assert all(f"| {term} | {meaning} |" in glossary for term, meaning in TERMS.items())
+    linked = set(re.findall(r'<a href="#terms">([^<]+)</a>', answered.page.read_text()))
+    assert linked and all(any(term.startswith(name) for term in TERMS) for name in linked)
 
 
 def test_the_browser_shows_title_verdict_and_all_sections(answered: Answered, browser: str, tmp_path: Path) -> None:

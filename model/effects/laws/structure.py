@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from model.effects.history import History
 from model.effects.quantities import Quantities
-from model.effects.shows import returns
+from model.effects.shows import returns, with_spine
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 Array = NDArray[np.float64]
@@ -158,6 +158,7 @@ SPECS = (
             Parameter("read", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
             Parameter("growth", "1", 1.0, 0.0, 2.0, role="shape"),
         ),
+        shown=with_spine,
         law=Law(before=_spine_length_offset),
         citation="geometry",
         seen_best_in="spine lengths, markers",
@@ -171,6 +172,7 @@ SPECS = (
             Parameter("lost", "1", 0.3, 0.0, 0.97, sign="positive"),
             Parameter("length", "1", 0.5, 0.0, 1.0, role="shape"),
         ),
+        shown=with_spine,
         law=Law(before=_vacuum_leak),
         citation="jamming stiffness over confining pressure, power near 1/2 (Hertzian packings)",
         seen_best_in="vacuum sweep",
@@ -185,6 +187,7 @@ SPECS = (
             Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
             Parameter("sliding", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 0.75)),
         ),
+        shown=with_spine,
         law=Law(before=_area_moment),
         citation="composite beam theory; the baseline mixes moduli by volume, eq. 10",
         seen_best_in="tip over spine length with one A_eff for all",
@@ -200,6 +203,7 @@ SPECS = (
             Parameter("lag", "1", 0.5, 0.0, 1.0, role="shape"),
             Parameter("mix", "1", 1.0, -0.5, 2.5, role="shape", starts=(0.0, 2.0)),
         ),
+        shown=with_spine,
         law=Law(before=_spine_shear),
         citation="Timoshenko, Phil. Mag. 41 (1921)",
         seen_best_in="stiffness trials; tip over spine length",
@@ -213,6 +217,7 @@ SPECS = (
             Parameter("moment", "N m", 0.15, 0.0, 1.5, sign="positive"),
             Parameter("stroke", "ln", 0.7, -2.5, 2.5, role="shape"),
         ),
+        shown=with_spine,
         law=Law(path=_spine_slip),
         citation="Jenkins (1962), Iwan, J. Appl. Mech. 33 (1966): friction as parallel elastic-sliding elements",
         seen_best_in="unload branch: hysteresis that does not depend on rate",
