@@ -499,7 +499,7 @@ def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
             f"{_rivals(d)} Each experiment tests the answer in states that were not measured: take the quickest that you can do."
         )
     if protocols is None:
-        s.text("`lab diagnose` writes these protocol files with the option --protocols next.")
+        s.text("lab diagnose writes these protocol files with the option --protocols next.")
     rows = [
         [p.do, f"{p.cost_min:.0f}", *(["; ".join(" or ".join(x) for x in p.separates[:3])] if separating else []),
          command(p, protocols)]

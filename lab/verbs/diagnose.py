@@ -213,10 +213,12 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
 
 
 def _proposals(d: Diagnosis) -> Sheet:
+    shown = d.next_experiment[:FIRST]
+    separating = any(p.separates for p in shown)
     t = Sheet(title="What to do next", title_justify="left")
-    for column in ("experiment", "expected", "takes", "separates"):
+    for column in ("file", "experiment", "expected", "takes", *(("separates",) if separating else ())):
         t.add_column(column)
-    for p in d.next_experiment[:FIRST]:
-        pairs = "; ".join(" | ".join(pair) for pair in p.separates[:3])
-        t.add_row(p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", pairs)
+    for p in shown:
+        pairs = ["; ".join(" | ".join(pair) for pair in p.separates[:3])] if separating else []
+        t.add_row(f"{p.id}.yaml", p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", *pairs)
     return t
