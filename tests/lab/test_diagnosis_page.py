@@ -144,6 +144,22 @@ def test_the_browser_draws_the_page_from_top_to_bottom(answered: Answered, brows
     assert all(ink(part) > 0.01 for part in np.array_split(drawn, 6))
 
 
+def test_a_phone_shows_every_panel_whole_and_legible(answered: Answered, browser: str, tmp_path: Path) -> None:
+    page = tmp_path / "phone.html"
+    measure = (
+        "<style>html{width:390px}</style><script>addEventListener('load',()=>{document.title=JSON.stringify("
+        "[...document.querySelectorAll('img,p,dl,code,.scroll')].filter(x=>x.offsetParent)"
+        ".map(x=>[x.tagName,x.getBoundingClientRect().right,x.width/(x.naturalWidth||x.width)]))})</script>"
+    )
+    page.write_text(
+        answered.page.read_text().replace("<details", "<details open").replace("</body>", f"{measure}</body>")
+    )
+    dom = opened(browser, page, tmp_path, "--virtual-time-budget=3000", "--dump-dom")
+    shown = json.loads(re.findall(r"<title>(.*?)</title>", dom)[0])
+    assert len(shown) > 20 and all(right <= 390 for _, right, _ in shown)
+    assert min(scale for tag, _, scale in shown if tag == "IMG") > 0.65
+
+
 def test_the_browser_is_asked_for_nothing_outside_the_page(answered: Answered, browser: str, tmp_path: Path) -> None:
     assert asked_for(browser, answered.page, tmp_path) == []
     leaking = tmp_path / "leaking.html"
