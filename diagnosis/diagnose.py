@@ -17,10 +17,11 @@ from model.effects.spec import EffectSpec
 from .answer import assemble, next_experiment
 from .answer.attribute import attribute
 from .answer.carried import carried
+from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
-from .answer.sentences import Facts, statement, stiffness_sentence
+from .answer.sentences import Facts, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
 from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.baseline import Baseline
@@ -96,7 +97,9 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     # Other processes predict what was held out while this one does the rest.
     predicting = unseen(found, wanted.executor) if wanted.quantify else Unseen
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
-    proposals = next_experiment.propose(prepared, rivals, wanted.executor) if wanted.experiments else ()
+    proposals = (
+        next_experiment.propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
+    )
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
     held_out = predicting()
@@ -107,7 +110,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm)
     facts = Facts(
         found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, held_out.shrink,
-        held_out.waterfall, which.rivals, proposals[0].do if proposals else None, found.best.named, found.asking,
+        held_out.waterfall, which.rivals,
+        next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
         found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),
         calibration := assemble.calibration_section(found),
     )  # fmt: skip
@@ -131,6 +135,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=budget,
         waterfall=held_out.waterfall,
         calibration=calibration,
+        headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts)),
     )
     return Examined(answer, rivals, first)
 

@@ -167,6 +167,7 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
             "pressure": of_robot.highest.tolist(),
             "branch": of_robot.branch.tolist(),
             "experiment": of_robot.kind.tolist(),
+            "chambers": [list(c) for c in of_robot.chambers],
             "tip": of_robot.tip.tolist(),
             "calibrated": p.tip(calibrated)[~p.states.pushed].tolist(),
             "explained": p.tip(explained)[~p.states.pushed].tolist(),

@@ -72,7 +72,7 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     chambers = _inflated(s)
     count, act = len(robot.actuators.azimuths_deg), "pull" if robot.tendons is not None else "inflate"
     kind = "tendons" if robot.tendons is not None else "chambers"
-    others = [(c - 1 + count // 3) % count + 1 for c in chambers]
+    others = _others(chambers, count, s)
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
     default_vacuum = 80e3 if robot.spine is not None else 0.0
     vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
@@ -92,12 +92,15 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
         Experiment("unload", "read the unload branch too", {**base, "unload": True}, 0.0),
         Experiment("orientation", "track the tip's orientation (rigid body in motion capture)", base, 5.0, quaternion),
         Experiment("elongation", f"{act} all {kind} together", stretch, 0.0),
-        Experiment("other_chambers", f"{act} {kind} {others} instead", {**base, "chambers": others}, 0.0),
         Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
         Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", heavy, 3.0),
         Experiment("hold", "hold each pressure and read again and again", hold, 0.0),
         Experiment("rate", "read on the fly on a fast ramp, up and down", fast, 0.0),
     ]
+    if others:
+        named = ", ".join(map(str, others))
+        turned = {**base, "chambers": others}
+        offered.insert(3, Experiment("other_chambers", f"{act} {kind} {named} instead", turned, 0.0))
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
         shown = ", ".join(f"{x * 100:g}" for x in between)
         offered.append(
@@ -111,6 +114,15 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offered.append(Experiment("markers", "put markers along the body", base, 20.0, names))
     return [e for e in offered if not _already_recorded(e.id, s)]
+
+
+def _others(chambers: list[int], count: int, s: States) -> list[int]:
+    """The same chambers turned about the axis, by a third of the ring if possible, such as were not inflated; empty where all
+    were."""
+    third = count // 3
+    turns = sorted(range(1, count), key=lambda turn: (turn != third, turn))
+    turned = (sorted((c - 1 + turn) % count + 1 for c in chambers) for turn in turns)
+    return next((t for t in turned if tuple(t) not in s.chambers), [])
 
 
 def _already_recorded(id: str, s: States) -> bool:

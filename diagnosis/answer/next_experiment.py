@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ..inference.executor import SINGLE_THREAD, Executor
+from ..inference.posterior import Posterior
 from ..inference.prepare import Prepared
 from .candidate_experiments import Experiment, candidate_experiments, columns
 from .result import Proposal
@@ -28,27 +29,38 @@ DRAWS = 60
 SEED = 4711
 OVERHEAD = 5.0
 """Minutes that every experiment costs besides its own."""
+POSSIBLE = 0.02
+"""Probability above which a candidate is a rival that is worth separating."""
 SEPARATED = 0.5
 """Two candidates count as separated when outcomes of one are told from the other's by at least this many bits."""
 CHANNELS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
-def propose(p: Prepared, rivals: Rivals, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
-    """Experiments that are not in the campaign, best bits for their time first; none after stiffness trials alone."""
+def propose(
+    p: Prepared, rivals: Rivals, weighed: Posterior, executor: Executor = SINGLE_THREAD
+) -> tuple[Proposal, ...]:
+    """Experiments that are not in the campaign; none after stiffness trials alone.
+
+    Those that separate candidates with a probability above `POSSIBLE` come first, then best bits for their time.
+    """
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
     menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
-    found = executor.map(partial(_proposal, p, rivals), menu, *PROPOSING)
-    return tuple(sorted(filter(None, found), key=lambda x: -x.expected_bits / (x.cost_min + OVERHEAD)))
+    possible = frozenset(" + ".join(h) or "none" for h, probability in weighed.ranking if probability > POSSIBLE)
+    found = executor.map(partial(_proposal, p, rivals, possible), menu, *PROPOSING)
+    return tuple(
+        sorted(filter(None, found), key=lambda x: (not x.separates, -x.expected_bits / (x.cost_min + OVERHEAD)))
+    )
 
 
-def _proposal(p: Prepared, rivals: Rivals, experiment: Experiment) -> Proposal | None:
+def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], experiment: Experiment) -> Proposal | None:
     """What an experiment would tell; None where a rival has no equilibrium there."""
     predictions = rivals.predict(planned(p, experiment.parameters, experiment.channels))
     if predictions is None:
         return None
     bits, pairs = _information(predictions, rivals.weight)
-    names = tuple(tuple(rivals.names[k] for k in pair) for pair in pairs)
+    separated = (tuple(rivals.names[k] for k in pair) for pair in pairs)
+    names = tuple(pair for pair in separated if possible.issuperset(pair))
     return Proposal(
         experiment.id, experiment.do, names, round(bits, 3), experiment.minutes, dict(experiment.parameters),
         experiment.hands,

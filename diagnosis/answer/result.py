@@ -286,6 +286,8 @@ class Diagnosis:
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
     """What calibration changed; None for a simulator in the rod's place, and in answers of earlier versions."""
+    headline: str = ""
+    """The conclusion in at most 20 plain words; empty in answers of earlier versions."""
 
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.statement}>"
@@ -371,6 +373,7 @@ def _read(d: dict[str, Any]) -> Diagnosis:
         waterfall=_waterfall(d.get("waterfall")),
         change=_change(d.get("change")),
         calibration=Calibration(**d["calibration"]) if d.get("calibration") else None,
+        headline=d.get("headline", ""),
     )  # fmt: skip
 
 

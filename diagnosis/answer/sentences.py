@@ -130,15 +130,21 @@ def _factor(f: Facts) -> str:
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
 
 
-def _by_calibration(f: Facts) -> str:
-    """What calibration closes of the gap as given, where that is most of it; empty otherwise."""
+def closed_by_calibration(f: Facts) -> float | None:
+    """Share of the reducible gap that calibration closes, where it changed the area factor and that is most; None otherwise."""
     w = f.waterfall
     if f.calibration is None or w is None or not _factor(f):
-        return ""
+        return None
     floor = f.where.noise_floor_mm
     reducible = w.given_mm**2 - floor**2
     closed = 1 - (w.steps[0].left_mm ** 2 - floor**2) / reducible if reducible > 0 else 0.0
-    return f"Calibration closes {_percent(closed)} % of the reducible gap; beyond it," if closed > EXPLAINS else ""
+    return closed if closed > EXPLAINS else None
+
+
+def _by_calibration(f: Facts) -> str:
+    """What calibration closes of the gap as given, where that is most of it; empty otherwise."""
+    closed = closed_by_calibration(f)
+    return "" if closed is None else f"Calibration closes {_percent(closed)} % of the reducible gap; beyond it,"
 
 
 def _model(f: Facts) -> str:
@@ -151,12 +157,12 @@ def _simulator(f: Facts) -> str:
     if own is None:
         return ""
     apart = f"{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
+    beyond = f"and by {own.beyond_calibration_mm:.2f} mm after an area factor is fitted"
     if own.beyond_calibration_mm < f.where.noise_floor_mm:
-        return f"{apart}, {own.beyond_calibration_mm:.2f} mm beyond an area factor: less than the noise floor."
-    return (
-        f"{apart}, {own.beyond_calibration_mm:.2f} mm beyond an area factor; {own.not_measured_mm:.2f} mm of that are not in the "
-        "measurements (in-sample)."
-    )
+        return f"{apart}, {beyond}: less than the noise floor."
+    step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
+    left = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
+    return f"{apart}, {beyond}; the measurements do not show {own.not_measured_mm:.2f} mm of that (in-sample).{left}"
 
 
 def _moved(f: Facts) -> str:

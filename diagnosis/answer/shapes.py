@@ -19,7 +19,7 @@ MOST = 4
 
 
 def worst_states(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
-    """The worst state of each spine length, at most four, by spine length; m, base frame.
+    """The worst state of each chamber group and spine length, the four worst of these, worst first; m, base frame.
 
     `calibrated` and `explained` are parameters (k,); what each trial has of its own is left out of both. None where another
     simulator takes the rod's place, which tells no shape.
@@ -42,6 +42,7 @@ def worst_states(p: Prepared, calibrated: Array, explained: Array) -> list[dict[
             "spine_length": float(p.states.spine_length[i]),
             "pressure": float(p.states.highest[i]),
             "branch": p.states.rows[i].branch,
+            "chambers": list(p.states.chambers[i]),
             "measured_tip": p.states.tip[i].tolist(),
             "measured_markers": [list(m) for m in p.states.rows[i].markers or ()],
         }
@@ -53,7 +54,7 @@ def worst_states(p: Prepared, calibrated: Array, explained: Array) -> list[dict[
 def _picked(p: Prepared, missed: Array) -> list[int]:
     """Indices of the states to show."""
     length = levels(p.states.spine_length, SPINE_GAP)
-    of_length = [np.flatnonzero((length == k) & np.isfinite(missed)) for k in np.unique(length)]
-    worst_of_length = [int(own[np.argmax(missed[own])]) for own in of_length if own.size]
-    most = sorted(worst_of_length, key=lambda i: -missed[i])[:MOST]
-    return sorted(most, key=lambda i: float(p.states.spine_length[i]))
+    worst: dict[tuple[tuple[int, ...], int], int] = {}
+    for i in sorted(np.flatnonzero(np.isfinite(missed)), key=lambda i: -missed[i]):
+        worst.setdefault((p.states.chambers[i], int(length[i])), int(i))
+    return list(worst.values())[:MOST]

@@ -29,8 +29,8 @@ class Size:
 
     name: str
     unit: str
-    fitted: float
-    """At the most probable point, within the bounds."""
+    median: float
+    """Of the cut posterior: the value that is stated."""
     mean: float
     """Of the normal posterior before it is cut."""
     sd: float
@@ -61,22 +61,20 @@ def sizes(p: Prepared, c: Candidate, sd_factor: float) -> tuple[Size, ...]:
     mean, sd = c.weighed.averaged_mean * parameters.scale, sd_factor * c.weighed.averaged_sd * parameters.scale
     rows = np.flatnonzero(parameters.of_effect)
     return tuple(
-        _size(p, int(i), float(c.fit.theta[i]), float(mean[j]), float(sd[j]))
-        for j, i in enumerate(rows)
-        if parameters.effects[i] in c.named
+        _size(p, int(i), float(mean[j]), float(sd[j])) for j, i in enumerate(rows) if parameters.effects[i] in c.named
     )
 
 
 def values(found: tuple[Size, ...]) -> dict[str, Value]:
-    """The same as parameter name -> fitted value with its standard deviation."""
-    return {s.name: Value(s.fitted, s.sd, s.unit) for s in found}
+    """The same as parameter name -> median with its standard deviation."""
+    return {s.name: Value(s.median, s.sd, s.unit) for s in found}
 
 
-def _size(p: Prepared, i: int, fitted: float, mean: float, sd: float) -> Size:
+def _size(p: Prepared, i: int, mean: float, sd: float) -> Size:
     parameters = p.problem.parameters
     low, high = float(parameters.lower[i]), float(parameters.upper[i])
-    at = [float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.95)]
-    return Size(parameters.names[i], parameters.units[i], fitted, mean, sd, low, high, *at)
+    low90, median, high90 = (float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.5, 0.95))
+    return Size(parameters.names[i], parameters.units[i], median, mean, sd, low, high, low90, high90)
 
 
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:

@@ -69,9 +69,8 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
     plausible.require_plausible(robot, usable + usable_pushes)
     pushes.require_plausible(robot, usable_pushes)
     arrays = _arrays(usable, usable_pushes, len(robot.actuators.azimuths_deg))
-    return arrays, tuple(
-        concerns + (_concerns(arrays) if usable else []) + pushes.concerns(usable_pushes, arrays, bool(usable))
-    )
+    concerns += _concerns(arrays, robot.spine is not None) if usable else []
+    return arrays, (*concerns, *pushes.concerns(usable_pushes, arrays, bool(usable)))
 
 
 def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow], chambers: int) -> States:
@@ -180,12 +179,12 @@ def lacking(s: States) -> tuple[str, ...]:
     return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
 
 
-def _concerns(s: States) -> list[str]:
+def _concerns(s: States, spine: bool) -> list[str]:
     notes = []
     own = s.take(s.main)
     lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))
     pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
-    if lengths < 2:
+    if spine and lengths < 2:
         notes.append(
             "only one spine length: effects of the spine and of the body cannot be distinguished; record at least "
             "two lengths"

@@ -72,6 +72,20 @@ class States:
         """(n,) number of the repeat of the sweep."""
         return np.array([r.repeat for r in self.rows], np.int64)
 
+    @cached_property
+    def chambers(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of the chambers inflated in each state; at rest those of the next state of its trial, else of the last."""
+        inflated = (self.pressure > 0.5 * self.pressure.max(axis=1, keepdims=True)) & (
+            self.pressure > self.pressure_gap
+        )
+        out = inflated.copy()
+        for trial in np.unique(self.trial):
+            own = np.flatnonzero(self.trial == trial)
+            used = own[inflated[own].any(axis=1)]
+            if used.size:
+                out[own] = inflated[used[np.minimum(np.searchsorted(used, own), used.size - 1)]]
+        return tuple(tuple(int(c) + 1 for c in np.flatnonzero(row)) for row in out)
+
     @property
     def highest(self) -> Array:
         """(n,) Pa, pressure of the most inflated chamber."""

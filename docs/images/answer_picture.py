@@ -1,6 +1,6 @@
 """The pictures of an answer in the README and in the first day: the top of the page of a diagnosis, as Chromium shows it.
 
-python docs/images/answer_picture.py demo/diagnosis.html docs/images/answer.png
+python docs/images/answer_picture.py demo/report.html docs/images/answer.png
 """
 
 from __future__ import annotations

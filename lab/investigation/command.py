@@ -168,8 +168,7 @@ def _keep(w: Wanted, found: Investigation, inputs: Sequence[Path]) -> None:
     replaced(w.folder / STORY, json.dumps(found.to_dict(), indent=1) + "\n")
     replaced(w.folder / ANSWER, found.answer.to_json() + "\n")
     case = read_case(inputs, w.robot)
-    source = ", ".join(str(p) for p in inputs)
-    diagnosis_report.write(found.answer, case.robot.length, w.folder / ANSWER_PAGE, source, case.table)
+    diagnosis_report.write(found.answer, case, inputs, w.folder / ANSWER_PAGE)
     investigation_page.write(found, w.folder / PAGE, str(w.folder), ANSWER_PAGE)
 
 

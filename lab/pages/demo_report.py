@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,9 +14,8 @@ from ..calibration import Calibration
 from ..comparison import Comparison
 from ..files.inputs import Case
 from ..rig.losses import losses
-from .diagnosis_figures import unseen_tips
+from .diagnosis_report import fill, opened
 from .figures import stiffness_curves, story, tip_curves
-from .report import Report
 
 
 @dataclass(frozen=True)
@@ -54,35 +52,26 @@ def write(
     """The page with everything that was seen; `compared` with the paper's parameters, and with an area factor for each
     spine length."""
     before, after = compared
-    report = Report(
-        "A day in the lab, without hardware",
-        f"{time.strftime('%Y-%m-%d %H:%M')}, {len(case.table)} states, recorded in {' and '.join(f.name for f in files)}",
-        f"{answer.statement} Withheld was {seal.effect}. Replayed from the files alone, "
-        f"{'every number is the same' if equal else 'numbers DIFFER'}.",
-    )
+    report = opened("A day in the lab, without hardware", answer, case, files, folder / "next")
     found = report.section("What was withheld, and what was found")
-    if "given" in answer.detail["states"]:
-        found.figure(
-            unseen_tips(answer, folder / "unseen.svg"),
-            "Measured tip and three models on states that no fit saw: as given, calibrated, with the cause. Below: by how "
-            "much the last two miss the tip, in any direction; grey: noise floor. diagnosis.html has the whole answer",
-        )
     found.text(f"On was {seal.effect} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
+    found.text(f"Replayed from the files alone, {'every number is the same' if equal else 'numbers DIFFER'}.")
     found.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
+    fill(report, answer, case, folder / "next")
     paper = case.robot.spine.modulus if case.robot.spine else {}
-    whole = report.section("In one picture")
+    whole = report.section("In one picture", folded=True)
     whole.figure(
         story(fit.spine_modulus, paper, before, after, folder / "story.svg"), "Stiffness, tip and error of this run."
     )
-    stiff = report.section("Stiffness of the spine")
+    stiff = report.section("Stiffness of the spine", folded=True)
     stiff.figure(
         stiffness_curves(case.of("stiffness"), fit.spine_modulus, paper, folder / "stiffness.svg"),
         "Force on the spine's tip over its deflection, and Young's modulus by eq. 9.",
     )
-    bend = report.section("Bending: measured against the model with the paper's parameters")
+    bend = report.section("Bending: measured against the model with the paper's parameters", folded=True)
     bend.figure(tip_curves(before, folder / "paper.svg"), "Marks: measured tip, loading and unloading. Lines: model.")
     bend.table(*_errors(before.table))
-    fitted = report.section("With an area factor for each spine length")
+    fitted = report.section("With an area factor for each spine length", folded=True)
     fitted.figure(
         tip_curves(after, folder / "by_length.svg"),
         "The same marks; the model with one chamber area per spine length.",
@@ -96,7 +85,7 @@ def write(
         ],
     )
     said, head, rows = losses(files)
-    report.section("What was recorded, and what was lost").text(said).table(head, rows)
+    report.section("What was recorded, and what was lost", folded=True).text(said).table(head, rows)
     return report.write(folder / "report.html")
 
 

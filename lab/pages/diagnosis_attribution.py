@@ -10,28 +10,37 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from diagnosis.answer.headline import for_people
+
 from .figures import STYLE, save
 
 BLUE, RED, GREY = "#20639b", "#b5382a", "#8a8a8a"
 
 
-def sizes(found: Sequence[Mapping[str, Any]], path: Path) -> Path:
+def sizes(found: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
     """Density of each parameter of the named effects, cut at its physical bounds: over the possible range, and close up."""
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            len(found), 2, figsize=(7.6, 1.45 * len(found) + 0.3), layout="constrained", squeeze=False
-        )
-        for (wide, close), size in zip(axes, found, strict=True):
-            mean, sd = size["mean"], max(size["sd"], 1e-300)
-            near = min(mean - 4 * sd, size["fitted"]), max(mean + 4 * sd, size["fitted"])
-            ends = [x for x in (size["low"], size["high"], 0.0, size["fitted"]) if x is not None]
-            pad = 0.04 * (max(ends) - min(ends))
-            _density(wide, size, min(ends) - pad, max(ends) + pad)
-            _density(close, size, *near)
-            unit = "" if size["unit"] == "1" else f", {size['unit']}"
-            wide.set_title(f"{size['name']}{unit}", loc="left", fontsize=9)
-            close.set_title(f"90 %: {size['low90']:.3g} .. {size['high90']:.3g}", loc="left", fontsize=9)
-        return save(figure, path)
+    return [path for k, size in enumerate(found) for path in _panels(size, folder, k)]
+
+
+def _panels(size: Mapping[str, Any], folder: Path, number: int) -> list[Path]:
+    mean, sd = size["mean"], max(size["sd"], 1e-300)
+    ends = [x for x in (size["low"], size["high"], 0.0, size["median"]) if x is not None]
+    pad = 0.04 * (max(ends) - min(ends))
+    near = min(mean - 4 * sd, size["low90"]), max(mean + 4 * sd, size["high90"])
+    low, high = (for_people(size[end], size["unit"])[0] for end in ("low90", "high90"))
+    unit = "" if size["unit"] == "1" else f", {for_people(0.0, size['unit'])[1]}"
+    parts = [
+        (f"{size['name']}{unit}", min(ends) - pad, max(ends) + pad), (f"90 %: {low:.3g} .. {high:.3g}", *near)
+    ]  # fmt: skip
+    made = []
+    for name, (title, left, right) in zip(("wide", "close"), parts, strict=True):
+        with plt.rc_context(STYLE):
+            figure, axis = plt.subplots(figsize=(3.8, 1.75), layout="constrained")
+            _density(axis, size, left, right)
+            axis.set_title(title, loc="left", fontsize=9)
+            axis.xaxis.set_major_formatter(lambda x, _: f"{for_people(x, size['unit'])[0]:.3g}")
+            made.append(save(figure, folder / f"size-{number}-{name}.svg"))
+    return made
 
 
 def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> None:
@@ -49,7 +58,7 @@ def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> 
     shown = possible & (x >= size["low90"]) & (x <= size["high90"])
     axis.fill_between(x, 0, np.where(shown, y, 0.0), where=shown, color=BLUE, alpha=0.2, lw=0)
     axis.axvline(0.0, color="0.3", lw=0.8)
-    axis.axvline(size["fitted"], color=BLUE, lw=0.8, ls="--")
+    axis.axvline(size["median"], color=BLUE, lw=0.8, ls="--")
     for bound in (low, high):
         if np.isfinite(bound):
             axis.axvline(bound, color=RED, lw=1.6)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -14,9 +16,13 @@ from numpy.typing import NDArray
 from diagnosis.answer.result import Diagnosis, Waterfall
 from diagnosis.data.levels import levels
 
-from .figures import STYLE, colours, save
+from .figures import CALIBRATED, GIVEN, STYLE, colours, save
 
 Array = NDArray[np.float64]
+MOST_GROUPS = 8
+"""Panels, one for each group of chambers."""
+MOST_WRITTEN = 10
+"""Columns of a map up to which its cells have their number written in."""
 GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
 MM = 1e3
 
@@ -27,23 +33,23 @@ HATCHES = {
 """Steps can be told apart without colours."""
 
 
-def waterfall(w: Waterfall, names: Sequence[str], length: float, path: Path) -> Path:
-    """The gap as given and calibrated (left), and what each step takes of the latter (right); `length` m of the robot.
+def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -> list[Path]:
+    """The gap as given and calibrated, and what each step takes of the latter; `length` m of the robot.
 
     Two scales: as given the gap is often ten times what calibration leaves.
     """
     calibrated = w.steps[0].left_mm
     with plt.rc_context(STYLE):
-        figure, (whole, steps) = plt.subplots(
-            1, 2, figsize=(9.0, 0.9 + 0.42 * len(names)), layout="constrained", width_ratios=(2, 5)
-        )
-        bars = whole.bar(["as given", "calibrated"], [w.given_mm, calibrated], 0.6, color=[LIGHT, GREY], ec="k", lw=0.6)
+        figure, whole = plt.subplots(figsize=(2.6, 0.9 + 0.42 * len(names)), layout="constrained")
+        bars = whole.bar([GIVEN, CALIBRATED], [w.given_mm, calibrated], 0.6, color=[LIGHT, GREY], ec="k", lw=0.6)
         whole.bar_label(
             bars, [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in (w.given_mm, calibrated)], fontsize=8, padding=2
         )
         whole.margins(y=0.25)
         whole.set_ylabel("error, mm rms, unseen states")
         whole.grid(False, axis="x")
+        first = save(figure, folder / "waterfall-whole.svg")
+        figure, steps = plt.subplots(figsize=(5.0, 0.9 + 0.42 * len(names)), layout="constrained")
         for row, step in enumerate(w.steps[1:]):
             colour = BLUE if step.step == "cause" else RED if step.step == "noise" else GREY
             steps.barh(
@@ -60,157 +66,217 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, path: Path) -> 
                 fontsize=8,
             )
             steps.plot([step.left_mm] * 2, [row, row + 1], ":", color="0.5", lw=0.8)
-        steps.set_yticks(range(len(names) - 1), names[1:], fontsize=8)
+        steps.set_yticks(range(len(names) - 1), [fill(name, 22) for name in names[1:]], fontsize=8)
         steps.set_ylim(len(names) - 1.4, -0.6)
         steps.set_xlabel(f"mm rms: from {calibrated:.2f} mm calibrated down to nothing")
         steps.margins(x=0.12)
         steps.axvline(0.0, color="k", lw=0.8)
         steps.grid(False, axis="y")
-        return save(figure, path)
+        return [first, save(figure, folder / "waterfall-steps.svg")]
 
 
-def gap_map(d: Diagnosis, path: Path) -> Path:
-    """Rms gap over spine length and pressure, load and unload, before and after, all on one colour scale."""
-    s = _states(d)
-    missed = {"calibrated": s["tip"] - s["calibrated"], "with the best hypothesis": s["tip"] - s["explained"]}
-    main = s["experiment"] == 0
-    branches = [(b, name) for b, name in ((1, "load"), (-1, "unload")) if (main & (s["branch"] == b)).any()]
-    lengths, grain = _levels(s["spine_length"][main], 0.01), _grain(s["pressure"])
+@dataclass(frozen=True)
+class Group:
+    """States with the same chambers inflated."""
+
+    name: str
+    own: NDArray[np.bool_]
+    """(n,) which states."""
+    side: Array
+    """(3,) unit vector, horizontal: the direction in which these states bend."""
+    lengths: Array
+    """Spine lengths, m."""
+
+
+def groups(d: Diagnosis) -> list[Group]:
+    """All states by the chambers inflated in them, largest calibrated gap first; beyond `MOST_GROUPS` the rest are one."""
+    s, chambers = _states(d), d.detail["states"].get("chambers")
+    keys = ["all states"] * len(s["tip"]) if chambers is None else [_chambers(c) for c in chambers]
+    missed = np.linalg.norm(s["tip"] - s["calibrated"], axis=1)
+    worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
+    ranked = sorted(worst, key=lambda key: -worst[key])
+    if len(ranked) > MOST_GROUPS:
+        others = f"{len(ranked) - MOST_GROUPS + 1} other settings"
+        keys = [key if key in ranked[: MOST_GROUPS - 1] else others for key in keys]
+        ranked = [*ranked[: MOST_GROUPS - 1], others]
+    made = []
+    for name in ranked:
+        own = np.array([key == name for key in keys])
+        made.append(Group(name, own, _side(s["tip"][own]), _levels(s["spine_length"][own], 0.01)))
+    return made
+
+
+def _chambers(numbers: Sequence[int]) -> str:
+    return f"chamber{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}" if numbers else "nothing inflated"
+
+
+def _side(tip: Array) -> Array:
+    """Horizontal direction (3,) in which tips (n, 3) differ most, away from the axis."""
+    flat = tip[:, :2] - np.nanmean(tip[:, :2], axis=0)
+    side = np.linalg.svd(np.nan_to_num(flat), full_matrices=False)[2][0]
+    way = float(np.nansum(tip[:, :2] @ side))
+    return np.append(side if way >= 0 else -side, 0.0)
+
+
+def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
+    """Rms gap of all states over chambers, spine length and pressure, load and unload, on one colour scale.
+
+    `name` of the model with the cause.
+    """
+    s, found = _states(d), groups(d)
+    missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
+    rows = [(g, length) for g in found for length in g.lengths]
+    spines = np.ptp(s["spine_length"]) > 0.01
+    labels = [f"{g.name}{f'; spine {100 * length:.0f} cm' if spines else ''}" for g, length in rows]
+    grain = _grain(s["pressure"])
     # Sweeps read on the fly turn at other pressures up than down, so each branch has levels of its own.
-    pressures = {b: _levels(s["pressure"][main & (s["branch"] == b)], grain) for b, _ in branches}
-    maps = [
-        (f"{word}, {name}", pressures[b], _mapped(s, gap, main & (s["branch"] == b), lengths, pressures[b]))
-        for word, gap in missed.items()
-        for b, name in branches
-    ]
+    maps = []
+    for model, gap in missed.items():
+        for branch, way in ((1, "load"), (-1, "unload")):
+            there = s["branch"] == branch
+            if there.any():
+                pressures = _levels(s["pressure"][there], grain)
+                maps.append((f"{model}, {way}", pressures, _mapped(s, gap, there, rows, pressures)))
     top = max(float(np.nanmax(m)) for _, _, m in maps)
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            2, len(branches), figsize=(4.2 * len(branches) + 1, 5.6), layout="constrained", squeeze=False
-        )
-        for axis, (title, levels_there, values) in zip(axes.ravel(), maps, strict=True):
-            image = axis.imshow(values, origin="lower", aspect="auto", vmin=0, vmax=top, cmap="viridis")
-            axis.set_xticks(range(len(levels_there)), [f"{p / 1e3:.0f}" for p in levels_there])
-            axis.set_yticks(range(len(lengths)), [f"{x * 100:.0f}" for x in lengths])
+    made = []
+    for k, (title, pressures, values) in enumerate(maps):
+        with plt.rc_context(STYLE):
+            figure, axis = plt.subplots(figsize=(4.3, 1.3 + 0.26 * len(rows)), layout="constrained")
+            image = axis.imshow(values, origin="lower", aspect="auto", vmin=0, vmax=top, cmap="cividis")
+            axis.set_xticks(range(len(pressures)), [f"{p / 1e3:.0f}" for p in pressures])
+            axis.set_yticks(range(len(rows)), labels, fontsize=8)
+            if len(pressures) <= MOST_WRITTEN:
+                for (i, j), value in np.ndenumerate(values):
+                    if np.isfinite(value):
+                        axis.text(j, i, f"{value:.2g}", ha="center", va="center", fontsize=7,
+                                  color="k" if value > 0.5 * top else "w")  # fmt: skip
             axis.set_title(title, loc="left")
             axis.grid(False)
             axis.set_xlabel("pressure, kPa")
-            axis.set_ylabel("spine, cm")
-        figure.colorbar(image, ax=axes, label="gap, mm rms")
-        return save(figure, path)
+            figure.colorbar(image, ax=axis, label="gap, mm rms")
+            made.append(save(figure, folder / f"map-{k}.svg"))
+    return made
 
 
-def loops(d: Diagnosis, path: Path) -> Path:
-    """Sideways gap over pressure, up and down, per spine length, with the band of the noise floor."""
-    s = _states(d)
-    main = s["experiment"] == 0
-    lengths = _levels(s["spine_length"][main], 0.01)
+def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
+    """Gap along and across the bending direction over pressure, up and down: a panel for each group of chambers.
+
+    Above calibrated, below with the cause (`name`), with the band of the noise floor.
+    """
+    s, found = _states(d), groups(d)
     half = d.locate.noise_floor_mm / np.sqrt(3)
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(1, 2, figsize=(9.4, 3.6), layout="constrained", sharey=True)
-        for axis, key, title in zip(
-            axes, ("calibrated", "explained"), ("calibrated", "with the best hypothesis"), strict=True
-        ):
-            axis.axhspan(-half, half, color="0.9")
-            for length, colour in zip(lengths, colours(len(lengths)), strict=True):
-                for branch, style in ((1, "-"), (-1, "--")):
-                    own = main & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
-                    _curve(axis, s["pressure"][own], (s["tip"] - s[key])[own, 0] * MM, colour, style)
-            axis.set_title(title, loc="left")
-            axis.set_xlabel("pressure, kPa")
-        for length, colour in zip(lengths, colours(len(lengths)), strict=True):
-            axes[1].plot([], [], color=colour, label=f"{length * 100:.0f} cm")
-        axes[0].plot([], [], "k-", label="load")
-        axes[0].plot([], [], "k--", label="unload")
-        axes[0].set_ylabel("measured minus model, x, mm")
-        axes[0].legend()
-        axes[1].legend(title="spine", ncols=2, fontsize=8)
-        return save(figure, path)
+    missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
+    most = max(float(np.nanmax(np.abs(gap[:, :2]))) for gap in missed.values()) * MM * 1.05 + half
+    made = []
+    for k, g in enumerate(found):
+        directions = (("along bending", g.side), ("across", np.array([-g.side[1], g.side[0], 0.0])))
+        with plt.rc_context(STYLE):
+            figure, axes = plt.subplots(2, 2, figsize=(4.2, 4.4), layout="constrained", sharex=True, sharey=True)
+            for row, (model, gap) in zip(axes, missed.items(), strict=True):
+                for axis, (word, way) in zip(row, directions, strict=True):
+                    axis.axhspan(-half, half, color="0.9")
+                    for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
+                        for branch, style in ((1, "-"), (-1, "--")):
+                            at = g.own & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
+                            _curve(axis, s["pressure"][at], gap[at] @ way * MM, colour, style)
+                    axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
+                row[0].set_ylabel("measured minus\nmodel, mm")
+            legend = axes[0, 0]
+            if len(g.lengths) > 1:
+                for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
+                    legend.plot([], [], color=colour, label=f"spine {length * 100:.0f} cm")
+            legend.plot([], [], "k-", label="load")
+            legend.plot([], [], "k--", label="unload")
+            legend.set_ylim(-most, most)
+            for axis in axes[1]:
+                axis.set_xlabel("pressure, kPa")
+            figure.suptitle(g.name, fontsize=9)
+            figure.legend(*legend.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+            made.append(save(figure, folder / f"loops-{k}.svg"))
+    return made
 
 
-MODELS = (
-    ("given", ":", "as given"),
-    ("calibrated_unseen", "--", "calibrated"),
-    ("explained_unseen", "-", "with the cause"),
-)
+def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
+    """Tip along the bending direction on the way up over pressure: measured, and three models on unseen states.
 
-
-def unseen_tips(d: Diagnosis, path: Path) -> Path:
-    """Sideways tip position on the way up over pressure, per spine length: measured, and three models on unseen states.
-
-    Below, by how much the calibrated model and the one with the cause miss the tip there, in any direction.
+    A panel for each group of chambers and spine length, at most four lengths; below, by how much the calibrated model and the
+    one with the cause (`name`) miss the tip there, in any direction.
     """
     s = _states(d)
-    own = (s["experiment"] == 0) & (s["branch"] == 1)
-    lengths = _levels(s["spine_length"][own], 0.01)
-    axis = int(np.nanargmax(np.nanstd(s["tip"][own, :2], axis=0)))
-    shown = lengths[np.unique(np.linspace(0, len(lengths) - 1, 4).round().astype(int))]
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(2, len(shown), figsize=(2.45 * len(shown), 4.6), layout="constrained", squeeze=False,
-                                    sharex=True, sharey="row", height_ratios=(3, 2))  # fmt: skip
-        for (top, below), length in zip(axes.T, shown, strict=True):
-            at = own & (np.abs(s["spine_length"] - length) < 0.01)
-            pressure, tip = s["pressure"][at], s["tip"][at, axis] * MM
-            for key, style, label in MODELS:
-                colour = BLUE if key == "explained_unseen" else "k" if key == "given" else GREY
-                there = s[key][at, axis] * MM
-                _curve(top, pressure, there, colour, style, label)
-                if key != "given":
-                    missed = np.linalg.norm(s["tip"][at] - s[key][at], axis=1) * MM
-                    _curve(below, pressure, missed, colour, style, label)
-            top.plot(pressure / 1e3, tip, "o", color=RED, mfc="none", ms=4, label="measured")
-            top.set_title(f"spine {length * 100:.0f} cm", loc="left")
-            below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
-            below.set_xlabel("pressure, kPa")
-        axes[0, 0].set_ylabel(f"tip {'xyz'[axis]}, mm")
-        axes[1, 0].set_ylabel("tip missed\nby, mm")
-        axes[0, 0].legend(fontsize=7)
-        return save(figure, path)
+    models = (
+        ("given", ":", GIVEN, "k"),
+        ("calibrated_unseen", "--", CALIBRATED, GREY),
+        ("explained_unseen", "-", name, BLUE),
+    )
+    spines = np.ptp(s["spine_length"]) > 0.01
+    made = []
+    for k, g in enumerate(groups(d)):
+        shown = g.lengths[np.unique(np.linspace(0, len(g.lengths) - 1, 4).round().astype(int))]
+        for j, length in enumerate(shown):
+            at = g.own & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < 0.01)
+            if not at.any():
+                continue
+            with plt.rc_context(STYLE):
+                figure, (top, below) = plt.subplots(
+                    2, 1, figsize=(3.9, 4.4), layout="constrained", sharex=True, height_ratios=(3, 2)
+                )
+                for key, style, label, colour in models:
+                    _curve(top, s["pressure"][at], s[key][at] @ g.side * MM, colour, style, label)
+                    if key != "given":
+                        missed = np.linalg.norm(s["tip"][at] - s[key][at], axis=1) * MM
+                        _curve(below, s["pressure"][at], missed, colour, style)
+                tip = s["tip"][at] @ g.side * MM
+                top.plot(s["pressure"][at] / 1e3, tip, "o", color=RED, mfc="none", ms=4, label="measured")
+                top.set_title(f"{g.name}{f', spine {length * 100:.0f} cm' if spines else ''}", loc="left")
+                below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
+                below.set_xlabel("pressure, kPa")
+                top.set_ylabel("tip, mm")
+                below.set_ylabel("tip missed\nby, mm")
+                figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+                made.append(save(figure, folder / f"unseen-{k}-{j}.svg"))
+    return made
 
 
 def posterior(d: Diagnosis, path: Path) -> Path:
-    """Probability of each hypothesis; those that the data cannot distinguish are marked."""
+    """Probability of each hypothesis; those that the data cannot distinguish have a star."""
     ranking = [r for r in d.attribute.ranking if r.probability > 0.002][:10][::-1]
     names = [" + ".join(r.effects) or "none" for r in ranking]
     tied = {e for group in d.attribute.cannot_tell_apart for e in group}
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(7.2, 0.6 + 0.34 * len(ranking)), layout="constrained")
+        figure, axis = plt.subplots(figsize=(5.2, 0.6 + 0.34 * len(ranking)), layout="constrained")
         shades = [RED if r.effects == ("unknown",) else GREY if not r.effects else BLUE for r in ranking]
         bars = axis.barh(names, [r.probability for r in ranking], 0.7, color=shades)
-        marks = [f"{r.probability:.2f}" + (" ]" if set(r.effects) & tied else "") for r in ranking]
+        marks = [f"{r.probability:.2f}" + (" *" if set(r.effects) & tied else "") for r in ranking]
         axis.bar_label(bars, marks, fontsize=8, padding=3)
         axis.set_xlim(0, 1.1)
-        axis.set_xlabel("probability ( ] = these data cannot distinguish it from another)")
+        axis.set_xlabel("probability")
         axis.grid(False, axis="y")
         return save(figure, path)
 
 
 def confounding(d: Diagnosis, path: Path) -> Path:
     """Share of each effect's tip displacement that a calibration takes over."""
+    spines = len(d.locate.by.get("spine_length", ())) > 1
     one, per_length = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
     names = sorted(one, key=lambda e: one[e])
     at = np.arange(len(names))
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(7.2, 0.8 + 0.26 * len(names)), layout="constrained")
+        figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(names)), layout="constrained")
         axis.barh(at + 0.2, [100 * one[n] for n in names], 0.38, color=BLUE, label="one area factor")
-        axis.barh(
-            at - 0.2,
-            [100 * per_length[n] for n in names],
-            0.38,
-            color=GREY,
-            label="an area factor for each spine length",
-        )
+        if spines:
+            shares = [100 * per_length[n] for n in names]
+            axis.barh(at - 0.2, shares, 0.38, color=GREY, hatch="//", label="an area factor for each spine length")
         axis.set_yticks(at, names, fontsize=8)
         axis.set_xlabel("share of the effect that a calibration absorbs, %")
         axis.grid(False, axis="y")
-        axis.legend(loc="lower right")
+        figure.legend(loc="outside lower center", fontsize=8)
         return save(figure, path)
 
 
 def _states(d: Diagnosis) -> dict[str, Array]:
     """Columns of the states; cells without a value are NaN."""
     found: dict[str, Any] = d.detail["states"]
-    return {name: np.array(values, float) for name, values in found.items()}
+    return {name: np.array(values, float) for name, values in found.items() if name != "chambers"}
 
 
 def _levels(values: Array, grain: float) -> Array:
@@ -224,13 +290,15 @@ def _grain(pressure: Array) -> float:
     return min(10e3, max(0.04 * float(np.nanmax(pressure)), 1.0))
 
 
-def _mapped(s: dict[str, Array], gap: Array, own: NDArray[np.bool_], lengths: Array, pressures: Array) -> Array:
-    out = np.full((len(lengths), len(pressures)), np.nan)
-    row = np.abs(s["spine_length"][:, None] - lengths).argmin(axis=1)
+def _mapped(
+    s: dict[str, Array], gap: Array, there: NDArray[np.bool_], rows: Sequence[tuple[Group, float]], pressures: Array
+) -> Array:
+    out = np.full((len(rows), len(pressures)), np.nan)
     column = np.abs(s["pressure"][:, None] - pressures).argmin(axis=1)
-    for i, j in {(int(a), int(b)) for a, b in zip(row[own], column[own], strict=True)}:
-        cell = own & (row == i) & (column == j)
-        out[i, j] = np.sqrt(np.nanmean((gap[cell] ** 2).sum(axis=1))) * MM
+    for i, (group, length) in enumerate(rows):
+        row = there & group.own & (np.abs(s["spine_length"] - length) < 0.01)
+        for j in np.unique(column[row]):
+            out[i, j] = np.sqrt(np.nanmean((gap[row & (column == j)] ** 2).sum(axis=1))) * MM
     return out
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import itertools
+import shlex
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -10,21 +13,28 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.headline import for_people
+from diagnosis.answer.next_experiment import POSSIBLE
+from diagnosis.answer.result import Diagnosis, Proposal, Ranked
+from recordings.campaign.labels import RECORD
+from recordings.file.reader import Recording
 from recordings.trials import Table
 
+from ..files.inputs import Case
+from ..version import version_text
 from . import diagnosis_figures as draw
 from .diagnosis_attribution import sizes as draw_sizes
 from .diagnosis_shapes import shapes as draw_shapes
+from .diagnosis_shapes import state_name
+from .figures import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE
 from .pushes_figure import pushes as draw_pushes
 from .report import Report, Section
 from .sensors_figure import numbers as sensor_numbers
 from .sensors_figure import quantities
 from .sensors_figure import sensors as draw_sensors
 
-LITTLE = 0.05
 FIRST = 6
-"""Bits: an experiment with a smaller expected information only serves to test the answer."""
+"""Experiments shown."""
 MISFIT_LABELS = {
     "discrepancy_gain": "log evidence gained by a large discrepancy",
     "discrepancy_size": "size of the discrepancy, in noise floors",
@@ -42,22 +52,39 @@ MISFIT_LABELS = {
 """Keys of `detail.misfit` in diagnosis.json -> labels on the page."""
 
 
-def write(d: Diagnosis, length: float, path: Path, source: str, table: Table | None = None) -> Path:
+def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocols: Path | None = None) -> Path:
     """Write one offline page: the answer, where it shows and what to do first; evidence next; details folded.
 
-    `length` m of the robot, `source` what was diagnosed, `table` its states, for sensors of the lab's own.
+    `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments.
     """
-    report = Report("The gap between model and robot", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.statement)
+    report = opened("The gap between model and robot", d, case, inputs, protocols)
+    fill(report, d, case, protocols)
+    return report.write(path)
+
+
+def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protocols: Path | None) -> Report:
+    """A page with the answer on top and where it comes from at its foot."""
+    source = ", ".join(map(str, inputs))
+    return Report(
+        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, small(d), gap_numbers(d),
+        _first_step(d, protocols), origin(case.robot.name, inputs),
+    )  # fmt: skip
+
+
+def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> None:
+    """Add all sections of a diagnosis to a page."""
+    length, table, spine = case.robot.length, case.table, case.robot.spine is not None
+    report.section("The answer in full", folded=True).text(d.statement)
     tips = d.locate.of == "tip"
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         _steps(report.section("The gap, step by step"), d, length, folder)
         if tips:
             _where(report.section("Where it is"), d, folder)
-        _next(report.section("What to do next"), d)
+        _next(report.section("What to do next"), d, protocols)
         _which(report.section("Evidence: which cause"), d, folder)
         if "holdout" in d.detail:
-            _held_out(report.section("Evidence: a campaign that was not fitted"), d.detail["holdout"])
+            _held_out(report.section("Evidence: a campaign that was not fitted"), d.detail["holdout"], spine)
         if d.change is not None:
             section = report.section("What changed since the reference")
             section.text(d.change.statement)
@@ -70,17 +97,87 @@ def write(d: Diagnosis, length: float, path: Path, source: str, table: Table | N
                 section.text(line)
         if d.detail["sizes"]:
             _sizes(report.section("How large the cause is", folded=True), d.detail["sizes"], folder)
-        _by_factor(report.section("The gap by spine length, pressure, branch and time", folded=True), d)
+        factors = f"{'spine length, ' if spine else ''}pressure, branch and time"
+        _by_factor(report.section(f"The gap by {factors}", folded=True), d, spine)
         if "stiffness" in d.detail:
             _pushed(report.section("Stiffness trials", folded=tips), d, folder)
         if tips:
             _alike(report.section("Which effects these data can distinguish", folded=True), d)
         if d.detail["confounding"]:
             _confounding(report.section("Confounding: what a calibration absorbs", folded=True), d, folder)
-        _misfit(report.section("Stages and misfit diagnostics", folded=True), d)
-        if table is not None and quantities(table):
+        _misfit(report.section("Stages and misfit diagnostics", folded=True), d, spine)
+        if quantities(table):
             _sensors(report.section("What the lab's own sensors measured", folded=True), table, folder)
-    return report.write(path)
+    report.section("Terms", folded=True).table(("term", "meaning"), list(TERMS.items()))
+
+
+TERMS = {
+    "as given": "said of the model of robot.yaml with its own area factor and effects, nothing fitted; `lab compare` and "
+    "`lab diagnose` print the same number",
+    "calibrated": "said of the model after one area factor and the tolerances of the set-up were fitted; `lab fit` and "
+    "`lab diagnose` print the same number",
+    "gap [m]": "measured minus baseline tip position",
+    "in-sample": "said of an error on the very data that were fitted; the opposite of unseen",
+    "noise floor [m]": "rms distance of repeats from their mean; no cause that carries less is named",
+    "outside (the catalogue), unknown": "a cause that none of the known effects describes",
+    "reducible gap [m]": "the part of the gap that a perfect model would close: down to the noise floor",
+    "rms": "root mean square",
+    "tolerance": "a small unknown deviation of the set-up (length, frame, mount) with a tight prior",
+    "unseen": "said of states that no fit behind the stated number used; how they were chosen is said beside it",
+    "with cause": "the model with the named effects free and all others as tolerances",
+}
+"""Terms of the top of the page, as docs/glossary.md explains them."""
+
+
+def origin(robot: str, inputs: Sequence[Path]) -> str:
+    """Where an answer comes from: software, robot, and each file with its SHA-256 and who recorded it."""
+    files = [path / name for path in inputs if path.is_dir() for name in ("robot.yaml", "trials.csv")]
+    files += [path for path in inputs if not path.is_dir()]
+    parts = []
+    for file in filter(Path.is_file, files):
+        with file.open("rb") as content:
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
+        labels = Recording.open(file).metadata.get(RECORD, {}) if file.suffix == ".mcap" else {}
+        said = "".join(f", {name} {labels[name]}" for name in ("operator", "specimen") if name in labels)
+        parts.append(f"{file.name} sha256 {digest[:16]}{said}")
+    return f"{version_text()}. Robot: {robot}. Read: {'; '.join(parts)}."
+
+
+def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
+    """The gap by each model and the noise floor: name, mm rms, and whether the states were fitted."""
+    digits = 2 if d.locate.of == "tip" else 3
+    how = "unseen states"
+    if d.waterfall is None:
+        found, how = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
+    else:
+        found = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
+        if d.shrink is not None and d.attribute.verdict == "effect":
+            found.append((WITH_CAUSE, d.shrink.after_mm))
+    floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}") for name, mm in found), floor]
+
+
+def explained(d: Diagnosis) -> str:
+    """Name of the model with the leading hypothesis in every figure and table."""
+    return WITH_CAUSE if d.attribute.verdict == "effect" else NEAREST
+
+
+def small(d: Diagnosis) -> str:
+    """Identifiers of what is named, to type into commands, and what the probability rests on."""
+    named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
+    return f"{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
+
+
+def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
+    if not d.next_experiment:
+        return "no experiment on this rig is expected to distinguish the remaining candidates better.", ""
+    first = d.next_experiment[0]
+    return f"{first.do} ({first.cost_min:.0f} min).", command(first, protocols)
+
+
+def command(p: Proposal, protocols: Path | None) -> str:
+    """What to type to run a proposed experiment; its file is in the folder `protocols`, by default next."""
+    return f"lab run {shlex.quote(str((protocols or Path('next')) / p.id))}.yaml --rig rig.yaml"
 
 
 STEPS = {
@@ -103,12 +200,12 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         return
     names = [x.effect or STEPS[x.step] for x in w.steps]
     s.figure(
-        draw.waterfall(w, names, length, folder / "waterfall.svg"),
+        draw.waterfall(w, names, length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
         "is what the step takes; whiskers: 95 % over trials drawn anew and orders of the causes.",
     )
     model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
-    rows = [[f"{model} as given", "", "", f"{w.given_mm:.2f}"]]
+    rows = [[f"{model} {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
     rows += [
         [name, _mm(x.mm), f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}", _mm(x.left_mm)]
         for name, x in zip(names, w.steps, strict=True)
@@ -135,8 +232,8 @@ def _against(d: Diagnosis) -> list[str]:
     """Concerns, sizes that cannot be, errors that stages ask for."""
     lines = list(d.concerns)
     lines += [
-        f"The data would require {x['name']} = {x['mean']:.3g} {x['unit']}, which is physically impossible: evidence against "
-        "the effect itself."
+        f"The data would require {x['name']} = {_number(x['mean'], x['unit'])}, which is physically impossible: "
+        "evidence against the effect itself."
         for x in d.detail["sizes"]
         if x["impossible"]
     ]
@@ -165,30 +262,38 @@ def _sensors(s: Section, table: Table, folder: Path) -> None:
     s.table(*sensor_numbers(table))
 
 
-def _held_out(s: Section, found: Mapping[str, Any]) -> None:
+def _held_out(s: Section, found: Mapping[str, Any], spine: bool) -> None:
     s.text(found["statement"])
     s.text(
         "Both models were fitted to the diagnosed campaign alone; what differs from trial to trial, such as re-growing and "
-        "re-jamming, is set to its expected value. The interval is a bootstrap over the trials of this campaign, within "
-        "each spine length."
+        "re-jamming, is set to its expected value. The interval is a bootstrap over the trials of this campaign"
+        f"{', within each spine length' if spine else ''}."
     )
     rows = [
         [f"{100 * x['value']:.0f} cm", str(x["n"]), f"{x['before_mm']:.2f}", f"{x['after_mm']:.2f}"]
-        for x in found["by_spine_length"]
+        for x in (found["by_spine_length"] if spine else ())
     ]
     rows.append(["all", str(found["states"]), f"{found['before_mm']:.2f}", f"{found['after_mm']:.2f}"])
-    s.table(("spine", "n", "before, mm", "after, mm"), rows)
+    s.table(("spine", "n", f"{CALIBRATED}, mm", f"{WITH_CAUSE}, mm"), rows)
 
 
 def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
-        draw.gap_map(d, folder / "map.svg"), "Gap by spine length and pressure, before and after, on one colour scale"
+        draw.gap_map(d, explained(d), folder),
+        f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale",
     )
-    s.figure(draw.loops(d, folder / "loops.svg"), "Sideways gap up and down; grey: noise floor")
+    s.figure(
+        draw.loops(d, explained(d), folder),
+        "Gap along and across the direction in which these chambers bend the robot, up and down, in-sample; grey: noise floor",
+    )
 
 
-def _by_factor(s: Section, d: Diagnosis) -> None:
+def _lengths(d: Diagnosis) -> str:
+    return ", spine length" if len(d.locate.by.get("spine_length", ())) > 1 else ""
+
+
+def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
     rows = [
         [
             name,
@@ -200,8 +305,9 @@ def _by_factor(s: Section, d: Diagnosis) -> None:
         ]
         for name, cells in d.locate.by.items()
         for c in cells
+        if spine or name != "spine_length"
     ]
-    s.table(("factor", "at", "n", "rms, mm", "95 %", "above the floor"), rows)
+    s.table(("factor", "at", "n", f"{CALIBRATED}, in-sample, mm rms", "95 %", "above the floor"), rows)
     if d.locate.of != "tip" or "baseline" in d.detail:
         return
     s.text(
@@ -213,11 +319,18 @@ def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     found = d.detail["stiffness"]
     floor = "noise floor" if found["floor_from_repeats"] else "noise floor as assumed: nothing was repeated"
     s.figure(
-        draw_pushes(found, folder / "pushes.svg"),
-        f"Force error over the specimen's stiffness, as a deflection; grey: {floor}",
+        draw_pushes(found, explained(d), folder / "pushes.svg"),
+        f"Force error over the specimen's stiffness, as a deflection, in-sample; grey: {floor}",
     )
-    rows = [[name, f"{value:.3f}"] for name, value in found["waterfall_mm"].items()]
-    s.table(("model", "deflection error, mm rms"), [*rows, [floor, f"{found['floor_mm']:.3f}"]])
+    mm = found["waterfall_mm"]
+    rows = [
+        [name, f"{mm[key]:.3f}", f"{mm[f'unseen: {key}']:.3f}" if f"unseen: {key}" in mm else ""]
+        for key, name in ((GIVEN, GIVEN), ("calibrated", CALIBRATED), ("explained", explained(d)))
+    ]
+    s.table(
+        ("model", "deflection error in-sample, mm rms", "unseen, mm rms"),
+        [*rows, [floor, f"{found['floor_mm']:.3f}", ""]],
+    )
 
 
 def _at(factor: str, value: float | str) -> str:
@@ -231,12 +344,15 @@ def _at(factor: str, value: float | str) -> str:
 def _which(s: Section, d: Diagnosis, folder: Path) -> None:
     if "given" in d.detail["states"]:
         s.figure(
-            draw.unseen_tips(d, folder / "unseen.svg"),
-            "Measured tip and three models on the way up, each state predicted by fits that did not see it. Below: by how "
-            "much the calibrated model and the one with the leading hypothesis miss the tip, in any direction; grey: noise floor",
+            draw.unseen_tips(d, explained(d), folder),
+            "Measured tip and three models on the way up, along the bending direction, on unseen states: each is predicted by "
+            f"fits that did not see it. Below: by how much the models {CALIBRATED} and {explained(d)} miss the tip, in any "
+            "direction; grey: noise floor",
         )
     s.figure(
-        draw.posterior(d, folder / "posterior.svg"), f"Probability of each hypothesis ({d.detail['calibrated_on']})"
+        draw.posterior(d, folder / "posterior.svg"),
+        f"Probability of each hypothesis ({d.detail['calibrated_on']})"
+        + ("; *: these data cannot distinguish it from another" if d.attribute.cannot_tell_apart else ""),
     )
     if d.budget:
         words = {"named": "named", "present": "also present", "unseen": "could not be seen in these data"}
@@ -247,10 +363,30 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
-    s.table(("hypothesis", "probability", "log evidence", "held out, mm"), rows)
+    s.table(("hypothesis", "probability", "log evidence, in-sample", "unseen states, mm"), rows)
+    if why := _disorder(d.attribute.ranking):
+        s.text(why)
 
 
-def _misfit(s: Section, d: Diagnosis) -> None:
+def _disorder(ranking: Sequence[Ranked]) -> str:
+    """Why probability and evidence disagree in order; empty where they agree."""
+    pairs = list(itertools.combinations(ranking, 2))
+    over = [(a, b) for a, b in pairs if a.probability > b.probability and a.log_evidence < b.log_evidence]
+    why = []
+    if any(("unknown",) in (a.effects, b.effects) for a, b in over):
+        why.append(
+            "The probability of unknown, a cause outside the catalogue, follows from the misfit diagnostics and not from its "
+            "evidence."
+        )
+    if any(("unknown",) not in (a.effects, b.effects) for a, b in over):
+        why.append(
+            "Of two hypotheses the one with more log evidence may be less probable: one that names more effects has a smaller "
+            "prior, and only an effect that carries more than the noise floor is named."
+        )
+    return f"Probability and evidence differ in order. {' '.join(why)}" if why else ""
+
+
+def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
     stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
     s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
     if d.attribute.stage_errors:
@@ -261,7 +397,11 @@ def _misfit(s: Section, d: Diagnosis) -> None:
     found = d.detail["misfit"]
     s.table(
         ("misfit diagnostic", "value"),
-        [[MISFIT_LABELS.get(k, k.replace("_", " ")), _diagnostic(v)] for k, v in found.items()],
+        [
+            [MISFIT_LABELS.get(k, k.replace("_", " ")), _diagnostic(v)]
+            for k, v in found.items()
+            if spine or k != "spine_outlier"
+        ],
     )
 
 
@@ -273,20 +413,27 @@ def _diagnostic(value: float | str | None) -> str:
 
 def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
     s.figure(
-        draw_sizes(sizes, folder / "sizes.svg"),
-        "Size of the leading hypothesis: normal posterior of the problem linearised at the fit, widened as calibrated "
-        "(dashed), cut at the physical bounds (red). Left: the physically possible range; right: close up, 90 % shaded",
+        draw_sizes(sizes, folder),
+        "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
+        "dashed: its median; 90 % shaded. First the physically possible range, then close up. Sizes in ln are factors",
     )
-    rows = [
-        [x["name"], x["unit"], f"{x['fitted']:.3g}", f"{x['sd']:.2g}", f"{x['low90']:.3g} .. {x['high90']:.3g}",
-         f"{_bound(x['low'])} .. {_bound(x['high'])}"]
-        for x in sizes
-    ]  # fmt: skip
-    s.table(("size", "unit", "fitted", "sd", "90 %", "physically possible"), rows)
+    s.table(("size", "median", "90 %", "physically possible"), [_size(x) for x in sizes])
 
 
-def _bound(value: float | None) -> str:
-    return "unbounded" if value is None else f"{value:g}"
+def _size(x: Mapping[str, Any]) -> list[str]:
+    """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
+    unit = x["unit"]
+    ends = [_bound(x[end], unit) for end in ("low90", "high90", "low", "high")]
+    return [x["name"], _number(x["median"], unit), f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
+
+
+def _number(value: float, unit: str) -> str:
+    number, name = for_people(value, unit)
+    return f"{number:.3g} {name}".rstrip()
+
+
+def _bound(value: float | None, unit: str) -> str:
+    return "unbounded" if value is None else f"{for_people(value, unit)[0]:.3g}"
 
 
 def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
@@ -296,16 +443,14 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         s.text(f"{why} in the measured states, so there is no shape to show.")
         return
     s.figure(
-        draw_shapes(states, folder / "shapes.svg"),
-        "The state with the largest error at each spine length, at most four; equal axes, mm, base frame",
+        draw_shapes(states, explained(d), folder),
+        f"States with the largest calibrated error, one for each group of chambers{_lengths(d)}, in-sample; mm, base frame",
     )
     rows = [
-        [f"{100 * x['spine_length']:.0f} cm", f"{x['pressure'] / 1e3:.0f}", x["branch"], str(x["trial"]),
-         _point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")]
+        [state_name(x).replace("\n", ", "), _point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")]
         for x in states
-    ]  # fmt: skip
-    head = ("spine", "kPa", "branch", "trial", "measured tip, mm", "baseline off by, mm", "best hypothesis off by, mm")
-    s.table(head, rows)
+    ]
+    s.table(("state", "measured tip, mm", f"{CALIBRATED}, off by, mm", f"{explained(d)}, off by, mm"), rows)
 
 
 def _point(metres: Sequence[float]) -> str:
@@ -339,20 +484,37 @@ def _alike(s: Section, d: Diagnosis) -> None:
 def _confounding(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(
         draw.confounding(d, folder / "confounding.svg"),
-        "Share of each effect's tip displacement that a calibration absorbs",
+        "Share of each effect's tip displacement that a calibration absorbs, computed at the model as given",
     )
 
 
-def _next(s: Section, d: Diagnosis) -> None:
+def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
     if not d.next_experiment:
         s.text("No experiment on this rig is expected to distinguish the remaining candidates better.")
         return
-    if d.next_experiment[0].expected_bits < LITTLE:
+    shown = d.next_experiment[:FIRST]
+    separating = any(p.separates for p in shown)
+    if not separating:
         s.text(
-            "The leading hypothesis is so probable that no experiment is expected to add much; any of these can test it."
+            f"{_rivals(d)} Each experiment tests the answer in states that were not measured: take the quickest that you can do."
         )
+    if protocols is None:
+        s.text("lab diagnose writes these protocol files with the option --protocols next.")
     rows = [
-        [p.do, f"{p.expected_bits:.2f}", f"{p.cost_min:.0f}", "; ".join(" | ".join(x) for x in p.separates[:3])]
-        for p in d.next_experiment[:FIRST]
-    ]
-    s.table(("experiment", "bits", "minutes", "separates"), rows)
+        [p.do, f"{p.cost_min:.0f}", *(["; ".join(" or ".join(x) for x in p.separates[:3])] if separating else []),
+         command(p, protocols)]
+        for p in shown
+    ]  # fmt: skip
+    s.table(("experiment", "minutes", *(("separates",) if separating else ()), "command"), rows)
+
+
+def _rivals(d: Diagnosis) -> str:
+    """Which hypotheses remain that no experiment separates."""
+    others = [r for r in d.attribute.ranking if r.effects != d.attribute.effects and r.probability > POSSIBLE]
+    if not others:
+        return "No other hypothesis is probable."
+    named = ", ".join(f"{' + '.join(r.effects) or 'none'} (p = {r.probability:.2f})" for r in others[:3])
+    unknown = (
+        " Of a cause outside the catalogue no model predicts anything." if others[0].effects == ("unknown",) else ""
+    )
+    return f"What remains besides: {named}, which none of these separates.{unknown}"

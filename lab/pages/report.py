@@ -23,7 +23,7 @@ class Item:
     kind: str
     text: str = ""
     caption: str = ""
-    data: str = ""
+    data: Sequence[str] = ()
     head: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
 
@@ -42,14 +42,20 @@ class Section:
         self.items.append(Item("text", text=text))
         return self
 
-    def figure(self, picture: Path, caption: str) -> Section:
-        """Add a picture (.svg or .png); it is put into the page as an image, so that nothing in it can run."""
-        data = f"data:{IMAGES[picture.suffix]};base64,{base64.b64encode(picture.read_bytes()).decode()}"
+    def figure(self, pictures: Path | Sequence[Path], caption: str) -> Section:
+        """Add a picture (.svg or .png), or panels that stand in rows or, on a phone, below each other.
+
+        They are put into the page as images, so that nothing in them can run.
+        """
+        panels = [pictures] if isinstance(pictures, Path) else pictures
+        data = [f"data:{IMAGES[p.suffix]};base64,{base64.b64encode(p.read_bytes()).decode()}" for p in panels]
         self.items.append(Item("figure", caption=caption, data=data))
         return self
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
-        """Add a table."""
+        """Add a table; one without rows is left out."""
+        if not rows:
+            return self
         self.items.append(Item("table", head=head, rows=rows))
         return self
 
@@ -61,6 +67,13 @@ class Report:
     title: str
     subtitle: str
     lead: str
+    small: str = ""
+    """Below the lead, in small print."""
+    numbers: Sequence[tuple[str, str, str]] = ()
+    """Name, value and how it was found, of what stands below the lead."""
+    step: tuple[str, str] = ("", "")
+    """What to do next, and the command to type."""
+    foot: str = ""
     sections: list[Section] = field(default_factory=list)
 
     def section(self, title: str, folded: bool = False) -> Section:
@@ -76,7 +89,8 @@ class Report:
             finalize=lambda value: plain(value) if isinstance(value, str) else value,
         )
         page = environment.get_template("report.html.j2").render(
-            title=self.title, subtitle=self.subtitle, lead=self.lead, sections=[vars(s) for s in self.sections]
+            {name: value for name, value in vars(self).items() if name != "sections"},
+            sections=[vars(s) for s in self.sections],
         )
         replaced(path, page)
         return path

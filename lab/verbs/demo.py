@@ -135,7 +135,7 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
         "lab compare: an area factor for each spine length", lambda: comparison(Case(fit.robot, case.table))
     )
     out.print(error_sheet(before.table, case.robot))
-    answers = Outputs(json=folder / "diagnosis.json", report=folder / "diagnosis.html", protocols=folder / "next")
+    answers = Outputs(json=folder / "diagnosis.json", protocols=folder / "next")
     story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))
     page = story.step("Report", lambda: write(folder, case, files, fit, (before, after), equal, seal, answer))

@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from rich.table import Table as Sheet
 
+from diagnosis.answer.headline import sized
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
@@ -29,7 +30,6 @@ from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
-from ..files.units import unit_text
 from ..processes import for_case
 
 FIRST = 6
@@ -98,7 +98,7 @@ def diagnose(
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 
-        write(answer, case.robot.length, outputs.report.resolve(), ", ".join(str(p) for p in inputs), case.table)
+        write(answer, case, inputs, outputs.report.resolve(), outputs.protocols)
         out.print(f"report: {outputs.report}")
     return 0
 
@@ -193,6 +193,7 @@ def _show(d: Diagnosis) -> None:
     unconfirmed = [c for c in d.concerns if c.startswith("unconfirmed: ")]
     for concern in unconfirmed:
         out.print(concern)
+    out.print(d.headline)
     out.print(d.statement)
     for concern in d.concerns:
         if concern not in unconfirmed:
@@ -211,20 +212,19 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
     for r in ranking:
         if r.probability < 0.005:
             continue
-        sizes = ", ".join(
-            f"{name.partition('.')[2]} {v.value:.3g} ± {v.sd:.2g}{unit_text(v.unit)}"
-            for name, v in r.parameters.items()
-        )
+        sizes = ", ".join(f"{name.partition('.')[2]} {sized(v)}" for name, v in r.parameters.items())
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
         t.add_row(" + ".join(r.effects) or "none", f"{r.probability:.2f}", f"{r.log_evidence:.1f}", held, sizes)
     return t
 
 
 def _proposals(d: Diagnosis) -> Sheet:
+    shown = d.next_experiment[:FIRST]
+    separating = any(p.separates for p in shown)
     t = Sheet(title="What to do next", title_justify="left")
-    for column in ("experiment", "expected", "takes", "separates"):
+    for column in ("file", "experiment", "expected", "takes", *(("separates",) if separating else ())):
         t.add_column(column)
-    for p in d.next_experiment[:FIRST]:
-        pairs = "; ".join(" | ".join(pair) for pair in p.separates[:3])
-        t.add_row(p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", pairs)
+    for p in shown:
+        pairs = ["; ".join(" | ".join(pair) for pair in p.separates[:3])] if separating else []
+        t.add_row(f"{p.id}.yaml", p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", *pairs)
     return t

@@ -28,6 +28,11 @@ def by_tendons(robot: Robot, design: Design) -> bool:
     return robot.tendons is not None
 
 
+def with_spine(robot: Robot, design: Design) -> bool:
+    """A robot with a spine."""
+    return robot.spine is not None
+
+
 def by_chambers(robot: Robot, design: Design) -> bool:
     """A robot with chambers."""
     return robot.chambers is not None

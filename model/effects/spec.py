@@ -92,6 +92,8 @@ class EffectSpec:
     law: Law
     citation: str
     seen_best_in: str
+    says: str = ""
+    """The effect in plain words, {} for its size, as [more|less] a word by the sign of a size; empty: its id says it."""
     family: str = ""
     """Effects of one family are forms of one cause; empty: the effect is its own family."""
     tolerated: bool = True

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Step, Waterfall
+from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Simulator, Step, Waterfall
 from diagnosis.answer.sentences import Facts, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.probability_calibration import CALIBRATED
@@ -145,3 +145,19 @@ def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: f
     }
     assert stiffness_sentence(detail, decide(SURE, CALIBRATED, True)).endswith(told)
     assert stiffness_sentence(detail, decide(NONE, CALIBRATED, True)).endswith("0.327 mm).")
+
+
+def test_a_simulators_difference_says_what_remains_without_it() -> None:
+    steps = (Step("calibration", None, 1.0, 0.9, 1.1, 0.44), Step("simulator", None, 0.29, 0.2, 0.3, 0.15))
+    gap = Waterfall("leave one trial out", 40, 1.43, steps, {}, None)
+    own = Simulator("cc", 0.9, 2.2, 2.1, 0.2, 0.4)
+    text = statement(replace(facts(NONE, gap=False), waterfall=gap, simulator=own))
+    assert "cc differs from the rod of robot.yaml by 2.20 mm rms, and by 2.10 mm after an area factor is fitted" in text
+    assert (
+        "do not show 0.40 mm of that (in-sample). Without that part, 0.15 mm of the gap remain on unseen states."
+        in text
+    )
+    alike = statement(replace(facts(NONE, gap=False), simulator=replace(own, beyond_calibration_mm=0.1)))
+    assert (
+        "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike and "do not show" not in alike
+    )

@@ -129,9 +129,9 @@ def test_the_size_stays_within_what_is_possible(answer: dict[str, Any]) -> None:
     for size in sizes.values():
         assert (size["low"], size["high"]) == (0.0, 1.0) and not size["impossible"]
         assert size["low"] <= size["low90"] < size["high90"] <= size["high"]
-        assert size["low"] <= size["fitted"] <= size["high90"]  # a most probable shape may lie at its bound
+        assert size["low90"] < size["median"] < size["high90"]
+        assert answer["attribute"]["ranking"][0]["parameters"][size["name"]]["value"] == size["median"]
     blend = sizes["area_moment.blend"]
-    assert blend["low90"] < blend["fitted"] < blend["high90"]
     assert blend["mean"] == pytest.approx(0.7, abs=4 * blend["sd"])
 
 

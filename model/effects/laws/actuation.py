@@ -118,6 +118,7 @@ def _chamber_twist(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="time_offset",
+        says="pressures and tips are read {} apart",
         stage="measurement",
         equation="P = P_read + (dP/dt) d in states read while ramping; dP/dt < 0 on the unload branch; share r of it, not below "
         "ambient, where a ramp begins and ends",
@@ -131,6 +132,7 @@ SPECS = (
     ),
     EffectSpec(
         id="pressure_offset",
+        says="the chambers hold {} [more|less] than their regulators read",
         stage="actuation",
         equation="P = P_read + p0, not below ambient, in the chambers in use, share i p0 in the vented ones",
         parameters=(
@@ -144,6 +146,7 @@ SPECS = (
     ),
     EffectSpec(
         id="pressure_deadband",
+        says="the chambers act only above {}",
         stage="actuation",
         equation="P_eff = f(P - P0) - f(-P0), f(x) = (x + sqrt(x^2 + (0.2 P0)^2)) / 2; on the way down (1 - h) of that and "
         "h min(P, P_highest - P0), rounded as f",
@@ -159,6 +162,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_order",
+        says="the chambers hang on other regulators than robot.yaml states",
         stage="actuation",
         equation="P_i = (1 - w) P_i,read + w P_k,read, k = pi(i): the ring of chambers turned a third (-2, 2) or mirrored",
         parameters=(
@@ -174,6 +178,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_ballooning",
+        says="the chambers' area [grows|shrinks] by {} under pressure",
         stage="actuation",
         equation="A_eff = A (1 + b (f(P) / f(250 kPa))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
         "P0 / 2",
@@ -189,6 +194,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_gain",
+        says="the areas of the chambers differ by {}",
         stage="actuation",
         equation="A_i = A (1 + |g| (f_i - mean f)), f_i = (exp(k cos(az_i - az_g)) - 1) / sinh k, g = (x, y) towards az_g",
         parameters=(
@@ -203,6 +209,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_azimuth",
+        says="the chambers are turned by {} about the axis",
         stage="actuation",
         equation="azimuth_i = azimuth_i,drawn + d",
         parameters=(Parameter("angle", "rad", math.radians(6), -0.6, 0.6),),
@@ -213,6 +220,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_twist",
+        says="the chambers wind about the axis by {}",
         stage="actuation",
         equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g s / L) - a L): m_act(s) = Rz(phi) m_act(0); "
         "a: where along the body the chambers were aligned when it was mounted",

@@ -48,6 +48,7 @@ def _contact_offset(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="marker_offset",
+        says="the tip's marker sits {} off its place",
         stage="measurement",
         equation="p_read = p + R_tip d",
         parameters=tuple(Parameter(axis, "m", OFF, -0.05, 0.05) for axis in "xyz"),
@@ -58,6 +59,7 @@ SPECS = (
     ),
     EffectSpec(
         id="frame_misalignment",
+        says="the cameras' frame is turned by {}",
         stage="measurement",
         equation="p_read = exp(theta^) p, orientation likewise",
         parameters=tuple(Parameter(axis, "rad", TURN, -0.3, 0.3) for axis in "xyz"),
@@ -68,6 +70,7 @@ SPECS = (
     ),
     EffectSpec(
         id="force_bias",
+        says="the force sensor reads {} too [high|low]",
         stage="measurement",
         equation="F_read = F + b",
         parameters=(Parameter("bias", "N", 0.1, -2.0, 2.0),),
@@ -78,6 +81,7 @@ SPECS = (
     ),
     EffectSpec(
         id="arm_compliance",
+        says="the arm gives way by {}",
         stage="measurement",
         equation="1/k = 1/k_specimen + c",
         parameters=(Parameter("give", "m/N", 5e-5, 0.0, 2e-3, sign="positive"),),
@@ -88,6 +92,7 @@ SPECS = (
     ),
     EffectSpec(
         id="contact_offset",
+        says="contact begins {} [later|earlier] than read",
         stage="measurement",
         equation="F = max(k <y - d>, k c y / (k + c)): a gap, or a layer of stiffness c, is taken up over d",
         parameters=(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from model.effects.history import History
 from model.effects.quantities import Quantities
-from model.effects.shows import returns
+from model.effects.shows import returns, with_spine
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 Array = NDArray[np.float64]
@@ -93,6 +93,7 @@ def _spine_length_offset(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="body_modulus",
+        says="the body's silicone is {} [stiffer|softer] than stated",
         stage="material",
         equation="E_c = E (1 + d), G_c with it",
         parameters=(Parameter("excess", "1", 0.12, -0.6, 1.5),),
@@ -102,6 +103,7 @@ SPECS = (
     ),
     EffectSpec(
         id="hyperelastic",
+        says="the silicone [stiffens|softens] as it is bent",
         stage="material",
         equation="m = EI k D, D = 1 + g(a (k r)^2) + h(b e), g(x) = x (x / (1 - 2 x) below 0), h(x) = x (x / (1 - x) below 0), "
         "n3 = EA e / (1 - b e / 2) + b EI k^2 h'(b e) / 2; over the silicone's share and share c of the spine's",
@@ -116,6 +118,7 @@ SPECS = (
     ),
     EffectSpec(
         id="viscoelastic",
+        says="the silicone creeps by {} under load",
         stage="material",
         equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5, 25 and 125 s, "
         "s the silicone's share of EI, and share c of the spine's; axial strain likewise",
@@ -131,6 +134,7 @@ SPECS = (
     ),
     EffectSpec(
         id="rest_shape",
+        says="the body keeps {} of its largest bend",
         stage="material",
         equation="u* = s c (k_max + k_min), k_max >= 0 and k_min <= 0 the extremes of the curvature at each place of the body in "
         "the campaign so far, which fade by exp(-r t); s the silicone's share of EI; axial strain likewise",
@@ -145,6 +149,7 @@ SPECS = (
     ),
     EffectSpec(
         id="spine_length_offset",
+        says="the spine is {} [longer|shorter] than read",
         stage="structure",
         equation="L_s = L_s,read + e, e = d (L_s,read / 0.2 m)^g for a spine that is out; its moduli those of "
         "L_s,read + (1 - m) e: a table measured with the same error holds by the length read (m = 1)",
@@ -153,24 +158,28 @@ SPECS = (
             Parameter("read", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
             Parameter("growth", "1", 1.0, 0.0, 2.0, role="shape"),
         ),
+        shown=with_spine,
         law=Law(before=_spine_length_offset),
         citation="geometry",
         seen_best_in="spine lengths, markers",
     ),
     EffectSpec(
         id="vacuum_leak",
+        says="the spine loses {} of its vacuum",
         stage="structure",
         equation="E_s ~ sqrt((v - x v_nominal (L_s / 0.2 m)^g) / v_nominal)",
         parameters=(
             Parameter("lost", "1", 0.3, 0.0, 0.97, sign="positive"),
             Parameter("length", "1", 0.5, 0.0, 1.0, role="shape"),
         ),
+        shown=with_spine,
         law=Law(before=_vacuum_leak),
         citation="jamming stiffness over confining pressure, power near 1/2 (Hertzian packings)",
         seen_best_in="vacuum sweep",
     ),
     EffectSpec(
         id="area_moment",
+        says="body and spine bend by their own area moments, to {}",
         stage="structure",
         equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s); GA likewise; EA with (1 - b) E_s: b = 1: the spine slides along "
         "its channel and takes no stretch",
@@ -178,12 +187,14 @@ SPECS = (
             Parameter("blend", "1", 1.0, 0.0, 1.0, sign="blend"),
             Parameter("sliding", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 0.75)),
         ),
+        shown=with_spine,
         law=Law(before=_area_moment),
         citation="composite beam theory; the baseline mixes moduli by volume, eq. 10",
         seen_best_in="tip over spine length with one A_eff for all",
     ),
     EffectSpec(
         id="spine_shear",
+        says="the spine is soft in shear, to {}",
         stage="structure",
         equation="E_s = mean(E_table, E0 (1 - l (1 - eta(L_s)))), G_s to kappa G; bare: 1/E = 1/E0 + 3 I / (kappa G A L^2); "
         "mean: (1 - w, w) of power m - 1, from compliances in series (m = 0) to side by side (2)",
@@ -192,18 +203,21 @@ SPECS = (
             Parameter("lag", "1", 0.5, 0.0, 1.0, role="shape"),
             Parameter("mix", "1", 1.0, -0.5, 2.5, role="shape", starts=(0.0, 2.0)),
         ),
+        shown=with_spine,
         law=Law(before=_spine_shear),
         citation="Timoshenko, Phil. Mag. 41 (1921)",
         seen_best_in="stiffness trials; tip over spine length",
     ),
     EffectSpec(
         id="spine_slip",
+        says="friction in the spine resists bending by {}",
         stage="structure",
         equation="m_f = -m phi(L_s) mean_j s_j, s_j sliding elements with yield curvatures k_y (1/8, 1/2, 2, 8); axial m_f / r",
         parameters=(
             Parameter("moment", "N m", 0.15, 0.0, 1.5, sign="positive"),
             Parameter("stroke", "ln", 0.7, -2.5, 2.5, role="shape"),
         ),
+        shown=with_spine,
         law=Law(path=_spine_slip),
         citation="Jenkins (1962), Iwan, J. Appl. Mech. 33 (1966): friction as parallel elastic-sliding elements",
         seen_best_in="unload branch: hysteresis that does not depend on rate",

@@ -70,6 +70,7 @@ def _precurvature(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="self_weight",
+        says="the body is {} [heavier|lighter] than stated",
         stage="load",
         equation="f = rho A g (1 + d)",
         parameters=(Parameter("excess", "1", 0.12, -0.6, 1.5),),
@@ -79,6 +80,7 @@ SPECS = (
     ),
     EffectSpec(
         id="tether_load",
+        says="a tether pulls the tip with {}",
         stage="load",
         equation="F_tip = F0 - k (x, y), fixed in the base frame",
         parameters=(
@@ -92,6 +94,7 @@ SPECS = (
     ),
     EffectSpec(
         id="tip_payload",
+        says="the tip carries {} [more|less] than stated",
         stage="load",
         equation="F_tip = m g, M_tip = R(L) c x m g, c = (x, y, z) from the tip to the payload's centre in the tip's frame",
         parameters=(
@@ -106,6 +109,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_thrust",
+        says="the side walls carry {} of the chambers' thrust",
         stage="load",
         equation="F_tip = (1 - w) P A e3(L), v*_3 = w P A / EA: w = 0 thrust follows the tip (paper, eq. 4), w = 1 the side "
         "walls balance it along the arc",
@@ -118,6 +122,7 @@ SPECS = (
     ),
     EffectSpec(
         id="contact",
+        says="the body touches an obstacle of {}",
         stage="load",
         equation="F = -k <e . p(L - l) - (70 mm + d)> e, l from the tip, e turned by t from where the campaign bends "
         "to, < > positive part over 2 mm",
@@ -133,6 +138,7 @@ SPECS = (
     ),
     EffectSpec(
         id="base_tilt",
+        says="the base is tilted by {}",
         stage="boundary",
         equation="R(0) = exp(theta^), theta fixed in the base frame",
         parameters=(
@@ -146,6 +152,7 @@ SPECS = (
     ),
     EffectSpec(
         id="base_compliance",
+        says="the base turns under load by {}",
         stage="boundary",
         equation="R(0) = exp((v / (1 + h (v / 0.1 rad)^2)^(1/3))^), v = c (m(0) - l m_ch) about x and y; l = 1: the "
         "chambers' ends pull on the mount too",
@@ -160,6 +167,7 @@ SPECS = (
     ),
     EffectSpec(
         id="precurvature",
+        says="the body is curved by {} at rest",
         stage="boundary",
         equation="u*(s) = u0 (1 + g (2 s / L - 1)), turns with roll",
         parameters=(

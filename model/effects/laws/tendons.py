@@ -55,6 +55,7 @@ def _tendon_slack(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="tendon_slack",
+        says="the tendons are slack up to {}",
         stage="actuation",
         equation="T_eff = f(T - T0) - f(-T0), f(x) = (x + sqrt(x^2 + (0.2 T0)^2)) / 2",
         parameters=(Parameter("tension", "N", 1.0, 0.0, 10.0, sign="positive"),),
@@ -65,6 +66,7 @@ SPECS = (
     ),
     EffectSpec(
         id="tendon_friction",
+        says="friction takes {} of the tendons' tension per radian of bend",
         stage="actuation",
         equation="T(s) = T0 (1 - mu a(s) d), a the angle of the bend between the base and s, d from -1 to 1: which way the "
         "tendon slides, by sliding elements in series",

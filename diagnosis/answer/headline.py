@@ -1,0 +1,112 @@
+"""The answer in one line of at most 20 words: what is wrong, by how much in a person's unit, and how probable that is."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+from model.effects.spec import EffectSpec
+
+from ..criticism.stage_errors import StageError
+from .result import Attribute, Value
+from .verdict import stage
+
+MOST_WORDS = 20
+UNITS = {
+    "rad": (180 / math.pi, "deg"), "rad/m": (180 / math.pi, "deg/m"), "rad/(N m)": (180 / math.pi, "deg/(N m)"),
+    "m": (1e3, "mm"), "m/N": (1e3, "mm/N"), "Pa": (1e-3, "kPa"), "kg": (1e3, "g"), "1": (1.0, ""),
+}  # fmt: skip
+"""Unit of a parameter -> factor and unit in which a person reads it."""
+
+
+def for_people(value: float, unit: str) -> tuple[float, str]:
+    """A value and its unit as a person reads them; the logarithm of a factor as the factor.
+
+    >>> for_people(0.1, "m"), for_people(0.0, "ln")
+    ((100.0, 'mm'), (1.0, 'times'))
+    """
+    if unit == "ln":
+        return math.exp(value), "times"
+    factor, name = UNITS.get(unit, (1.0, unit))
+    return factor * value, name
+
+
+def sized(v: Value) -> str:
+    """A parameter with its standard deviation, as a person reads it.
+
+    >>> sized(Value(0.3, 0.05, "ln")), sized(Value(0.994, 0.03, "1"))
+    ('1.35 times (± 5 %)', '0.994 ± 0.03')
+    """
+    number, unit = for_people(v.value, v.unit)
+    if v.unit == "ln":
+        return f"{number:.3g} {unit} (± {100 * math.expm1(v.sd):.0f} %)"
+    return f"{number:.3g} ± {for_people(v.sd, v.unit)[0]:.2g} {unit}".rstrip()
+
+
+def headline(
+    a: Attribute,
+    catalogue: Mapping[str, EffectSpec],
+    asking: Sequence[StageError] = (),
+    missing: Sequence[str] = (),
+    by_calibration: float | None = None,
+) -> str:
+    """The conclusion in at most 20 words.
+
+    `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
+    most of it.
+    """
+    sure = f"(p = {a.probability:.2f})"
+    if a.conclusion == "too little data":
+        return _start(f"too little data to name a cause{': ' + missing[0] if missing else ''}.")
+    if a.verdict == "effect":
+        said = _joined([_says(e, catalogue, _sizes(a)) for e in a.effects])
+        return _start(f"{'most likely ' if a.conclusion == 'one of several' else ''}{said} {sure}.")
+    if a.verdict == "unknown":
+        found = stage(asking)
+        where = f": the error lies in the {found.stage} and varies with {found.dependence}" if found else ""
+        return f"No known cause explains the gap{where} {sure}.".replace("_", " ")
+    if by_calibration is not None:
+        return f"Calibration closes {100 * min(by_calibration, 1.0):.0f} % of the gap; no other cause is needed {sure}."
+    if a.conclusion == "noise":
+        return f"No gap: model and robot agree down to the noise floor {sure}."
+    return f"No cause: no known effect accounts for enough of the gap {sure}."
+
+
+def _sizes(a: Attribute) -> Mapping[str, Value]:
+    """Parameters of what is named; empty where it is not among those ranked."""
+    return next((r.parameters for r in a.ranking if r.effects == a.effects), {})
+
+
+def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value]) -> str:
+    spec = catalogue.get(effect)
+    if spec is None or not spec.says:
+        return f"{effect.replace('_', ' ')} is at work"
+    parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
+    if not parts:
+        return re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says).replace("{}", "some amount")
+    own = [sizes[f"{effect}.{p.name}"].value for p in parts if p.unit == parts[0].unit]
+    size = own[0] if len(own) == 1 else sum(own) if parts[0].sign == "positive" else math.hypot(*own)
+    words = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
+    return words.replace("{}", _amount(abs(size) if "[" in spec.says else size, parts[0].unit))
+
+
+def _amount(value: float, unit: str) -> str:
+    if unit == "1":
+        return f"{100 * value:.0f} %"
+    number, name = for_people(value, unit)
+    digits = max(0, 1 - math.floor(math.log10(abs(number)))) if number else 0
+    return f"{number:.{digits}f} {name}"
+
+
+def _joined(said: Sequence[str]) -> str:
+    """As many causes as there is room for, then their number."""
+    room = MOST_WORDS - 5  # most likely, (p = ..)
+    whole = " and ".join(said)
+    if len(whole.split()) <= room:
+        return whole
+    return f"{said[0]}, and {len(said) - 1} more"
+
+
+def _start(text: str) -> str:
+    return text[0].upper() + text[1:]

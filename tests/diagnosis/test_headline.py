@@ -1,0 +1,67 @@
+"""The headline: at most 20 plain words, the size in a person's unit, and the same conclusion as the statement."""
+
+from __future__ import annotations
+
+import pytest
+
+from diagnosis.answer.headline import headline
+from diagnosis.answer.result import Attribute, Conclusion, Ranked, Value, Verdict
+from diagnosis.criticism.stage_errors import StageError
+from model.effects.catalogue import CATALOGUE
+
+
+def attribute(
+    verdict: Verdict, conclusion: Conclusion, sizes: dict[str, Value] | None = None, *effects: str, p: float = 0.96
+) -> Attribute:
+    ranking = (Ranked(effects, p, 10.0, None, sizes or {}),)
+    return Attribute(verdict, effects, p, (), ranking, (), conclusion=conclusion)
+
+
+@pytest.mark.parametrize(
+    ("effect", "sizes", "words"),
+    [
+        (
+            "chamber_azimuth",
+            {"angle": (0.1396, "rad")},
+            "The chambers are turned by 8.0 deg about the axis (p = 0.96).",
+        ),
+        ("spine_length_offset", {"offset": (-0.0123, "m")}, "The spine is 12 mm shorter than read (p = 0.96)."),
+        ("body_modulus", {"excess": (0.15, "1")}, "The body's silicone is 15 % stiffer than stated (p = 0.96)."),
+        ("base_tilt", {"x": (0.03, "rad"), "y": (-0.04, "rad")}, "The base is tilted by 2.9 deg (p = 0.96)."),
+        ("pressure_deadband", {"band": (9e3, "Pa")}, "The chambers act only above 9.0 kPa (p = 0.96)."),
+        ("chamber_order", {}, "The chambers hang on other regulators than robot.yaml states (p = 0.96)."),
+        ("my_own_effect", {"d": (3.0, "1")}, "My own effect is at work (p = 0.96)."),
+    ],
+)
+def test_a_cause_is_said_with_its_size(effect: str, sizes: dict[str, tuple[float, str]], words: str) -> None:
+    found = {f"{effect}.{name}": Value(value, 0.01, unit) for name, (value, unit) in sizes.items()}
+    assert headline(attribute("effect", "cause", found, effect), CATALOGUE) == words
+
+
+@pytest.mark.parametrize("effect", CATALOGUE)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_every_effect_of_the_catalogue_fits_and_needs_no_identifier(effect: str, sign: int) -> None:
+    sizes = {f"{effect}.{p.name}": Value(sign * 0.123456 * p.scale, 0.0, p.unit) for p in CATALOGUE[effect].parameters}
+    for conclusion in ("cause", "one of several"):
+        said = headline(attribute("effect", conclusion, sizes, effect), CATALOGUE)  # type: ignore[arg-type]
+        assert len(said.split()) <= 20 and "_" not in said and not set(said) & set("[]{}|")
+        assert said.startswith("Most likely ") == (conclusion == "one of several")
+
+
+def test_two_causes_and_the_other_conclusions_fit_too() -> None:
+    two = headline(attribute("effect", "one of several", {}, "tendon_friction", "chamber_gain"), CATALOGUE)
+    assert len(two.split()) <= 20 and two.endswith("and 1 more (p = 0.96).")
+    asking = (StageError("material", "spine_length", 20.0),)
+    unknown = headline(attribute("unknown", "stage", p=0.6), CATALOGUE, asking)
+    assert unknown == (
+        "No known cause explains the gap: the error lies in the material and varies with spine length (p = 0.60)."
+    )
+    none = headline(attribute("none", "noise", p=0.9), CATALOGUE, by_calibration=0.93)
+    assert none == "Calibration closes 93 % of the gap; no other cause is needed (p = 0.90)."
+    lacks = ("no repeated pushes to two deflections at two lengths",)
+    made = [
+        headline(attribute("none", "none"), CATALOGUE),
+        headline(attribute("none", "noise"), CATALOGUE),
+        headline(attribute("unknown", "too little data"), CATALOGUE, missing=lacks),
+    ]
+    assert all(len(said.split()) <= 20 for said in (unknown, none, *made)) and lacks[0] in made[-1]
