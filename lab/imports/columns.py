@@ -28,10 +28,10 @@ MISSING = frozenset(MISSING_WORDS.split()) | {
     "not available", "not visible", "no data", "out of range", "not a number", "not tracked", "not measured", "no signal",
 }  # fmt: skip
 """Words for a value that was not measured, in lower case; more in `source.missing`."""
-FILLERS = frozenset(
-    [s * float(n) for n in (999, 9999, 99999, 999999, 9999999) for s in (1, -1)] + [-1e30, 1e30, -1e31, 1e31]
-)
+FILLERS = frozenset([s * float(n) for n in (999, 9999, 99999, 999999, 9999999) for s in (1, -1)])
 """Numbers that programs write where nothing was measured."""
+BEYOND = 1e25
+"""Numbers from here on are none that anybody measured; ns since 1970 are below."""
 FILLER_SHARE = 0.1
 """Of a filler, below which all other numbers of its column lie."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:([.,' ’])\d{3})(?:\1\d{3})*(?=$|[.,]\d*$)")
@@ -76,7 +76,15 @@ def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
 
 def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:
     """The number that a cell with this decimal mark holds; None where it is none."""
-    text = word.replace("\u2212", "-").replace("\u00a0", " ").replace("\u202f", " ").strip().strip("'=\"").strip()
+    text = (
+        word.replace("\u2212", "-")
+        .replace("\u2013", "-")
+        .replace("\u00a0", " ")
+        .replace("\u202f", " ")
+        .strip()
+        .strip("'=\"")
+        .strip()
+    )
     found = GROUPED.match(text) if grouped or " " in text or "'" in text or "’" in text else None
     if found and found[1] != mark:
         text = text.replace(found[1], "")
@@ -141,7 +149,8 @@ def without_fillers(values: Array, missing: Sequence[str | float] = ()) -> tuple
     """A column without numbers that stand for nothing, and how many of each there were."""
     declared = [v for m in missing if (v := number(str(m))) is not None]
     size = np.abs(values)
-    found: dict[float, int] = {}
+    found = {float(v): int((values == v).sum()) for v in np.unique(values[size >= BEYOND])[:MOST_WORDS]}
+    values = np.where(size >= BEYOND, np.nan, values)
     for one in {*declared, *FILLERS}:
         at = values == one
         if not at.any():

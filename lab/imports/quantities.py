@@ -128,7 +128,7 @@ def _number(series: Series, name: str, column: Column) -> Array:
     place = f"columns.{name}"
     found = numbers(series, column.column, place)
     own = name_of(series, column.column, place)
-    unit = column.unit or unit_in(series, own, unit_of(name))
+    unit = column.unit or unit_in(series, own, unit_of(name), place)
     one = factor(unit, name, f"{place}.unit")
     if name == "t":
         return seconds(found * column.scale, unit, one)
@@ -167,23 +167,24 @@ def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list
     return found
 
 
-def _xyz(file: _File, point: Point, place: str) -> Array:
+def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
+    """(n, 3) m of a marker, each column by its own unit."""
     names: Sequence[Name] = [f"{point}.{a}" for a in "xyz"] if isinstance(point, str) else point
     shown = point if isinstance(point, str) else " / ".join(map(str, point))
-    return file.places(
-        np.column_stack([numbers(file.series, name, place) for name in names]), f"marker {shown} ({place})"
-    )
+    columns = []
+    for name in names:
+        said = unit or unit_in(file.series, name_of(file.series, name, place), "m", place)
+        columns.append(numbers(file.series, name, place) * factor(said, "x", f"{place}.unit"))
+    return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 
 
 def _place(file: _File, name: str, points: Points) -> Array:
     place = f"points.{name}"
-    first = points.of[0] if isinstance(points.of[0], tuple) else (f"{points.of[0]}.x",)
-    one = factor(points.unit or unit_in(file.series, name_of(file.series, first[0], place), "m"), "x", f"{place}.unit")
 
     def middle(of: Sequence[Point]) -> Array:
-        return np.asarray(np.mean([_xyz(file, p, place) for p in of], axis=0))
+        return np.asarray(np.mean([_xyz(file, p, points.unit, place) for p in of], axis=0))
 
-    return one * (middle(points.of) - (middle(points.against) if points.against else 0.0))
+    return middle(points.of) - (middle(points.against) if points.against else 0.0)
 
 
 def _marker(file: _File, wanted: Map, values: dict[str, Array], name: str) -> Array:
@@ -227,7 +228,7 @@ def _stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.bo
 
 def _fitted(file: _File, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:
     """From the first row with all markers to each other one."""
-    every = np.stack([_xyz(file, p, "points.tip") for p in points.of], axis=1)
+    every = np.stack([_xyz(file, p, points.unit, "points.tip") for p in points.of], axis=1)
     there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)
     if len(points.of) < 3 or not there.any():
         raise ConfigError("points.tip.turn: needs three markers or more, seen together at least once")

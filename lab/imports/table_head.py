@@ -19,8 +19,8 @@ FILLED = 0.5
 LABELS = ("id", "type", "parent")
 """Lines of headings, by the word at their begin, that name nothing: Motive writes them."""
 ABOUT_UNITS = re.compile(r"unit|einheit|unité|unidad|\bin\b|\[", re.IGNORECASE)
-SINGLE = frozenset({"m", "s", "g", "n", "h"})
-"""Units that are letters: read as units only where `in`, `:`, `=` or a bracket stands before them."""
+SINGLE = frozenset({"m", "s", "g", "n", "h", "in", "at"})
+"""Units that are letters or words: read as units only where `in`, `:`, `=` or a bracket stands before them."""
 
 
 @dataclass(frozen=True)

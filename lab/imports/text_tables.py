@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
+BLANKS = 1.2
+"""Times the points of another separator by which blanks, of which a tab is one, must split the lines better."""
 SAMPLE = 400
 """Lines by which separator and width are judged."""
 LONGEST_CELL = 20
@@ -46,6 +48,8 @@ DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*
 """A number whose comma stands between no thousands."""
 MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
 """Begin of the files that Motive exports."""
+END_OF_HEADER = "***End_of_Header***"
+"""Line of LabVIEW's measurement files (.lvm)."""
 BINARY = 0.1
 """Share of control characters from which on a file is no text."""
 
@@ -66,6 +70,8 @@ def read_text(path: Path, source: Source) -> Series:
     records = list(_records(text))
     if not records:
         raise ConfigError(f"{path}: is empty; check the path, or export it again")
+    records, heading = _labview(records)
+    source = source if source.heading is not None else source.model_copy(update={"heading": heading})
     said = re.fullmatch(r"sep=(.)", records[0].text.strip())
     separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
     frame, records, too_long = _split(path, records, separator, width)
@@ -128,6 +134,18 @@ def _records(text: str) -> Iterator[Record]:
             yield Record(begin + 1, bare, mark is not None)
 
 
+def _labview(records: list[Record]) -> tuple[list[Record], int | None]:
+    """Lines of a file of LabVIEW without the headers of its later segments, and the line of its headings; None of others."""
+    ends = [i for i, r in enumerate(records) if r.text.startswith(END_OF_HEADER) and i + 1 < len(records)]
+    if not ends:
+        return records, None
+    begins = [i for i, r in enumerate(records) if i > ends[0] and r.text.startswith("Channels")]
+    segments = [(i, next((e for e in ends if e > i), i)) for i in begins]
+    first = segments[0][1] if segments else ends[0]
+    dropped = {k for i, end in segments[1:] for k in range(i, end + 2)}
+    return [r for k, r in enumerate(records) if k not in dropped], records[first + 1].line
+
+
 def _cells(text: str, separator: str) -> list[str]:
     """One line split."""
     if separator == " ":
@@ -154,7 +172,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             if values and len(cells) > 1:
                 score[len(cells)] = score.get(len(cells), 0.0) + values - other
         width, points = max(score.items(), key=lambda s: s[1], default=(0, 0.0))
-        if points > best[0]:
+        if points > best[0] * (BLANKS if separator == " " else 1.0):
             best = (points, separator, width)
     if not best[1]:
         tried = f"not split by {given!r}" if given else "no separator splits the lines into columns of numbers"

@@ -10,10 +10,10 @@ import matio
 import numpy as np
 import pandas as pd
 import pytest
-from foreign_tables import STATES, sweep
 from scipy.io import savemat
 from test_import_tables import ROBOT, guessed
 
+from benchmarks.faults.foreign_tables import STATES, sweep
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.map_file import Source, load_map

@@ -8,10 +8,10 @@ from pathlib import Path
 import c3d
 import numpy as np
 import pytest
-from foreign_tables import PLATEAUS, sweep
 from scipy.spatial.transform import Rotation
 from test_import_tables import ROBOT, guessed
 
+from benchmarks.faults.foreign_tables import PLATEAUS, sweep
 from lab.cli import main
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read

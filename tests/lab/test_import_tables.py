@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from foreign_tables import BARE, HEADINGS, PLATEAUS, STATES, UNITS, comma, sweep, text
 
+from benchmarks.faults.foreign_tables import BARE, HEADINGS, PLATEAUS, STATES, UNITS, comma, sweep, text
 from lab.files.config import ConfigError, load
 from lab.imports.columns import judge, number
 from lab.imports.formats import read
