@@ -75,7 +75,8 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
             columns[str(k) if source.variable else label if part.ndim == 1 else f"{label}.{k}"] = Judged(column)
     if left:
         told.append(f"not read: {', '.join(left)}")
-    return replace(of_judged(path, columns, form), notes=tuple(told))
+    made = of_judged(path, columns, form)
+    return replace(made, notes=(*told, *made.notes))
 
 
 def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | Judged | str]]:

@@ -22,76 +22,21 @@ WORDS = {
 """Words of a heading by column of trials.csv."""
 PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
 PRESSURE_WORDS = frozenset(["p", "pressure", "pressures", "druck", "chamber", "kammer", "press", "presion"])
-ASKED_FOR = frozenset(
-    [
-        "set",
-        "setpoint",
-        "setpoints",
-        "setpt",
-        "sp",
-        "soll",
-        "sollwert",
-        "cmd",
-        "command",
-        "commanded",
-        "target",
-        "desired",
-        "ref",
-        "reference",
-        "des",
-        "goal",
-        "demand",
-        "demanded",
-        "requested",
-        "req",
-        "consigne",
-        "vorgabe",
-        "consigna",
-        "input",
-    ]
-)
-OTHER_PRESSURES = frozenset(
-    [
-        "supply",
-        "reservoir",
-        "tank",
-        "source",
-        "vacuum",
-        "vakuum",
-        "ambient",
-        "atmosphere",
-        "atmospheric",
-        "barometric",
-        "baro",
-        "inlet",
-        "compressor",
-        "versorgung",
-        "umgebung",
-        "jamming",
-    ]
-)
+ASKED_FOR_WORDS = """
+set setpoint setpoints setpt sp soll sollwert cmd command commanded target desired ref reference des goal demand
+demanded requested req consigne vorgabe consigna input
+"""
+ASKED_FOR = frozenset(ASKED_FOR_WORDS.split())
+OTHER_PRESSURES_WORDS = """
+supply reservoir tank source vacuum vakuum ambient atmosphere atmospheric barometric baro inlet compressor versorgung
+umgebung jamming
+"""
+OTHER_PRESSURES = frozenset(OTHER_PRESSURES_WORDS.split())
 """Words of pressures that are none of a chamber."""
-READ = frozenset(
-    [
-        "meas",
-        "measured",
-        "mes",
-        "mesure",
-        "ist",
-        "istwert",
-        "act",
-        "actual",
-        "pv",
-        "fb",
-        "feedback",
-        "read",
-        "reading",
-        "sensor",
-        "sensed",
-        "real",
-        "medida",
-    ]
-)
+READ_WORDS = """
+meas measured mes mesure ist istwert act actual pv fb feedback read reading sensor sensed real medida
+"""
+READ = frozenset(READ_WORDS.split())
 COMPOUND = re.compile(
     rf"^(p|pr|press|pressure|druck|chamber|kammer)(\d*)({'|'.join(sorted(ASKED_FOR | READ, key=len, reverse=True))})(\d*)$"
 )
@@ -110,40 +55,24 @@ UNIT_WORDS = {
     "s": "sec secs second seconds sek sekunde sekunden secondes segundos", "ms": "msec millisecond milliseconds millisekunden",
     "us": "µs μs usec microsecond microseconds", "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados",
     "rad": "radian radians", "Pa": "pascal", "kPa": "kilopascal kpag kpa(g)", "bar": "barg bar(g)", "psi": "psig",
-    "g": "gram grams gramm", "kg": "kilogram kilograms", "N": "newton newtons", "mbar": "millibar", "hPa": "hektopascal", "in": "inch inches", "MPa": "megapascal", "Torr": "torr",
+    "g": "gram grams gramm", "kg": "kilogram kilograms", "N": "newton newtons", "mbar": "millibar", "hPa": "hektopascal",
+    "in": "inch inches", "MPa": "megapascal",
 }  # fmt: skip
 """Other ways in which units are written."""
 UNITS |= {word: UNITS[unit.casefold()] for unit, words in UNIT_WORDS.items() for word in words.split()}
 OTHER_UNIT_WORDS = """
 v mv uv ma a hz khz °c c k % 1 - -- – a.u. au n/a none n.u. frame frames sample samples # nm n·m n*m m/s mm/s rad/s deg/s °/s m/s²
-m/s^2 in/s ft inhg inh2o kgf lbf gf lb oz at kgf/cm² kgf/cm^2 kg/cm² kg/cm^2 °f °k g/s l/min ml/min sccm v/v bool boolean unitless px counts lsb s^-1 pa/s kpa/s bar/s ohm kohm nt ut mt gauss date iso8601
+m/s^2 in/s ft inhg inh2o kgf lbf gf lb oz at kgf/cm² kgf/cm^2 kg/cm² kg/cm^2 °f °k g/s l/min ml/min sccm
+v/v bool boolean unitless px counts lsb s^-1 pa/s kpa/s bar/s ohm kohm nt ut mt gauss date iso8601
 hh:mm:ss hh:mm:ss.000 date/time
 """
 OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | {""}
-UNSTATED = frozenset(
-    [
-        "1",
-        "-",
-        "--",
-        "–",
-        "a.u.",
-        "au",
-        "n/a",
-        "none",
-        "n.u.",
-        "frame",
-        "frames",
-        "sample",
-        "samples",
-        "#",
-        "date",
-        "iso8601",
-        "date/time",
-        "unitless",
-    ]
-) | {""}
-"""Those of them that say no unit."""
 """What else stands in a row of units."""
+UNSTATED_WORDS = """
+1 - -- – a.u. au n/a none n.u. frame frames sample samples # date iso8601 date/time unitless
+"""
+UNSTATED = frozenset(UNSTATED_WORDS.split()) | {""}
+"""Those of them that say no unit."""
 
 
 ELECTRIC = frozenset({"v", "mv", "ma", "a", "counts", "lsb"})

@@ -23,14 +23,12 @@ from .formats import KNOWN, RECORDING, read
 from .lever import lever_off
 from .map_file import AXES, Map, named, quantities
 from .plateaus import Cut, cuts
-from .quantities import Quantities, quantities_of
+from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
 from .series import Series
 
 Array = NDArray[np.float64]
 
-BETWEEN_FILES = 60.0
-"""s from the end of one file to the start of the next, where only each file's own time is known."""
 NO_PRESSURE = 2e3
 """Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
 FORCES = ("force_x", "force_y", "force_z")
@@ -117,7 +115,7 @@ def imported(
         if wanted.straight == "first row":
             q = _straightened(q, 0, straight, wanted.sensor)
         if number and ("t" not in wanted.columns and not absolute or q.t[0] < start):
-            q = replace(q, t=q.t - q.t[0] + start + BETWEEN_FILES)
+            q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
         trial = _trials(q, wanted)
         pushed = [q.others[name] for name in FORCES if name in q.others]
         own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)
@@ -244,11 +242,11 @@ def _trials(q: Quantities, wanted: Map) -> NDArray[np.int64]:
         named = _carried(q.others["trial"])
         order = {v: i for i, v in enumerate(dict.fromkeys(named.tolist()))}
         return np.array([order[v] for v in named.tolist()], np.int64)
-    if wanted.trials.begin != "rest":
-        return np.zeros(len(q.t), np.int64)
-    known = np.isfinite(q.pressures).all(axis=1)
-    resting = _carried(np.where(known, np.abs(q.pressures).max(axis=1) < wanted.trials.below, np.nan)) > 0
-    begins = resting & ~np.concatenate([[True], resting[:-1]])
+    begins = np.concatenate([[False], np.diff(q.run) > 0])
+    if wanted.trials.begin == "rest":
+        known = np.isfinite(q.pressures).all(axis=1)
+        resting = _carried(np.where(known, np.abs(q.pressures).max(axis=1) < wanted.trials.below, np.nan)) > 0
+        begins |= resting & ~np.concatenate([[True], resting[:-1]])
     return np.cumsum(begins).astype(np.int64)
 
 

@@ -50,7 +50,7 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     wide = [one for one in above if sum(map(bool, one[1])) >= max(1, FILLED * width)]
     units = named[source.units] if source.units else None
     if units is None:
-        found = [one for one in wide if one[0] != source.heading and _are_units(one[1])]
+        found = [one for one in wide if one[0] != source.heading and are_units(one[1])]
         others = [one for one in wide if one not in found]
         units = found[-1][1] if found and (others or source.heading) else None
     heads = [one for one in wide if one[1] is not units]
@@ -80,7 +80,8 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     return Head(names, frozenset(n for n, c in zip(names, cells, strict=False) if c), by_column, common)
 
 
-def _are_units(cells: Sequence[str]) -> bool:
+def are_units(cells: Sequence[str]) -> bool:
+    """Whether a line is one of units."""
     said = [c for c in cells if c]
     return bool(said) and any(unit_named(c) for c in said) and sum(map(is_unit, said)) > len(said) / 2
 
@@ -117,7 +118,7 @@ def _listed_units(text: str, width: int) -> list[str]:
     for way in (r"[;\t|]", r",", r"[\s,;|]+"):
         parts = [p.strip().strip('"') for p in re.split(way, rest.strip())]
         for cells in (parts, parts[1:]):
-            if len(cells) == width and _are_units(cells):
+            if len(cells) == width and are_units(cells):
                 return cells
     return []
 

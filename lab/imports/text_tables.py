@@ -23,7 +23,7 @@ from ..files.config import ConfigError
 from .columns import Judged, is_missing, judge, looks_like_value
 from .map_file import Source
 from .series import LARGEST, Series, of_judged
-from .table_head import Head, head_of
+from .table_head import Head, are_units, head_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,6 +42,8 @@ DATA_SHARE = 0.5
 MOST_ODD = 0.1
 """Of the lines of data that may have too many cells."""
 COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
+MOST_NAMED = 0.3
+"""Of the headings, from which on a line among the data that holds them is one of headings."""
 MOST_NOTED = 5
 """Lines left out that are named."""
 DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
@@ -79,6 +81,7 @@ def read_text(path: Path, source: Source) -> Series:
     head = head_of(
         path, [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])], frame.shape[1], source
     )
+    _demand_one_table(path, frame, records, data, first, head)
     kept = frame[data]
     lines = np.array([r.line for r, one in zip(records, data, strict=True) if one], np.int64)
     found = _columns(kept, head, source, separator)
@@ -86,7 +89,7 @@ def read_text(path: Path, source: Source) -> Series:
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
     made = of_judged(path, found, form)
-    return replace(made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=notes)
+    return replace(made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=(*notes, *made.notes))
 
 
 # ------------------------------------------------------------------ characters and lines
@@ -305,12 +308,34 @@ def _left_out(
         yield f"{len(odd) - MOST_NOTED} further lines are left out, the last one line {odd[-1][0].line}"
 
 
+def _demand_one_table(
+    path: Path, frame: pd.DataFrame, records: Sequence[Record], data: NDArray[np.bool_], first: int, head: Head
+) -> None:
+    """Raise ConfigError where other headings or units stand among the data: below them the columns are others."""
+    last = len(data) - int(np.argmax(data[::-1]))
+    for i in np.flatnonzero(~data[first:last]) + first:
+        cells = [" ".join(str(c).split()).strip('"') for c in frame.iloc[i]]
+        named = sum(c in head.stated for c in cells)
+        alike = sum(c == name for c, name in zip(cells, head.names, strict=True))
+        units = are_units(cells) and any(u != head.units.get(n, u) for u, n in zip(cells, head.names, strict=True))
+        told = max(1, int(MOST_NAMED * len(head.stated)))
+        if units or (named >= told and alike < sum(map(bool, cells)) and alike < len(head.stated)):
+            unlike = (c for c, n in zip(cells, head.names, strict=True) if c not in (n, head.units.get(n, "")))
+            other = next(unlike, records[i].text.strip())
+            raise ConfigError(
+                f"{path}, line {records[i].line}: says {other[:40]!r} and so begins another table than line "
+                f"{records[first].line}; write each table to a file of its own"
+            )
+
+
 # ------------------------------------------------------------------ columns
 def _columns(kept: pd.DataFrame, head: Head, source: Source, separator: str) -> dict[str, Judged]:
     """What each column holds; separators at the end of lines make none."""
     told = separator != "," or any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
+    commas = told and any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
     judged = {
-        name: judge(kept[k], source.missing, source.decimal, comma_splits=not told) for k, name in enumerate(head.names)
+        name: judge(kept[k], source.missing, source.decimal, comma_splits=not told, commas=commas)
+        for k, name in enumerate(head.names)
     }
     while len(judged) > 1 and (name := next(reversed(judged))) not in head.stated and _is_empty(judged[name].values):
         del judged[name]
