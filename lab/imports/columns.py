@@ -149,7 +149,8 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     values = np.where(np.isnan(values), np.array(cells.map(meanings), np.float64), values)
     open_ = np.array(cells.isin([w for w in words if w not in meanings]), bool)
     note = ""
-    if decimal is None and not comma_splits and not (commas and mark == ",") and with_commas and all(_is_grouped(w) for w in with_commas):
+    doubtful = decimal is None and not comma_splits and not (commas and mark == ",")
+    if doubtful and with_commas and all(map(_is_grouped, with_commas)):
         note = _of_thousands(with_commas[0], mark)
     if not open_.any():
         return Judged(values, unit, note=note)

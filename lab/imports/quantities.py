@@ -58,6 +58,8 @@ class Quantities:
     """By column, for all rows."""
     run: NDArray[np.int64]
     """(n,) of runs that follow each other in one file, from 0."""
+    row: NDArray[np.int64]
+    """(n,) in the file, from 0."""
     notes: tuple[str, ...] = ()
     """What is missing."""
 
@@ -67,7 +69,7 @@ class Quantities:
             self, t=self.t[rows], pressures=self.pressures[rows], tip=self.tip[rows],
             turn=None if self.turn is None else self.turn[rows], turned=self.turned[rows], markers=self.markers[rows],
             others={n: v[rows] for n, v in self.others.items()}, words={n: v[rows] for n, v in self.words.items()},
-            run=self.run[rows],
+            run=self.run[rows], row=self.row[rows],
         )  # fmt: skip
 
 
@@ -93,13 +95,14 @@ class _File:
 
 def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> Quantities:
     """Read a file by its map; raises ConfigError naming the column that is missing."""
-    values = {n: _number(series, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
+    notes: list[str] = []
+    values = {n: _number(series, n, c, notes) for n, c in wanted.columns.items() if n not in TEXTS}
     words = {n: _words(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
     pressures = np.column_stack([values.pop(p) if p in values else np.full(n, constants[p]) for p in chambers])
-    file = _File(series, at_rest(pressures), [])
+    file = _File(series, at_rest(pressures), notes)
     if "tip" in wanted.points:
         tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
@@ -111,7 +114,8 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
     t = _time(series, wanted) if stated is None else stated
     made = Quantities(
         series.path, t, pressures, tip, turn, turned,
-        np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants, np.zeros(n, np.int64),
+        np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
+        np.zeros(n, np.int64), np.arange(n),
     )  # fmt: skip
     if stated is not None:
         made = _in_order(_without_gaps(made, file), file)
@@ -127,7 +131,9 @@ def _without_gaps(q: Quantities, file: _File) -> Quantities:
         file.notes.append(f"{between} of {len(q.t)} rows have no time: taken as between their neighbours")
     if outside := len(q.t) - (inside.stop - inside.start):
         place = file.series.place(0 if inside.start else inside.stop)
-        file.notes.append(f"{outside} of {len(q.t)} rows stand before or behind all times (such as {place}) and are left out")
+        file.notes.append(
+            f"{outside} of {len(q.t)} rows stand before or behind all times (such as {place}) and are left out"
+        )
     return replace(q, t=np.interp(rows, known, q.t[known])).of(rows[inside])
 
 
@@ -143,15 +149,17 @@ def _in_order(q: Quantities, file: _File) -> Quantities:
     again = np.flatnonzero(steps < -max(LATE, 3 * float(np.median(steps[steps >= 0])))) + 1
     if len(again):
         from_, to = q.t[again[0] - 1], q.t[again[0]]
+        place = file.series.place(int(q.row[again[0]]))
         file.notes.append(
-            f"times begin again {len(again)} times, first in {file.series.place(int(again[0]))} ({from_:.6g} s to {to:.6g} s): "
+            f"times begin again {len(again)} times, first in {place} ({from_:.6g} s to {to:.6g} s): "
             f"each time another trial begins, {BETWEEN_RUNS:g} s later"
         )
         shifts = np.zeros(len(q.t))
         shifts[again] = BETWEEN_RUNS - steps[again - 1]
         q = replace(q, t=q.t + np.cumsum(shifts), run=np.searchsorted(again, np.arange(len(q.t)), side="right"))
     if late := int((np.diff(q.t) < 0).sum()):
-        file.notes.append(f"{late} rows are earlier than the row before (first in {file.series.place(first)}): put in order of time")
+        place = file.series.place(int(q.row[first]))
+        file.notes.append(f"{late} rows are earlier than the row before (first in {place}): put in order of time")
         q = q.of(np.argsort(q.t, kind="stable"))
     return q
 
@@ -169,11 +177,13 @@ def _time(series: Series, wanted: Map) -> Array:
     return np.arange(len(series), dtype=np.float64)
 
 
-def _number(series: Series, name: str, column: Column) -> Array:
+def _number(series: Series, name: str, column: Column, notes: list[str]) -> Array:
     place = f"columns.{name}"
     found = numbers(series, column.column, place)
     own = name_of(series, column.column, place)
     unit = column.unit or unit_in(series, own, unit_of(name), place)
+    if (said := unit_in(series, own, unit_of(name))) and said != unit:
+        notes.append(f"column {own!r}: the file says {said}, {place}.unit says {unit}, which is taken")
     one = factor(unit, name, f"{place}.unit")
     if name == "t":
         return seconds(found * column.scale, unit, one)

@@ -34,7 +34,8 @@ def name_of(series: Series, name: Name, place: str) -> str:
     if str(name) not in names:
         noted = f" ({'; '.join(series.notes)})" if series.notes else ""
         raise ConfigError(
-            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}{noted}"
+            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}{noted}; "
+            f"name another, for this file alone under files: {{{series.path.name!r}: {{columns: ..}}, '*': {{}}}}"
         )
     return str(name)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,8 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
 from .formats import KNOWN, RECORDING, read
-from .lever import lever_off
 from .map_file import AXES, Map, named, quantities
+from .places import Jump, jumps, lever_off, moves_within
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 NO_PRESSURE = 2e3
 """Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
 FORCES = ("force_x", "force_y", "force_z")
+MOST_JUMPS = 3
+"""Jumps of places that are told one by one."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -51,44 +54,71 @@ class _State:
     """One state, not numbered yet."""
 
     file: int
+    rows: slice
+    """Of the file's quantities."""
     group: int
     """Of states that were read one after the other: a trial."""
     row: TrialRow
     turn: Rotation | None
 
 
-def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Mapping[str, Any]]]:
-    """Files to read and what is constant in each: those given, or in a folder given those that the map names."""
-    out: list[tuple[Path, Mapping[str, Any]]] = []
-    shared = quantities(wanted.constants, "constants")
+def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
+    """Files to read and the map of each: those given, or in a folder given those that the map names, as people count them."""
+    out: list[tuple[Path, Map]] = []
     for path in given:
-        inside = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+        inside = sorted((p for p in path.iterdir() if p.is_file()), key=_counted) if path.is_dir() else [path]
         if path.is_dir() and not wanted.files:
             inside = [p for p in inside if p.suffix.lower() in KNOWN]
         for file in inside:
-            own = [quantities(v, f"files.{k}") for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
+            own = [v for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
             if wanted.files and not own:
                 if path.is_dir():
                     continue
-                raise ConfigError(f"{file}: no pattern of `files` in the map fits; there are {', '.join(wanted.files)}")
-            merged: dict[str, Any] = dict(shared)
-            for one in own:
-                merged |= one
-            out.append((file, merged))
+                patterns = ", ".join(wanted.files)
+                raise ConfigError(
+                    f"{file}: no pattern of `files` in the map fits; there are {patterns}; add {file.name!r} or '*'"
+                )
+            made = wanted.of_file(own)
+            if wrong := made.wrong_places():
+                raise ConfigError(f"{file}: the map of this file (files): {'; '.join(wrong)}")
+            out.append((file, made))
     if not out:
         raise ConfigError(f"{', '.join(map(str, given))}: holds no file that the map names")
     return out
 
 
-def _recordings(files: Sequence[tuple[Path, Mapping[str, Any]]]) -> list[tuple[tuple[Path, ...], Mapping[str, Any]]]:
+def _counted(path: Path) -> list[tuple[int, str]]:
+    """A key by which run2 comes before run10."""
+    parts = re.split(r"(\d+)", path.name.casefold())
+    return [(int(part[:18]), "") if part.isdecimal() else (0, part) for part in parts]
+
+
+def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
     """Files as they are read: recordings in the order of time, the parts of each together."""
-    bags = [file for file in files if file[0].suffix.lower() == RECORDING]
-    others = [((path,), constants) for path, constants in files if path.suffix.lower() != RECORDING]
+    bags = [(path, own) for path, own in files if path.suffix.lower() == RECORDING]
+    others = [((path,), own) for path, own in files if path.suffix.lower() != RECORDING]
     if len(bags) < 2:
-        return [*others, *(((path,), constants) for path, constants in bags)]
+        return [*others, *(((path,), own) for path, own in bags)]
     from .recording_topics import together
 
     return [*others, *together(bags)]
+
+
+def _read(
+    given: Sequence[Path], wanted: Map, progress: Callable[[float, float], None]
+) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
+    """Every file, in the order of time where all files tell the time since 1970, and notes."""
+    files, made = _recordings(files_of(given, wanted)), []
+    for number, (parts, own) in enumerate(files):
+        progress(number, len(files))
+        series = read(parts, own.source, named(own))
+        made.append((series, quantities_of(series, own, quantities(own.constants, "constants")), own))
+    notes = [f"{s.path.name}: {text}" for s, q, _ in made for text in (*s.notes, *q.notes)]
+    starts = [float(q.t[0]) for _, q, _ in made]
+    if min(starts) >= EPOCH[0] and starts != sorted(starts):
+        made.sort(key=lambda one: float(one[1].t[0]))
+        notes.append(f"files are read in the order of their times: {', '.join(s.path.name for s, _, _ in made)}")
+    return made, notes
 
 
 def imported(
@@ -101,20 +131,17 @@ def imported(
 
     Raises ConfigError.
     """
-    read_files, states, notes = [], [], []
+    every, notes = _read(given, wanted, progress)
+    read_files, states = [], []
     group, start, origin = 0, 0.0, 0.0
-    files = _recordings(files_of(given, wanted))
-    for number, (parts, constants) in enumerate(files):
-        progress(number, len(files))
-        path, series = parts[0], read(parts, wanted.source, named(wanted))
-        q = quantities_of(series, wanted, constants)
-        notes += [f"{path.name}: {text}" for text in (*series.notes, *q.notes)]
+    for number, (series, q, own_map) in enumerate(every):
+        path = series.path
         absolute = bool(q.t[0] >= EPOCH[0])
         origin = float(q.t[0]) if not number and absolute else origin
         q = replace(q, t=q.t - (origin if absolute else 0.0))
         if wanted.straight == "first row":
             q = _straightened(q, 0, straight, wanted.sensor)
-        if number and ("t" not in wanted.columns and not absolute or q.t[0] < start):
+        if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
         trial = _trials(q, wanted)
         pushed = [q.others[name] for name in FORCES if name in q.others]
@@ -122,6 +149,13 @@ def imported(
         each = wanted.trials.begin == "state" and "trial" not in q.others
         trials = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
         made = [_state(number, group + k, q, c) for k, c in zip(trials, own, strict=True)]
+        torn = {id(s): row for s in made if s is not None and (row := _torn(s, q, float(straight[2]))) is not None}
+        if torn:
+            place = series.place(int(q.row[next(iter(torn.values()))]))
+            notes.append(
+                f"{path.name}, {place}: a marker jumps within {len(torn)} states, which are left out: was it taken for another one?"
+            )
+        made = [s for s in made if id(s) not in torn]
         kept = [s for s in made if s is not None]
         if len(kept) < len(made):
             notes.append(
@@ -139,9 +173,10 @@ def imported(
         states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
     if wanted.forces == "tip":
         states = [_force_turned(s, wanted.frame.matrix) for s in states]
-    rows = _numbered(states, "repeat" in wanted.columns)
+    rows = _numbered(states, any("repeat" in own.columns for _, _, own in every))
     if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
         notes.append(_lever_note(wanted.sensor[2], *off))
+    notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every)
     _demand_mounted(rows)
     if wanted.stiffness is not None:
         rows += _pushes(rows, read_files, wanted)
@@ -171,6 +206,36 @@ def _why(wanted: Map, q: Quantities) -> str:
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
         f"(from row to row the median change is {jump:.3g} Pa): change states.plateaus"
     )
+
+
+def _torn(state: _State, q: Quantities, length: float) -> int | None:
+    """The row to which a place jumps within a state."""
+    row = moves_within(q.tip[state.rows], q.markers[state.rows], length)
+    return None if row is None else row + int(state.rows.start)
+
+
+def _jump_notes(
+    found: Sequence[Jump], states: Sequence[_State], files: Sequence[tuple[Series, Quantities, Map]]
+) -> Iterator[str]:
+    """What to ask about places that moved farther than the body can."""
+    exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
+    told = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
+    for jump in told[:MOST_JUMPS]:
+        series, q, _ = files[states[jump.state].file]
+        body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
+        what = (
+            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no pressure changes by more than "
+            f"{jump.pressure / 1e3:.3g} kPa, farther than the body can: was it taken for another marker, or was something moved?"
+            if jump.exchanged is None
+            else f"{body[jump.body]} and {body[jump.exchanged]} change places: were they exchanged?"
+        )
+        place = series.place(int(q.row[states[jump.state].rows.start]))
+        yield (
+            f"{series.path.name}, {place}: {what} If so, write these rows to a file of their own and name its columns under "
+            "files: {PATTERN: {columns: ..}}, or leave them out"
+        )
+    if len(told) > MOST_JUMPS:
+        yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
 
 
 def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
@@ -298,7 +363,7 @@ def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
         sd={n[3:]: v for n, v in cells.items() if n.startswith("sd_")},
         sensors={n: v for n, v in cells.items() if n.startswith("sensor_")},
     )  # fmt: skip
-    return _State(file, group, row, turn)
+    return _State(file, own, group, row, turn)
 
 
 def _numbered(states: Sequence[_State], repeats_told: bool) -> list[TrialRow]:

@@ -89,7 +89,13 @@ def read_text(path: Path, source: Source) -> Series:
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
     made = of_judged(path, found, form)
-    return replace(made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=(*notes, *made.notes))
+    return replace(
+        made,
+        units={**head.units, **made.units},
+        common_units=head.common_units,
+        lines=lines,
+        notes=(*notes, *made.notes),
+    )
 
 
 # ------------------------------------------------------------------ characters and lines
@@ -313,7 +319,7 @@ def _demand_one_table(
 ) -> None:
     """Raise ConfigError where other headings or units stand among the data: below them the columns are others."""
     last = len(data) - int(np.argmax(data[::-1]))
-    for i in np.flatnonzero(~data[first:last]) + first:
+    for i in (np.flatnonzero(~data[first:last]) + first).tolist():
         cells = [" ".join(str(c).split()).strip('"') for c in frame.iloc[i]]
         named = sum(c in head.stated for c in cells)
         alike = sum(c == name for c, name in zip(cells, head.names, strict=True))
