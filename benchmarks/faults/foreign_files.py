@@ -35,7 +35,7 @@ LABVIEW = (
     "LabVIEW Measurement\t\nSeparator\tTab\nDate\t2024/03/01\n***End_of_Header***\t\n\t\nChannels\t6\t\t\t\t\t\t\t\n"
 )
 MOTIVE = (
-    "Format Version,1.23,Take Name,Take 1,Capture Frame Rate,25.0,Rotation Type,Quaternion,Length Units,Millimeters\n\n"
+    "Format Version,1.23,Take Name,Take 1,Capture Frame Rate,2.5,Rotation Type,Quaternion,Length Units,Millimeters\n\n"
 )
 
 
@@ -45,10 +45,10 @@ def binary_files(folder: Path) -> dict[str, bytes]:
     import pandas as pd
     from scipy.io import savemat
 
-    rows = np.array(sweep(6, 0.2))
+    rows = np.array(sweep(3, 0.4))
     savemat(folder / "t.mat", {"t": rows[:, :1], "p": rows[:, 1:4], "log": {"tip": rows[:, 4:], "by": "Anna"}})
     pd.DataFrame(rows, columns=list(HEADINGS)).to_parquet(folder / "t.parquet")
-    writer = c3d.Writer(point_rate=25.0, analog_rate=25.0, point_scale=-1.0, point_units="mm  ")
+    writer = c3d.Writer(point_rate=2.5, analog_rate=2.5, point_scale=-1.0, point_units="mm  ")
     writer.set_point_labels(["Tip"])
     writer.set_analog_labels(["Pressure1", "Pressure2", "Pressure3"])
     for row in rows:
@@ -61,7 +61,7 @@ def binary_files(folder: Path) -> dict[str, bytes]:
 
 def text_tables() -> dict[str, bytes]:
     """Sound text tables by the name of their file."""
-    rows = sweep(6, 0.2)
+    rows = sweep(3, 0.4)
     german = ["Zeit [s]", *(f"Druck {i} [kPa]" for i in (1, 2, 3)), *(f"Spitze {a} [mm]" for a in "XYZ")]
     body = [*(f"Rotation {a}" for a in "XYZW"), *(f"Position {a}" for a in "XYZ")]
     motive = [
@@ -70,14 +70,14 @@ def text_tables() -> dict[str, bytes]:
         ["Frame", "Time", *(b[-1] for b in body)],
     ]
     pose = text(rows, headings=(), change=lambda k, c: [str(k), c[0], "0", "0", "0", "1", *c[4:]])
-    vicon = "Trajectories\n25\n,,,,,Rig:Tip,,\nFrame,Time,P1,P2,P3,X,Y,Z\n,s,kPa,kPa,kPa,mm,mm,mm\n"
+    vicon = "Trajectories\n2.5\n,,,,,Rig:Tip,,\nFrame,Time,P1,P2,P3,X,Y,Z\n,s,kPa,kPa,kPa,mm,mm,mm\n"
     return {
         "spreadsheet.csv": ("Ger\xe4t;7\n" + text(rows, ";", german, lambda k, c: comma(c, *range(7)))).encode("latin-1"),
         "units.csv": (",".join(BARE) + "\n" + text(rows, ",", UNITS) + "END\n").encode(),
         "labview.lvm": (LABVIEW + text(rows, "\t", [*HEADINGS, "Comment"])).encode(),
         "motive.csv": (MOTIVE + "".join(",".join(line) + "\n" for line in motive) + pose).encode(),
         "vicon.csv": (vicon + text(rows, headings=(), change=lambda k, c: [str(k), *c])).encode(),
-        "log.csv": text(rows, headings=["stamp", *BARE[1:]], change=lambda k, c: [str(EPOCH * 1000 + 200 * k), *c[1:]]).encode(),
+        "log.csv": text(rows, headings=["stamp", *BARE[1:]], change=lambda k, c: [str(EPOCH * 1000 + 400 * k), *c[1:]]).encode(),
         "wide.txt": text(rows, "\t", change=lambda k, c: c if k % 9 else [*c[:4], "n/a", "--", ""]).encode("utf-16"),
     }  # fmt: skip
 

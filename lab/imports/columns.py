@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -102,6 +103,7 @@ def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:
     return value if np.isfinite(value) else None
 
 
+@lru_cache(maxsize=10_000)
 def looks_like_value(word: str) -> bool:
     """Whether a cell is a number with any decimal mark, one with a unit, or a time."""
     word = word.strip()

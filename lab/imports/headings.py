@@ -21,7 +21,21 @@ WORDS = {
 }
 """Words of a heading by column of trials.csv."""
 PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
-PRESSURE_WORDS = frozenset(["p", "pressure", "pressures", "druck", "chamber", "kammer", "press", "presion"])
+PRESSURE_WORDS = frozenset(
+    [
+        "p",
+        "pressure",
+        "pressures",
+        "druck",
+        "chamber",
+        "kammer",
+        "press",
+        "presion",
+        "regulator",
+        "regulators",
+        "regler",
+    ]
+)
 ASKED_FOR_WORDS = """
 set setpoint setpoints setpt sp soll sollwert cmd command commanded target desired ref reference des goal demand
 demanded requested req consigne vorgabe consigna input

@@ -117,6 +117,11 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
         np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
         np.zeros(n, np.int64), np.arange(n),
     )  # fmt: skip
+    for what, values_of in (("pressure", pressures), ("tip", tip)):
+        gone = ~np.isfinite(values_of).all(axis=1)
+        if gone.any():
+            first = series.place(int(np.argmax(gone)))
+            notes.append(f"{int(gone.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
     if stated is not None:
         made = _in_order(_without_gaps(made, file), file)
     return replace(made, notes=tuple(dict.fromkeys(file.notes)))

@@ -153,7 +153,7 @@ def imported(
         if torn:
             place = series.place(int(q.row[next(iter(torn.values()))]))
             notes.append(
-                f"{path.name}, {place}: a marker jumps within {len(torn)} states, which are left out: was it taken for another one?"
+                f"{path.name}, {place}: a marker jumps within {len(torn)} states, which are left out: was it taken for another?"
             )
         made = [s for s in made if id(s) not in torn]
         kept = [s for s in made if s is not None]

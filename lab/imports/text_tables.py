@@ -21,6 +21,7 @@ from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from .columns import Judged, is_missing, judge, looks_like_value
+from .headings import heading, unit_named
 from .map_file import Source
 from .series import LARGEST, Series, of_judged
 from .table_head import Head, are_units, head_of
@@ -32,7 +33,7 @@ SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
 BLANKS = 1.2
 """Times the points of another separator by which blanks, of which a tab is one, must split the lines better."""
-SAMPLE = 400
+SAMPLE = 100
 """Lines by which separator and width are judged."""
 LONGEST_CELL = 20
 """Lines that one cell in quotation marks may have."""
@@ -314,19 +315,26 @@ def _left_out(
         yield f"{len(odd) - MOST_NOTED} further lines are left out, the last one line {odd[-1][0].line}"
 
 
+def _unit(cell: str) -> str:
+    """The unit that a cell of a line of units names; empty where it names none of this software."""
+    return (unit_named(cell) or ("", ""))[1]
+
+
 def _demand_one_table(
     path: Path, frame: pd.DataFrame, records: Sequence[Record], data: NDArray[np.bool_], first: int, head: Head
 ) -> None:
     """Raise ConfigError where other headings or units stand among the data: below them the columns are others."""
+    said = {n: head.units.get(n) or heading(n).unit for n in head.names}
     last = len(data) - int(np.argmax(data[::-1]))
     for i in (np.flatnonzero(~data[first:last]) + first).tolist():
         cells = [" ".join(str(c).split()).strip('"') for c in frame.iloc[i]]
         named = sum(c in head.stated for c in cells)
         alike = sum(c == name for c, name in zip(cells, head.names, strict=True))
-        units = are_units(cells) and any(u != head.units.get(n, u) for u, n in zip(cells, head.names, strict=True))
+        pairs = [(_unit(c), said[n]) for c, n in zip(cells, head.names, strict=True)]
+        units = are_units(cells) and any(one and other and one != other for one, other in pairs)
         told = max(1, int(MOST_NAMED * len(head.stated)))
         if units or (named >= told and alike < sum(map(bool, cells)) and alike < len(head.stated)):
-            unlike = (c for c, n in zip(cells, head.names, strict=True) if c not in (n, head.units.get(n, "")))
+            unlike = (c for c, n in zip(cells, head.names, strict=True) if c and c != n and _unit(c) != said[n])
             other = next(unlike, records[i].text.strip())
             raise ConfigError(
                 f"{path}, line {records[i].line}: says {other[:40]!r} and so begins another table than line "

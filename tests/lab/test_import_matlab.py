@@ -13,7 +13,7 @@ import pytest
 from scipy.io import savemat
 from test_import_tables import ROBOT, guessed
 
-from benchmarks.faults.foreign_tables import STATES, sweep
+from benchmarks.faults.foreign_tables import HEADINGS, STATES, sweep
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.map_file import Source, load_map
@@ -106,3 +106,18 @@ def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
         ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells that hold more"
     ):
         read(tmp_path / "run.mat", Source())
+
+
+def test_a_cell_table_and_a_matrix_with_names_are_read_by_column(tmp_path: Path) -> None:
+    rows = np.array(sweep())
+    cells = np.empty((len(rows) + 1, 7), object)
+    cells[0], cells[1:] = list(HEADINGS), rows
+    savemat(tmp_path / "a.mat", {"C": cells})
+    savemat(tmp_path / "b.mat", {"M": rows, "names": np.array(HEADINGS, object)})
+    savemat(tmp_path / "c.mat", {"C": cells[1:]})
+    for name, label in (("a", "C"), ("b", "M")):
+        series = read(tmp_path / f"{name}.mat", Source())
+        assert series.names == tuple(f"{label}.{h}" for h in HEADINGS) and len(series) == len(rows)
+        assert series.numbers[f"{label}.Tip Z [mm]"] == pytest.approx(rows[:, 6])
+    series = read(tmp_path / "c.mat", Source())
+    assert series.names == tuple(f"C.{k}" for k in range(1, 8)) and series.numbers["C.7"] == pytest.approx(rows[:, 6])
