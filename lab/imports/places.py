@@ -108,7 +108,9 @@ def jumps(rows: Sequence[TrialRow], length: float) -> Iterator[Jump]:
     moved = np.linalg.norm(places[b] - places[a], axis=2)
     changed = np.abs(pressures[b] - pressures[a]).max(axis=1)
     telling = changed > CHANGED * max(float(np.ptp(pressures)), 1e-9)
-    found = []
+    found: list[Jump] = []
+    if not telling.any():  # nothing says how far pressures move the body
+        return
     for body in range(places.shape[1]):
         seen = telling & np.isfinite(moved[:, body])
         usual = float(np.percentile(moved[seen, body] / changed[seen], USUAL)) if seen.any() else 0.0

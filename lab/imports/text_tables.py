@@ -24,7 +24,7 @@ from .columns import Judged, is_missing, judge, looks_like_value
 from .headings import heading, unit_named
 from .map_file import Source
 from .series import LARGEST, Series, of_judged
-from .table_head import Head, are_units, head_of
+from .table_head import MOTIVE, Head, are_units, head_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,8 +49,6 @@ MOST_NOTED = 5
 """Lines left out that are named."""
 DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
 """A number whose comma stands between no thousands."""
-MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
-"""Begin of the files that Motive exports."""
 END_OF_HEADER = "***End_of_Header***"
 """Line of LabVIEW's measurement files (.lvm)."""
 BINARY = 0.1
