@@ -140,3 +140,13 @@ def moves_within(tip: Array, markers: Array, length: float) -> int | None:
         if len(steps) and steps.max() > STILL * length:
             return int(seen[int(np.argmax(steps)) + 1])
     return None
+
+
+def strays(tip: Array, markers: Array, length: float) -> NDArray[np.bool_]:
+    """(n,) rows of a state within which a place jumps that hold it far from where most rows do."""
+    out = np.zeros(len(tip), bool)
+    for place in (tip, *np.swapaxes(markers, 0, 1)):
+        seen = place[np.isfinite(place).all(axis=1)]
+        if len(seen):
+            out |= np.linalg.norm(place - np.median(seen, axis=0), axis=1) > STILL * length / 2
+    return out

@@ -22,7 +22,7 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 from ..files.config import ConfigError
 from .formats import KNOWN, RECORDING, read
 from .map_file import AXES, Map, named, quantities
-from .places import Jump, jumps, lever_off, moves_within
+from .places import Jump, jumps, lever_off, moves_within, strays
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 NO_PRESSURE = 2e3
 """Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
 FORCES = ("force_x", "force_y", "force_z")
+MOST_STRAYS = 0.2
+"""Of the rows of a state that may hold a place elsewhere."""
 MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
@@ -148,14 +150,8 @@ def imported(
         own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)
         each = wanted.trials.begin == "state" and "trial" not in q.others
         trials = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
-        made = [_state(number, group + k, q, c) for k, c in zip(trials, own, strict=True)]
-        torn = {id(s): row for s in made if s is not None and (row := _torn(s, q, float(straight[2]))) is not None}
-        if torn:
-            place = series.place(int(q.row[next(iter(torn.values()))]))
-            notes.append(
-                f"{path.name}, {place}: a marker jumps within {len(torn)} states, which are left out: was it taken for another?"
-            )
-        made = [s for s in made if id(s) not in torn]
+        q, torn = _without_strays(q, own, float(straight[2]), series, notes)
+        made = [_state(number, group + k, q, c) for k, c in zip(trials, own, strict=True) if c not in torn]
         kept = [s for s in made if s is not None]
         if len(kept) < len(made):
             notes.append(
@@ -208,10 +204,29 @@ def _why(wanted: Map, q: Quantities) -> str:
     )
 
 
-def _torn(state: _State, q: Quantities, length: float) -> int | None:
-    """The row to which a place jumps within a state."""
-    row = moves_within(q.tip[state.rows], q.markers[state.rows], length)
-    return None if row is None else row + int(state.rows.start)
+def _without_strays(
+    q: Quantities, states: Sequence[Cut], length: float, series: Series, notes: list[str]
+) -> tuple[Quantities, list[Cut]]:
+    """The same without places that jump within a state and back, and the states whose places are two."""
+    tip, markers, torn, stray, first = q.tip.copy(), q.markers.copy(), [], 0, None
+    for cut in states:
+        own = cut.rows
+        row = moves_within(tip[own], markers[own], length)
+        if row is None:
+            continue
+        first = row + own.start if first is None else first
+        rows = np.flatnonzero(strays(tip[own], markers[own], length)) + own.start
+        if len(rows) > MOST_STRAYS * (own.stop - own.start):
+            torn.append(cut)
+            continue
+        tip[rows], markers[rows] = np.nan, np.nan
+        stray += len(rows)
+    if first is not None:
+        notes.append(
+            f"{series.path.name}, {series.place(int(q.row[first]))}: a marker jumps within a state: was it taken for another? "
+            f"{stray} rows and {len(torn)} states are left out"
+        )
+    return replace(q, tip=tip, markers=markers), torn
 
 
 def _jump_notes(

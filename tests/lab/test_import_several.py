@@ -11,7 +11,7 @@ import pytest
 import yaml
 from test_import_tables import ROBOT, guessed
 
-from benchmarks.faults.foreign_tables import STATES, sweep, text
+from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from lab.cli import main
 from lab.files.config import ConfigError, load
 from lab.imports.map_file import load_map
@@ -91,9 +91,21 @@ def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: 
 def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) -> None:
     content = text(MANY, headings=NAMES, change=lambda k, c: (with_middle if k < 500 else exchanged)(k, c))
     made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
-    assert any("a.csv, line 502: a marker jumps within 1 states, which are left out" in n for n in made.notes)
+    assert any(
+        "a.csv, line 502: a marker jumps within a state" in n and "0 rows and 1 states are left out" in n
+        for n in made.notes
+    )
     z = tips(made)[:, 2]
     assert ((z > 138) | (z < 76)).all()
+
+
+def test_a_row_in_which_a_marker_jumps_and_comes_back_is_left_out_of_its_state(tmp_path: Path) -> None:
+    content = text(MANY, headings=NAMES, change=lambda k, c: (exchanged if k % 50 == 27 else with_middle)(k, c))
+    made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
+    assert len(made.table) == PLATEAUS and tips(made)[:, 2].min() > 144
+    assert any(
+        "a.csv, line 29: a marker jumps within a state" in n and " and 0 states are left out" in n for n in made.notes
+    )
 
 
 # ------------------------------------------------------------------ several files
