@@ -43,7 +43,7 @@ demanded requested req consigne vorgabe consigna input
 ASKED_FOR = frozenset(ASKED_FOR_WORDS.split())
 OTHER_PRESSURES_WORDS = """
 supply reservoir tank source vacuum vakuum ambient atmosphere atmospheric barometric baro inlet compressor versorgung
-umgebung jamming
+umgebung jamming layout offset stamp stride status
 """
 OTHER_PRESSURES = frozenset(OTHER_PRESSURES_WORDS.split())
 """Words of pressures that are none of a chamber."""

@@ -272,6 +272,7 @@ def test_numbers_that_nobody_measures_are_missing(tmp_path: Path) -> None:
         ("Temp1 [°C]", None), ("Step1", None), ("Supply pressure 1 (bar)", None), ("Flow P1 [l/min]", None), ("pSet2", 2),
         ("p[1]", 1),
         ("P3 (mmHg)", 3), ("Regulator 2 [kPa]", 2), ("Druck2_Soll", 2),
+        ("/regulators/measured.layout.data_offset", None), ("/regulators/measured.data.2", 2),
     ],
 )  # fmt: skip
 def test_headings_of_chambers(name: str, number_of: int | None) -> None:
