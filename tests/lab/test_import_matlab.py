@@ -121,3 +121,16 @@ def test_a_cell_table_and_a_matrix_with_names_are_read_by_column(tmp_path: Path)
         assert series.numbers[f"{label}.Tip Z [mm]"] == pytest.approx(rows[:, 6])
     series = read(tmp_path / "c.mat", Source())
     assert series.names == tuple(f"C.{k}" for k in range(1, 8)) and series.numbers["C.7"] == pytest.approx(rows[:, 6])
+
+
+def test_a_file_with_elements_of_no_kind_is_refused_and_does_not_end_the_process(tmp_path: Path) -> None:
+    for compressed in (False, True):
+        savemat(tmp_path / "a.mat", {"p": PRESSURES, "log": {"tip": TIP}}, do_compression=compressed)
+        data = (tmp_path / "a.mat").read_bytes()
+        assert len(read(tmp_path / "a.mat", Source())) == STATES
+        for kind in (8, 10, 99):
+            at = 132 if compressed else data.index((9).to_bytes(4, "little"), 180)
+            wrong = data[: at - 4 * compressed] + kind.to_bytes(4, "little") + data[at + 4 - 4 * compressed :]
+            (tmp_path / "a.mat").write_bytes(wrong)
+            with pytest.raises(ConfigError, match=f"is not a MATLAB file .*an element of kind {kind}"):
+                read(tmp_path / "a.mat", Source())
