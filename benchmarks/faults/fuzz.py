@@ -51,6 +51,7 @@ from recordings.file.recover import recover
 from recordings.file.verify import verify
 
 from . import hostile_mcap
+from .foreign_files import foreign_tables
 from .text_files import (
     CAMPAIGN,
     CAMPAIGN_JOURNAL,
@@ -159,6 +160,7 @@ def small_files(folder: Path) -> dict[str, Go]:
         "rounds.json": file("rounds.json", ROUNDS, lambda p: read_answer(p, "1")),
         "sealed truth": sealed,
         "index of recordings": shelf,
+        "tables of others": foreign_tables(folder),
     }  # fmt: skip
 
 

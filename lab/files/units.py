@@ -6,7 +6,7 @@ import math
 import re
 
 KINDS: dict[str, dict[str, float]] = {
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "Pa": {
         "Pa": 1.0,
         "hPa": 1e2,
@@ -15,6 +15,10 @@ KINDS: dict[str, dict[str, float]] = {
         "bar": 1e5,
         "MPa": 1e6,
         "psi": 6894.757293168,
+        "atm": 101_325.0,
+        "mmHg": 133.322387415,
+        "Torr": 101_325.0 / 760,
+        "cmH2O": 98.0665,
         "N/cm^2": 1e4,
     },
     "Pa/s": {"Pa/s": 1.0, "kPa/s": 1e3, "bar/s": 1e5},

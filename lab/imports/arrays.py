@@ -52,14 +52,21 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
                 f"{name}: [trial, time, point, axis]"
             )
         raise ConfigError(f"{path}: holds no table of numbers" + (f"; not read: {', '.join(left)}" if left else ""))
-    rows = _rows([*arrays.values(), *(part.values for part in judged.values())])
+    numbers = [part.values for part in judged.values() if part.values.dtype.kind == "f"]
+    rows = _rows([*arrays.values(), *numbers] or [part.values for part in judged.values()])
+    named = {
+        len(p.values): p.values.tolist()
+        for p in judged.values()
+        if p.values.dtype.kind == "U" and len(p.values) != rows
+    }
+    headed = [n for a in arrays.values() if a.ndim == 2 for n in named if n in a.shape]
     columns: dict[str, Judged] = {}
     told = list(notes)
     for label, part in [(label, part) for label, part in parts if label in arrays or label in judged]:
         if isinstance(part, Judged):
             if len(part.values) == rows:
                 columns[label] = part
-            else:
+            elif part.values.dtype.kind == "f" or len(part.values) not in headed:
                 left.append(f"{label} ({len(part.values)} instead of {rows} rows)")
             continue
         assert isinstance(part, np.ndarray)
@@ -72,10 +79,14 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
             left.append(f"{label} ({len(part)} instead of {rows} rows)")
             continue
         for k, column in enumerate(np.atleast_2d(part.T), 1):
-            columns[str(k) if source.variable else label if part.ndim == 1 else f"{label}.{k}"] = Judged(column)
+            heading = k if part.ndim == 1 or part.shape[1] not in named else named[part.shape[1]][k - 1] or k
+            columns[str(heading) if source.variable else label if part.ndim == 1 else f"{label}.{heading}"] = Judged(
+                column
+            )
     if left:
         told.append(f"not read: {', '.join(left)}")
-    return replace(of_judged(path, columns, form), notes=tuple(told))
+    made = of_judged(path, columns, form)
+    return replace(made, notes=(*told, *made.notes))
 
 
 def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | Judged | str]]:
@@ -106,6 +117,11 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
         yield name, array if array.size > 1 else "one number" if array.size else "empty"
     elif array.dtype.kind in "Mm":
         yield name, of_frame(pd.Series(array.reshape(-1)))
+    elif array.dtype.kind == "O" and array.ndim == 2 and min(array.shape) > 1:
+        above = [np.asarray(cell).squeeze() for cell in array[0]]
+        named = all(a.dtype.kind == "U" and a.size == 1 for a in above)
+        for k, cells in enumerate(array[named:].T):
+            yield f"{name}.{above[k] if named else k + 1}", _cells(cells)
     elif array.dtype.kind == "O" and array.size > 1:
         yield name, _cells(array.reshape(-1))
     elif array.dtype.kind == "U" and array.size > 1:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,12 +29,14 @@ MISSING = frozenset(MISSING_WORDS.split()) | {
     "not available", "not visible", "no data", "out of range", "not a number", "not tracked", "not measured", "no signal",
 }  # fmt: skip
 """Words for a value that was not measured, in lower case; more in `source.missing`."""
-FILLERS = frozenset(
-    [s * float(n) for n in (999, 9999, 99999, 999999, 9999999) for s in (1, -1)] + [-1e30, 1e30, -1e31, 1e31]
-)
+FILLERS = frozenset([s * float(n) for n in (999, 9999, 99999, 999999, 9999999) for s in (1, -1)])
 """Numbers that programs write where nothing was measured."""
+BEYOND = 1e25
+"""Numbers from here on are none that anybody measured; ns since 1970 are below."""
 FILLER_SHARE = 0.1
 """Of a filler, below which all other numbers of its column lie."""
+WRITTEN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00a0": " ", "\u202f": " "})
+"""How minus signs and blanks are written besides."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:([.,' ’])\d{3})(?:\1\d{3})*(?=$|[.,]\d*$)")
 """A number with marks between its thousands."""
 PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?")
@@ -66,6 +69,8 @@ class Judged:
     unit: str = ""
     """Written behind each number, or s for times of day and dates."""
     strange: Strange | None = None
+    note: str = ""
+    """What was taken for granted."""
 
 
 def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
@@ -76,7 +81,15 @@ def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
 
 def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:
     """The number that a cell with this decimal mark holds; None where it is none."""
-    text = word.replace("\u2212", "-").replace("\u00a0", " ").replace("\u202f", " ").strip().strip("'=\"").strip()
+    text = (
+        word.replace("\u2212", "-")
+        .replace("\u2013", "-")
+        .replace("\u00a0", " ")
+        .replace("\u202f", " ")
+        .strip()
+        .strip("'=\"")
+        .strip()
+    )
     found = GROUPED.match(text) if grouped or " " in text or "'" in text or "’" in text else None
     if found and found[1] != mark:
         text = text.replace(found[1], "")
@@ -90,6 +103,7 @@ def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:
     return value if np.isfinite(value) else None
 
 
+@lru_cache(maxsize=10_000)
 def looks_like_value(word: str) -> bool:
     """Whether a cell is a number with any decimal mark, one with a unit, or a time."""
     word = word.strip()
@@ -101,10 +115,11 @@ def looks_like_value(word: str) -> bool:
 
 
 def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: str | None = None, *,
-          comma_splits: bool = False) -> Judged:  # fmt: skip
+          comma_splits: bool = False, commas: bool = False) -> Judged:  # fmt: skip
     """Numbers where most cells that hold something are numbers, else times, else words.
 
-    `decimal` decides where commas and points both occur; `comma_splits`: commas separate columns, and none is a decimal mark.
+    `decimal` decides where commas and points both occur; `comma_splits`: commas separate columns, and none is a decimal mark;
+    `commas`: another column of the file has decimal commas.
     """
     import pandas as pd
 
@@ -114,10 +129,17 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     values[~np.isfinite(values)] = np.nan
     open_ = np.isnan(values) & filled
     words = [w for w in map(str, pd.unique(cells[open_])) if not is_missing(w, missing)]
+    plain = [str(w) for w in pd.unique(cells[~open_ & filled])]
     if not words:
+        dotted = [w for w in plain if "." in w]
+        if decimal != "." and (decimal or commas) and dotted and _in_thousands(dotted, plain):
+            values = np.array(cells.map({w: number(w, ",", True) for w in plain}), np.float64)
+            return Judged(values, note=_of_thousands(dotted[0], ","))
         return Judged(values)
-    points = "." in "".join(cells[~open_].head(SAMPLE))
-    mark, grouped = _marks(words, points, decimal, comma_splits)
+    points = any("." in w for w in plain)
+    with_commas = [w for w in words if "," in w]
+    thousands = decimal is None and not points and _in_thousands(with_commas, plain)
+    mark, grouped = _marks(words, points, "." if thousands else decimal, comma_splits)
     if mark == "," and grouped:  # points stand between thousands: "1.234" is no fraction here
         values[:], again = np.nan, [str(w) for w in pd.unique(cells)]
     else:
@@ -128,20 +150,25 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
         unit, meanings = _with_unit(words)
     values = np.where(np.isnan(values), np.array(cells.map(meanings), np.float64), values)
     open_ = np.array(cells.isin([w for w in words if w not in meanings]), bool)
+    note = ""
+    doubtful = decimal is None and not comma_splits and not (commas and mark == ",")
+    if doubtful and with_commas and all(map(_is_grouped, with_commas)):
+        note = _of_thousands(with_commas[0], mark)
     if not open_.any():
-        return Judged(values, unit)
+        return Judged(values, unit, note=note)
     if open_.sum() >= np.isfinite(values).sum():
         times = _times(cells, words)
         return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")
     found = tuple(dict.fromkeys(map(str, cells[open_].head(SAMPLE))))[:MOST_WORDS]
-    return Judged(values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum())))
+    return Judged(values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum())), note)
 
 
 def without_fillers(values: Array, missing: Sequence[str | float] = ()) -> tuple[Array, dict[float, int]]:
     """A column without numbers that stand for nothing, and how many of each there were."""
     declared = [v for m in missing if (v := number(str(m))) is not None]
     size = np.abs(values)
-    found: dict[float, int] = {}
+    found = {float(v): int((values == v).sum()) for v in np.unique(values[size >= BEYOND])[:MOST_WORDS]}
+    values = np.where(size >= BEYOND, np.nan, values)
     for one in {*declared, *FILLERS}:
         at = values == one
         if not at.any():
@@ -170,6 +197,23 @@ def of_frame(cells: pd.Series[Any], missing: Sequence[str | float] = ()) -> Judg
 
 
 # ------------------------------------------------------------------ decimal marks
+def _is_grouped(word: str) -> bool:
+    """Whether a mark stands where one of thousands would."""
+    found = GROUPED.fullmatch(word)
+    return found is not None and found[1] in ",."
+
+
+def _in_thousands(marked: Sequence[str], plain: Sequence[str]) -> bool:
+    """Whether all marks stand where those of thousands would, beside whole numbers below 1000 that need none."""
+    small = any(re.fullmatch(r"[-+]?\d{1,3}", w) for w in plain)
+    return bool(marked) and small and all(map(_is_grouped, marked))
+
+
+def _of_thousands(word: str, mark: str) -> str:
+    value, other = number(word, mark, True), {",": ".", ".": ","}[mark]
+    return f"{word!r} is read as {value:.10g}; if it is another number write source: {{decimal: '{other}'}}"
+
+
 def _marks(words: Sequence[str], points: bool, decimal: str | None, comma_splits: bool) -> tuple[str, bool]:
     """The decimal mark of a column, and whether the other mark stands between thousands; `points`: numbers have points."""
     if both := [w for w in words if "," in w and "." in w]:
@@ -177,7 +221,7 @@ def _marks(words: Sequence[str], points: bool, decimal: str | None, comma_splits
     commas = [w for w in words if "," in w]
     if not commas:
         return ".", False
-    thousands = all((found := GROUPED.match(w)) and found[1] == "," and found.end() == len(w) for w in commas)
+    thousands = all(map(_is_grouped, commas))
     told = points or comma_splits or any(w.count(",") > 1 for w in commas)
     if decimal == "." or (decimal is None and thousands and told):
         return ".", True

@@ -31,7 +31,9 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
     else:
         reader = READERS.get(path.suffix.lower())
         if reader is None:
-            raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}")
+            raise ConfigError(
+                f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}; export it as CSV"
+            )
         found = reader(path, source)
     found = cleaned(found, source.missing)
     if not len(found):
@@ -52,9 +54,8 @@ def _parquet(path: Path, source: Source) -> Series:
 
 
 READERS: Mapping[str, Callable[[Path, Source], Series]] = {
-    ".csv": read_text, ".tsv": read_text, ".txt": read_text, ".dat": read_text, ".mat": read_matlab, ".npz": read_numpy,
-    ".npy": read_numpy,
-    ".c3d": read_c3d, ".parquet": _parquet,
+    ".csv": read_text, ".tsv": read_text, ".txt": read_text, ".dat": read_text, ".lvm": read_text, ".log": read_text,
+    ".asc": read_text, ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": read_c3d, ".parquet": _parquet,
 }  # fmt: skip
 """By ending."""
 RECORDING = ".mcap"

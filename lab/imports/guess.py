@@ -14,8 +14,9 @@ from recordings.trials import unit_of
 from ..files.config import ConfigError
 from ..files.units import KINDS
 from .columns import is_missing
-from .guess_tip import guess_angles, guess_quaternion, guess_tip
+from .guess_tip import guess_angles, guess_quaternion, guess_tip, proposed_pressures
 from .headings import (
+    ELECTRIC,
     WORDS_OF_BRANCH,
     Heading,
     chamber,
@@ -38,8 +39,10 @@ AT_AMBIENT = 0.05
 STEADY = 0.02
 """Of the highest pressure, within which a plateau stands."""
 MOTION_CAPTURE = ("Motive", "C3D")
-ELECTRIC = frozenset({"V", "mV", "mA", "A"})
-"""Units of sensors that nobody has scaled."""
+LONG_STEP, MANY = 5.0, 200
+"""Step and number of rows from which on times without a unit are not in s."""
+STEPS = {"ms": 5e3, "us": 5e6}
+"""Step below which such times are in this unit."""
 FEW = 5
 """Rows of the same pressure, on average, from which on a file is a time series."""
 
@@ -79,6 +82,10 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     read = {name: n for name, n in found.items() if not by[name].asked_for}
     chosen = read or found
     names = sorted(chosen, key=lambda name: chosen[name])
+    first = {chosen[name]: name for name in reversed(names)}
+    numbered = len(first) >= len(robot.actuators.azimuths_deg)
+    again = [name for name in names if numbered and first[chosen[name]] != name]
+    names = [name for name in names if name not in again]
     wanted = len(robot.actuators.azimuths_deg)
     if not names:
         if wanted == 1:
@@ -100,19 +107,28 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             f"{series.path}: no heading names a pressure (p1, P2 [kPa], pressure_3 ..); there are "
             f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
         )
-    values = np.column_stack([series.numbers[n] for n in names])
-    unit, why, absolute = _pressure_unit(values, by[names[0]], series)
-    electric = sorted({series.units.get(n, "") for n in names} & ELECTRIC)
+    units = _pressure_units(series, [by[n] for n in names])
+    electric = sorted({by[n].stated for n in names if by[n].stated.casefold() in ELECTRIC})
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours
         own = names[k * len(names) // wanted] if len(names) <= wanted else names[k]
+        unit, why, absolute = units[own]
         entry: dict[str, Any] = {"column": own, "unit": unit}
         if absolute:
             entry["zero"] = "absolute"
         g.say(f"columns.p{k + 1}", entry, f"{why}{'; starts at the atmosphere' if absolute else ''}")
     if electric:
         g.doubts.append(
-            f"columns.p1 .. are read in {electric[0]}: write the sensor's scale ({unit} per {electric[0]}), columns.p1.scale"
+            f"columns.p1 .. are read in {electric[0]}: write the sensor's scale (kPa per {electric[0]}), columns.p1.scale"
+        )
+    if not read:
+        g.doubts.append(
+            f"{', '.join(names)} are set-points: no column of measured pressures is found, and regulators lag and leak; "
+            "name measured ones where there are any"
+        )
+    if again:
+        g.doubts.append(
+            f"{', '.join(again)} name chambers that other columns name too: check which are the measured pressures"
         )
     if len(names) != wanted:
         g.doubts.append(
@@ -121,6 +137,16 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     if set(found) - set(chosen):
         g.doubts.append(f"set-points are left out: {', '.join(sorted(set(found) - set(chosen)))}")
     return names
+
+
+def _pressure_units(series: Series, headings: Sequence[Heading]) -> dict[str, tuple[str, str, bool]]:
+    """By column: unit, why, and whether it is absolute; columns of which the file says none are judged together."""
+    silent = [h for h in headings if not (h.kind == "Pa" or series.unit_of(h.name, "Pa"))]
+    told = {h.name: _pressure_unit(series.numbers[h.name], h, series) for h in headings if h not in silent}
+    if silent:
+        values = np.column_stack([series.numbers[h.name] for h in silent])
+        told |= dict.fromkeys([h.name for h in silent], _pressure_unit(values, silent[0], series))
+    return told
 
 
 def _pressure_unit(values: Array, h: Heading, series: Series) -> tuple[str, str, bool]:
@@ -161,8 +187,10 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
             times = series.numbers[h.name]
             times = times[np.isfinite(times)]
             step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-            if step >= 5 and len(series) > 200 and float(times[0]) < EPOCH[0]:
-                entry["unit"], why = "ms", f"{why}, and steps of {step:g}"
+            if step >= LONG_STEP and len(series) > MANY and float(times[0]) < EPOCH[0]:
+                entry["unit"] = next((unit for unit, most in STEPS.items() if step < most), "ns")
+                why = f"{why}, and steps of {step:g}"
+                g.doubts.append(f"columns.t: the file says no unit; steps of {step:g} are taken as {entry['unit']}")
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
             why = f"{why}, and values up to {float(np.nanmax(series.numbers[h.name])):g}"
@@ -200,15 +228,14 @@ def _branches(series: Series, name: str) -> dict[str, str] | None:
 def _states(g: Guess, series: Series, pressures: Sequence[str]) -> None:
     if not pressures:
         return
-    values = np.column_stack([series.numbers[n] for n in pressures])
+    values = proposed_pressures(g, series)
     values = values[np.isfinite(values).all(axis=1)]
     span = float(np.ptp(values)) if len(values) else 0.0
     stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
     stretches = 1 + int((~stays).sum())
     timed = "columns.t" in g.reasons or "time" in series.numbers
     if len(values) >= FEW * stretches or (len(series) > 500 and stays.mean() > 0.5):
-        unit = KINDS["Pa"][g.values["columns"]["p1"]["unit"]]
-        steady = float(f"{STEADY * span * unit / 1e3:.2g}")
+        steady = float(f"{STEADY * span / 1e3:.2g}")
         why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"
         g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
         if not timed:

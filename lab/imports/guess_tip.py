@@ -14,7 +14,7 @@ from ..files.units import KINDS
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, triples
 from .map_file import Frame
 from .proposal import Guess
-from .reading import at_rest, unseen
+from .reading import at_rest, unit_in, unseen
 from .series import Series
 
 Array = NDArray[np.float64]
@@ -37,8 +37,10 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     tips = tips or [max(_whole([t for t in found if t not in bases]) or found, key=lambda t: _spread(series, t))]
     bases = [t for t in bases if t not in tips]
     rest = _at_rest(g, series)
-    tip = np.mean([_xyz(series, t, rest) for t in tips], axis=0)
-    base = np.mean([_xyz(series, t, rest) for t in bases], axis=0) if bases else np.zeros(3)
+    said = {c: _said(series, c) for t in (*tips, *bases) for c in t.columns}
+    common = said[tips[0].columns[0]]
+    tip = np.mean([_xyz(series, t, rest, common) for t in tips], axis=0)
+    base = np.mean([_xyz(series, t, rest, common) for t in bases], axis=0) if bases else np.zeros(3)
     between = tip - base
     rest = rest & np.isfinite(between).all(axis=1)
     if not rest.any():
@@ -46,7 +48,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
             f"{series.path}: {' / '.join(tips[0].columns)}: no position is known while the pressures are lowest; "
             "write map.yaml by hand (docs: data from elsewhere)"
         )
-    unit, why = _length_unit(series, tips[0], between[rest], robot.length)
+    unit, why = _length_unit(common, tips[0], between[rest], robot.length)
     names = [c for t in tips for c in t.columns]
     if bases or len(tips) > 1:
         g.say(
@@ -55,10 +57,11 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         if bases:
             g.say("points.tip.against", [list(t.columns) for t in bases], "they are named after the base")
             names += [c for t in bases for c in t.columns]
-        g.say("points.tip.unit", unit, why)
+        if len(set(said.values())) == 1:  # else each column is read in its own
+            g.say("points.tip.unit", unit, why)
     else:
         for axis, column in zip("xyz", tips[0].columns, strict=True):
-            g.say(f"columns.{axis}", {"column": column, "unit": unit}, why)
+            g.say(f"columns.{axis}", {"column": column, "unit": said[column] or unit}, why)
     _frame(g, series, between * KINDS["m"][unit], rest, robot)
     others = [t for t in found if t not in tips and t not in bases]
     if others:
@@ -73,9 +76,16 @@ def _whole(found: Sequence[Triple]) -> list[Triple]:
     return [t for t in found if not any(w.startswith("marker") for w in t.words)] or list(found)
 
 
-def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None) -> Array:
-    """(n, 3) of the file's numbers, without rows in which nothing was seen."""
-    found = np.column_stack([series.numbers[c] for c in t.columns])
+def _said(series: Series, column: str) -> str:
+    """The unit of length that the file states of a column; empty where it states none."""
+    return unit_in(series, column, "m")
+
+
+def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None, unit: str = "") -> Array:
+    """(n, 3) of the file's numbers, without rows in which nothing was seen; in `unit` where the file states others."""
+    length = KINDS["m"]
+    factors = [length[said] / length[unit] if unit and (said := _said(series, c)) else 1.0 for c in t.columns]
+    found = np.column_stack([series.numbers[c] * f for c, f in zip(t.columns, factors, strict=True)])
     return np.where(unseen(found, rest)[:, None], np.nan, found)
 
 
@@ -85,16 +95,21 @@ def _spread(series: Series, t: Triple) -> float:
     return float(seen.std(axis=0).sum()) if len(seen) else 0.0
 
 
+def proposed_pressures(g: Guess, series: Series) -> Array:
+    """(n, chambers) Pa of the columns proposed for the chambers."""
+    columns = [c for k, c in g.values.get("columns", {}).items() if k.startswith("p") and "column" in c]
+    every = [series.numbers[c["column"]] * KINDS["Pa"][c["unit"]] for c in columns]
+    return np.column_stack(every) if every else np.zeros((len(series), 0))
+
+
 def _at_rest(g: Guess, series: Series) -> NDArray[np.bool_]:
     """(n,) rows with the lowest pressures."""
-    columns = [c["column"] for k, c in g.values.get("columns", {}).items() if k.startswith("p") and "column" in c]
-    if not columns:
-        return np.ones(len(series), bool)
-    return at_rest(np.column_stack([series.numbers[c] for c in dict.fromkeys(columns)]))
+    pressures = proposed_pressures(g, series)
+    return at_rest(pressures) if pressures.shape[1] else np.ones(len(series), bool)
 
 
-def _length_unit(series: Series, t: Triple, rest: Array, length: float) -> tuple[str, str]:
-    if said := t.unit or series.unit_of(t.columns[0], "m"):
+def _length_unit(said: str, t: Triple, rest: Array, length: float) -> tuple[str, str]:
+    if said:
         return said, f"the file says {said} of {t.columns[0]!r}"
     far = float(np.nanmedian(np.linalg.norm(rest, axis=1)))
     best = min(("m", "cm", "mm"), key=lambda u: abs(np.log(max(far, 1e-9) * KINDS["m"][u] / length)))
@@ -156,10 +171,9 @@ def _turned(z: str) -> list[tuple[str, str]]:
 def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
     """Cosine between where the tip moves across and where the chambers' pressures bend it, over all rows."""
     azimuth = np.radians(robot.actuators.azimuths_deg)
-    columns = [g.values.get("columns", {}).get(f"p{k + 1}") for k in range(len(azimuth))]
-    if any(c is None for c in columns):
+    pressure = proposed_pressures(g, series)
+    if pressure.shape[1] != len(azimuth):
         return 1.0
-    pressure = np.column_stack([series.numbers[c["column"]] for c in columns])
     pressure = pressure - np.nanmin(pressure, axis=0)  # columns hold a number each
     pushed = -pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     across = (moved @ frame.matrix.T)[:, :2]

@@ -20,12 +20,43 @@ WORDS = {
     "force": "force kraft",
 }
 """Words of a heading by column of trials.csv."""
-PRESSURE = re.compile(r"(?:p|pressures?|druck|chamber|kammer|press|pr|ch)(\d+)")
-PRESSURE_WORDS = frozenset(["p", "pressure", "pressures", "druck", "chamber", "kammer", "press", "presion"])
-ASKED_FOR = frozenset(
-    ["set", "setpoint", "soll", "cmd", "command", "commanded", "target", "desired", "ref", "reference", "des", "goal"]
+PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
+PRESSURE_WORDS = frozenset(
+    [
+        "p",
+        "pressure",
+        "pressures",
+        "druck",
+        "chamber",
+        "kammer",
+        "press",
+        "presion",
+        "regulator",
+        "regulators",
+        "regler",
+    ]
 )
+ASKED_FOR_WORDS = """
+set setpoint setpoints setpt sp soll sollwert cmd command commanded target desired ref reference des goal demand
+demanded requested req consigne vorgabe consigna input
+"""
+ASKED_FOR = frozenset(ASKED_FOR_WORDS.split())
+OTHER_PRESSURES_WORDS = """
+supply reservoir tank source vacuum vakuum ambient atmosphere atmospheric barometric baro inlet compressor versorgung
+umgebung jamming layout offset stamp stride status
+"""
+OTHER_PRESSURES = frozenset(OTHER_PRESSURES_WORDS.split())
+"""Words of pressures that are none of a chamber."""
+READ_WORDS = """
+meas measured mes mesure ist istwert act actual pv fb feedback read reading sensor sensed real medida
+"""
+READ = frozenset(READ_WORDS.split())
+COMPOUND = re.compile(
+    rf"^(p|pr|press|pressure|druck|chamber|kammer)(\d*)({'|'.join(sorted(ASKED_FOR | READ, key=len, reverse=True))})(\d*)$"
+)
+"""Quantity and what it is, written as one word."""
 TIP_WORDS = frozenset(["tip", "ee", "end", "effector", "endeffector", "spitze", "top", "tcp", "tool", "head", "distal"])
+PLACE_WORDS = TIP_WORDS | {"pos", "position", "place", "xyz", "coordinates", "translation", "ort", "lage"}
 BASE_WORDS = frozenset(["base", "root", "basis", "origin", "fixed", "foot", "proximal", "bottom"])
 WORDS_OF_BRANCH = {
     "load": "load up loading inflate inflating inflation rise rising increase auf hin forward",
@@ -39,16 +70,27 @@ UNIT_WORDS = {
     "us": "µs μs usec microsecond microseconds", "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados",
     "rad": "radian radians", "Pa": "pascal", "kPa": "kilopascal kpag kpa(g)", "bar": "barg bar(g)", "psi": "psig",
     "g": "gram grams gramm", "kg": "kilogram kilograms", "N": "newton newtons", "mbar": "millibar", "hPa": "hektopascal",
+    "in": "inch inches", "MPa": "megapascal",
 }  # fmt: skip
 """Other ways in which units are written."""
 UNITS |= {word: UNITS[unit.casefold()] for unit, words in UNIT_WORDS.items() for word in words.split()}
 OTHER_UNIT_WORDS = """
 v mv uv ma a hz khz °c c k % 1 - -- – a.u. au n/a none n.u. frame frames sample samples # nm n·m n*m m/s mm/s rad/s deg/s °/s m/s²
-m/s^2 g/s l/min ml/min sccm v/v bool boolean unitless px counts lsb s^-1 pa/s kpa/s bar/s ohm kohm nt ut mt gauss date iso8601
+m/s^2 in/s ft inhg inh2o kgf lbf gf lb oz at kgf/cm² kgf/cm^2 kg/cm² kg/cm^2 °f °k g/s l/min ml/min sccm
+v/v bool boolean unitless px counts lsb s^-1 pa/s kpa/s bar/s ohm kohm nt ut mt gauss date iso8601
 hh:mm:ss hh:mm:ss.000 date/time
 """
 OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | {""}
 """What else stands in a row of units."""
+UNSTATED_WORDS = """
+1 - -- – a.u. au n/a none n.u. frame frames sample samples # date iso8601 date/time unitless
+"""
+UNSTATED = frozenset(UNSTATED_WORDS.split()) | {""}
+"""Those of them that say no unit."""
+
+
+ELECTRIC = frozenset({"v", "mv", "ma", "a", "counts", "lsb"})
+"""Units, in lower case, of sensors that nobody has scaled."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +103,13 @@ class Heading:
     unit: str = ""
     kind: str = ""
     """SI unit that the unit is one of."""
+    stated: str = ""
+    """What stands as the unit in brackets or in the file elsewhere, also where it is none of this software."""
 
     @property
     def asked_for(self) -> bool:
         """A set-point rather than a reading."""
-        return bool(ASKED_FOR & set(self.words))
+        return any(w.rstrip("0123456789") in ASKED_FOR for w in self.words)
 
 
 def unit_named(text: str) -> tuple[str, str] | None:
@@ -82,27 +126,31 @@ def is_unit(text: str) -> bool:
 
 def heading(name: str, unit: str = "") -> Heading:
     """Words and unit: "Tip X [mm]", "p1_kPa", "tip.x (m)", "Time, s"; `unit`: what the file says elsewhere."""
+    stated = unit if is_unit(unit) else ""
     kind, unit = unit_named(unit) or ("", "")
     rest = name
-    for said in (
-        *re.finditer(r"[\[(]([^\])]+)[\])]", name),
-        *re.finditer(r"(?:[/,]|\s[iI][nN]\s)\s*([^/,]+?)\s*$", name),
-    ):
+    bracketed = list(re.finditer(r"[\[(]([^\])]+)[\])]", name))
+    for said in bracketed or re.finditer(r"(?:[/,]|\s[iI][nN]\s)\s*([^/,]+?)\s*$", name):
         if found := unit_named(said[1]) or unit_named((said[1].split() or [""])[0]):
             (kind, unit), rest = found, f"{name[: said.start()]} {name[said.end() :]}"
+            stated = said[1]
             break
+        if bracketed and said.end() == len(name.rstrip()) and is_unit(said[1]) and said[1] not in UNSTATED:
+            stated, rest = said[1], f"{name[: said.start()]} {name[said.end() :]}"
     parts = [w for w in re.split(r"[^0-9A-Za-zÀ-ÿ]+", rest) if w]
-    if not unit and parts and (len(parts) > 1 or parts[0] in ("mm", "s", "ms")) and parts[-1].casefold() in UNITS:
-        kind, unit = UNITS[parts[-1].casefold()] if len(parts[-1]) > 1 or len(parts) == 1 else ("", "")
+    last = parts[-1].casefold() if parts and not stated and (len(parts) > 1 or parts[0] in ("mm", "s", "ms")) else ""
+    if last in UNITS and last != "in":
+        kind, unit = UNITS[last] if len(parts[-1]) > 1 or len(parts) == 1 else ("", "")
         parts = parts[: -1 if unit and len(parts) > 1 else None]
-    words = [w for part in parts for w in re.sub(r"(?<=[a-z])(?=[A-Z])", " ", part).split()]
-    return Heading(name, tuple(w.casefold() for w in words), unit, kind)
+    words = [w.casefold() for part in parts for w in re.sub(r"(?<=[a-z])(?=[A-Z])", " ", part).split()]
+    apart = [w for word in words for w in COMPOUND.sub(r"\1\2 \3 \4", word).split()]
+    return Heading(name, tuple(apart), unit, kind, "" if stated.strip().casefold() in UNSTATED else stated)
 
 
 def quantity(h: Heading) -> str | None:
     """The column of trials.csv that one heading names by itself."""
     for column, words in WORDS.items():
-        if set(words.split()) & set(h.words) or (column == "t" and h.words == ("s",)):
+        if set(words.split()) & set(h.words) or (column == "t" and h.words in (("s",), ("x", "value"))):
             return column
     return None
 
@@ -110,10 +158,13 @@ def quantity(h: Heading) -> str | None:
 def chamber(h: Heading) -> int | None:
     """The number of a chamber whose pressure a heading names, from 0 or 1 as its writer counts."""
     joined = " ".join(h.words)
+    if OTHER_PRESSURES & set(h.words) or (h.stated and h.kind != "Pa" and h.stated.casefold() not in ELECTRIC):
+        return None
     if found := PRESSURE.search(joined):
         return int(found[1])
     if PRESSURE_WORDS & set(h.words) or h.kind == "Pa":
-        digits = [int(w) for w in h.words if w.isdigit()]
+        numbered = [re.fullmatch(r"([^\d]*)(\d+)", w) for w in h.words]
+        digits = [int(n[2]) for n in numbered if n and n[1] in {"", *ASKED_FOR, *READ}]
         return digits[0] if digits else 1
     return None
 
@@ -155,7 +206,22 @@ def triples(headings: Sequence[Heading]) -> list[Triple]:
     """Groups x, y, z, without those that are a quaternion's or turns."""
     turns = {name for t in turning(headings) for name in t.columns}
     headings = [h for h in headings if h.name not in turns]
-    return [Triple((c["x"], c["y"], c["z"]), words, unit) for words, unit, c in _groups(headings) if len(c) == 3]
+    found = [Triple((c["x"], c["y"], c["z"]), words, unit) for words, unit, c in _groups(headings) if len(c) == 3]
+    return found or _counted(headings)
+
+
+def _counted(headings: Sequence[Heading]) -> list[Triple]:
+    """Columns 1, 2 and 3, and no more, of an array whose name says that it is a place."""
+    groups: dict[tuple[str, ...], list[Heading]] = {}
+    for h in headings:
+        if h.words and h.words[-1].isdigit() and set(h.words) & PLACE_WORDS:
+            groups.setdefault(h.words[:-1], []).append(h)
+    numbered = [("1", "2", "3"), ("0", "1", "2")]
+    return [
+        Triple((of[0].name, of[1].name, of[2].name), frozenset(words), of[0].unit or of[0].stated)
+        for words, of in groups.items()
+        if tuple(h.words[-1] for h in of) in numbered
+    ]
 
 
 def turning(headings: Sequence[Heading]) -> list[Triple]:
@@ -176,7 +242,7 @@ def turning(headings: Sequence[Heading]) -> list[Triple]:
                 out.append(Triple((three[0].name, three[1].name, three[2].name), words, three[0].unit))
                 used |= {h.name for h in three}
     for words, unit, c in _groups([h for h in headings if h.name not in used]):
-        if len(c) == 3 and (unit in KINDS["deg"] or words & TURN_WORDS):
+        if len(c) == 3 and (unit in KINDS["deg"] or (not unit and words & TURN_WORDS)):
             out.append(Triple((c["x"], c["y"], c["z"]), words, unit))
     return out
 
@@ -205,4 +271,5 @@ def _groups(headings: Sequence[Heading]) -> Iterator[tuple[frozenset[str], str, 
         if whole and not used & set(names.values()):
             used |= set(names.values())
             said = frozenset(re.sub(r"[*\d]", "", w) for k in key for w in k.split()) - {""}
-            yield said, next(iter(group.values())).unit, names
+            one = next(iter(group.values()))
+            yield said, one.unit or one.stated, names

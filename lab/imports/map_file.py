@@ -7,7 +7,7 @@ Keys of `columns`, `constants` and `files` are columns of trials.csv. A quantity
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -192,6 +192,27 @@ class Stiffness(Part):
         return self
 
 
+class Own(BaseModel):
+    """What is different in some of the files; further keys are constants."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, FiniteFloat | str]
+
+    source: Source | None = None
+    """In place of the common one."""
+    columns: dict[str, Column] = {}
+    """Besides the common ones, or in their place."""
+    points: dict[str, Points] = {}
+    """Besides the common ones, or in their place."""
+    orientation: Orientation | None = None
+    """In place of the common one."""
+
+    @property
+    def constants(self) -> dict[str, float | str]:
+        """By column of trials.csv."""
+        return dict(self.__pydantic_extra__)
+
+
 class Map(Part):
     """What a file of measurements holds."""
 
@@ -223,8 +244,8 @@ class Map(Part):
     """Which rows make a state."""
     trials: Trials = Trials()
     """Where a trial begins."""
-    files: dict[str, dict[str, FiniteFloat | str]] = {}
-    """Pattern of file names -> constants of these files; others are not read."""
+    files: dict[str, Own] = {}
+    """Pattern of file names -> constants, columns, points, orientation and source of these files; others are not read."""
     stiffness: Stiffness | None = None
     """Rows of a stiffness trial."""
 
@@ -234,8 +255,21 @@ class Map(Part):
         for place, names in (("columns", self.columns), ("constants", self.constants)):
             found += [f"{place}.{n}: is no column of trials.csv" for n in names if column_order(n) is None]
         for pattern, own in self.files.items():
-            found += [f"files.{pattern}.{n}: is no column of trials.csv" for n in own if column_order(n) is None]
-        found += [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
+            stated = list(own.constants) + [f"columns.{n}" for n in own.columns]
+            found += [
+                f"files.{pattern}.{n}: is no column of trials.csv"
+                for n in stated
+                if column_order(n.removeprefix("columns.")) is None
+            ]
+        if not any(own.columns or own.points or own.orientation for own in self.files.values()):
+            found += self.wrong_places()  # else judged for each file, as several patterns may fit one
+        if found:
+            raise ValueError("; ".join(found))
+        return self
+
+    def wrong_places(self) -> list[str]:
+        """What is wrong with tip and orientation."""
+        found = [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
         if "tip" in self.points and any(a in self.columns for a in "xyz"):
             found.append("points.tip: the tip is also given by columns x, y, z; keep one")
         if "tip" not in self.points and not all(a in self.columns for a in "xyz"):
@@ -245,21 +279,36 @@ class Map(Part):
             found.append("forces: a sensor that turns with the tip needs an orientation")
         if any(self.sensor) and not turned:
             found.append("sensor: a point beside the end of the body needs an orientation to be moved back")
-        if found:
-            raise ValueError("; ".join(found))
-        return self
+        return found
+
+    def of_file(self, owns: Iterable[Own]) -> Map:
+        """The map of a file, of which `owns` say what is different."""
+        made = self.model_copy(update={"files": {}})
+        for own in owns:
+            tip_here = "tip" in own.points or any(a in own.columns for a in "xyz")
+            columns = {n: c for n, c in made.columns.items() if not (tip_here and n in "xyz")}
+            points = {n: p for n, p in made.points.items() if not (tip_here and n == "tip")}
+            update: dict[str, Any] = {
+                "columns": columns | own.columns, "points": points | own.points, "constants": made.constants | own.constants,
+                "source": own.source or made.source, "orientation": own.orientation or made.orientation,
+            }  # fmt: skip
+            made = made.model_copy(update=update)
+        return made
 
 
 def load_map(path: Path) -> Map:
     """Read a map.yaml and judge its units; raises ConfigError."""
     made = load(path, Map)
-    for name, column in made.columns.items():
-        factor(column.unit, name, f"{path}: columns.{name}.unit")
-    for name, points in made.points.items():
-        factor(points.unit, "x", f"{path}: points.{name}.unit")
-    quantities(made.constants, f"{path}: constants")
-    for pattern, own in made.files.items():
-        quantities(own, f"{path}: files.{pattern}")
+    places: list[tuple[str, Map | Own]] = [
+        ("", made),
+        *((f"files.{pattern}.", own) for pattern, own in made.files.items()),
+    ]
+    for place, own in places:
+        for name, column in own.columns.items():
+            factor(column.unit, name, f"{path}: {place}columns.{name}.unit")
+        for name, points in own.points.items():
+            factor(points.unit, "x", f"{path}: {place}points.{name}.unit")
+        quantities(own.constants, f"{path}: {place.rstrip('.') or 'constants'}")
     return made
 
 

@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,9 +25,13 @@ SIMPLE = frozenset(
      "int64", "uint64", "function"]
 )  # fmt: skip
 """Classes of MATLAB that are no objects."""
-MI_COMPRESSED = 15
-"""Kind of a variable that is compressed."""
+MI_MATRIX, MI_COMPRESSED = 14, 15
+"""Kind of a variable, and of one that is compressed."""
+KINDS = frozenset([*range(1, 8), 9, *range(12, 19)])
+"""Kinds of elements of a file of version 5; SciPy ends the process at others."""
 
+MOST_NESTED = 50
+"""Depth of structures and cells."""
 MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCK = 512
 CLASS, EMPTY, SPARSE, DECODE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse", "MATLAB_object_decode"
@@ -49,6 +53,8 @@ def read_matlab(path: Path, source: Source) -> Series:
             warnings.simplefilter("ignore")
             # before anything is unpacked: a few kB can hold GB
             demand_bounded(path, _unpacked_size(data))
+            if data[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
+                _demand_kinds(data[128:], "little" if data[126:128] == b"IM" else "big")
             with suppress(TypeError):  # of a file with objects
                 demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
             found = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
@@ -102,6 +108,25 @@ def _unpacked_size(data: bytes) -> int:
                 rest = unpack.unconsumed_tail
         at += 8 + length
     return size
+
+
+def _demand_kinds(data: bytes, order: Literal["little", "big"], depth: int = 0) -> None:
+    """Raise ValueError where an element, or one within it, is of a kind that there is not."""
+    at = 0
+    while at + 8 <= len(data):
+        kind = int.from_bytes(data[at : at + 4], order)
+        small = kind >> 16
+        size = small or int.from_bytes(data[at + 4 : at + 8], order)
+        kind &= 0xFFFF
+        if kind not in KINDS or depth > MOST_NESTED:
+            raise ValueError(f"an element of kind {kind}, nested {depth} deep")
+        body = data[at + 8 : at + 8 + size]
+        if kind == MI_COMPRESSED:
+            with suppress(zlib.error):
+                _demand_kinds(zlib.decompressobj().decompress(body, LARGEST), order, depth + 1)
+        elif kind == MI_MATRIX:
+            _demand_kinds(body, order, depth + 1)
+        at += 8 if small else 8 + size + (0 if kind == MI_COMPRESSED else -size % 8)
 
 
 # ------------------------------------------------------------------ MATLAB 7.3

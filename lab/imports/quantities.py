@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,10 @@ ATMOSPHERE = 101_325.0
 """Pa, taken off absolute pressures."""
 MOST_TURN = 12.0
 """rad, about two turns: larger angles without a unit are asked about."""
+BETWEEN_RUNS = 60.0
+"""s from the end of one run or file to the start of the next, where only each one's own time is known."""
+LATE = 1.0
+"""s by which a row may be late; times that fall by more begin again."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
 
@@ -52,8 +56,21 @@ class Quantities:
     words: Mapping[str, NDArray[np.str_]]
     constants: Mapping[str, Any]
     """By column, for all rows."""
+    run: NDArray[np.int64]
+    """(n,) of runs that follow each other in one file, from 0."""
+    row: NDArray[np.int64]
+    """(n,) in the file, from 0."""
     notes: tuple[str, ...] = ()
     """What is missing."""
+
+    def of(self, rows: NDArray[np.int64]) -> Quantities:
+        """The same of these rows, in their order."""
+        return replace(
+            self, t=self.t[rows], pressures=self.pressures[rows], tip=self.tip[rows],
+            turn=None if self.turn is None else self.turn[rows], turned=self.turned[rows], markers=self.markers[rows],
+            others={n: v[rows] for n, v in self.others.items()}, words={n: v[rows] for n, v in self.words.items()},
+            run=self.run[rows], row=self.row[rows],
+        )  # fmt: skip
 
 
 @dataclass
@@ -78,13 +95,14 @@ class _File:
 
 def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> Quantities:
     """Read a file by its map; raises ConfigError naming the column that is missing."""
-    values = {n: _number(series, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
+    notes: list[str] = []
+    values = {n: _number(series, n, c, notes) for n, c in wanted.columns.items() if n not in TEXTS}
     words = {n: _words(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
     pressures = np.column_stack([values.pop(p) if p in values else np.full(n, constants[p]) for p in chambers])
-    file = _File(series, at_rest(pressures), [])
+    file = _File(series, at_rest(pressures), notes)
     if "tip" in wanted.points:
         tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
@@ -92,23 +110,63 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
     turn, turned = _turn(file, wanted, frame)
     names = [f"m{k}" for k in range(1, 100) if f"m{k}" in wanted.points or f"m{k}x" in values]
     markers = [_marker(file, wanted, values, m) @ frame.T for m in names]
-    t = values.pop("t", None)
-    t = _time(series, wanted) if t is None else _without_gaps(t, file)
-    return Quantities(
+    stated = values.pop("t", None)
+    t = _time(series, wanted) if stated is None else stated
+    made = Quantities(
         series.path, t, pressures, tip, turn, turned,
         np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
-        tuple(dict.fromkeys(file.notes)),
+        np.zeros(n, np.int64), np.arange(n),
     )  # fmt: skip
+    for what, values_of in (("pressure", pressures), ("tip", tip)):
+        gone = ~np.isfinite(values_of).all(axis=1)
+        if gone.any():
+            first = series.place(int(np.argmax(gone)))
+            notes.append(f"{int(gone.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
+    if stated is not None:
+        made = _in_order(_without_gaps(made, file), file)
+    return replace(made, notes=tuple(dict.fromkeys(file.notes)))
 
 
-def _without_gaps(t: Array, file: _File) -> Array:
-    """Times, those that are missing between their neighbours."""
-    there = np.isfinite(t)
-    if there.all():
-        return t
-    file.notes.append(f"{int((~there).sum())} of {len(t)} rows have no time: taken as between their neighbours")
-    rows = np.arange(len(t))
-    return np.asarray(np.interp(rows, rows[there], t[there]))
+def _without_gaps(q: Quantities, file: _File) -> Quantities:
+    """The same with times that are missing between their neighbours, and without rows before or behind all times."""
+    known = np.flatnonzero(np.isfinite(q.t))
+    rows = np.arange(len(q.t))
+    inside = slice(int(known[0]), int(known[-1]) + 1)
+    if between := inside.stop - inside.start - len(known):
+        file.notes.append(f"{between} of {len(q.t)} rows have no time: taken as between their neighbours")
+    if outside := len(q.t) - (inside.stop - inside.start):
+        place = file.series.place(0 if inside.start else inside.stop)
+        file.notes.append(
+            f"{outside} of {len(q.t)} rows stand before or behind all times (such as {place}) and are left out"
+        )
+    return replace(q, t=np.interp(rows, known, q.t[known])).of(rows[inside])
+
+
+def _in_order(q: Quantities, file: _File) -> Quantities:
+    """Rows in the order of time: a file that is written backwards, messages that came late, runs that follow each other."""
+    steps = np.diff(q.t)
+    if not (steps < 0).any():
+        return q
+    first = int(np.argmax(steps < 0)) + 1
+    if (steps < 0).mean() > HALF:
+        file.notes.append("times fall from row to row: the file is read from its end to its begin")
+        return _in_order(q.of(np.arange(len(q.t))[::-1]), file)
+    again = np.flatnonzero(steps < -max(LATE, 3 * float(np.median(steps[steps >= 0])))) + 1
+    if len(again):
+        from_, to = q.t[again[0] - 1], q.t[again[0]]
+        place = file.series.place(int(q.row[again[0]]))
+        file.notes.append(
+            f"times begin again {len(again)} times, first in {place} ({from_:.6g} s to {to:.6g} s): "
+            f"each time another trial begins, {BETWEEN_RUNS:g} s later"
+        )
+        shifts = np.zeros(len(q.t))
+        shifts[again] = BETWEEN_RUNS - steps[again - 1]
+        q = replace(q, t=q.t + np.cumsum(shifts), run=np.searchsorted(again, np.arange(len(q.t)), side="right"))
+    if late := int((np.diff(q.t) < 0).sum()):
+        place = file.series.place(int(q.row[first]))
+        file.notes.append(f"{late} rows are earlier than the row before (first in {place}): put in order of time")
+        q = q.of(np.argsort(q.t, kind="stable"))
+    return q
 
 
 def _time(series: Series, wanted: Map) -> Array:
@@ -124,11 +182,13 @@ def _time(series: Series, wanted: Map) -> Array:
     return np.arange(len(series), dtype=np.float64)
 
 
-def _number(series: Series, name: str, column: Column) -> Array:
+def _number(series: Series, name: str, column: Column, notes: list[str]) -> Array:
     place = f"columns.{name}"
     found = numbers(series, column.column, place)
     own = name_of(series, column.column, place)
-    unit = column.unit or unit_in(series, own, unit_of(name))
+    unit = column.unit or unit_in(series, own, unit_of(name), place)
+    if (said := unit_in(series, own, unit_of(name))) and said != unit:
+        notes.append(f"column {own!r}: the file says {said}, {place}.unit says {unit}, which is taken")
     one = factor(unit, name, f"{place}.unit")
     if name == "t":
         return seconds(found * column.scale, unit, one)
@@ -167,23 +227,24 @@ def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list
     return found
 
 
-def _xyz(file: _File, point: Point, place: str) -> Array:
+def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
+    """(n, 3) m of a marker, each column by its own unit."""
     names: Sequence[Name] = [f"{point}.{a}" for a in "xyz"] if isinstance(point, str) else point
     shown = point if isinstance(point, str) else " / ".join(map(str, point))
-    return file.places(
-        np.column_stack([numbers(file.series, name, place) for name in names]), f"marker {shown} ({place})"
-    )
+    columns = []
+    for name in names:
+        said = unit or unit_in(file.series, name_of(file.series, name, place), "m", place)
+        columns.append(numbers(file.series, name, place) * factor(said, "x", f"{place}.unit"))
+    return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 
 
 def _place(file: _File, name: str, points: Points) -> Array:
     place = f"points.{name}"
-    first = points.of[0] if isinstance(points.of[0], tuple) else (f"{points.of[0]}.x",)
-    one = factor(points.unit or unit_in(file.series, name_of(file.series, first[0], place), "m"), "x", f"{place}.unit")
 
     def middle(of: Sequence[Point]) -> Array:
-        return np.asarray(np.mean([_xyz(file, p, place) for p in of], axis=0))
+        return np.asarray(np.mean([_xyz(file, p, points.unit, place) for p in of], axis=0))
 
-    return one * (middle(points.of) - (middle(points.against) if points.against else 0.0))
+    return middle(points.of) - (middle(points.against) if points.against else 0.0)
 
 
 def _marker(file: _File, wanted: Map, values: dict[str, Array], name: str) -> Array:
@@ -227,7 +288,7 @@ def _stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.bo
 
 def _fitted(file: _File, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:
     """From the first row with all markers to each other one."""
-    every = np.stack([_xyz(file, p, "points.tip") for p in points.of], axis=1)
+    every = np.stack([_xyz(file, p, points.unit, "points.tip") for p in points.of], axis=1)
     there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)
     if len(points.of) < 3 or not there.any():
         raise ConfigError("points.tip.turn: needs three markers or more, seen together at least once")

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.config import ConfigError
+from ..files.units import KINDS
 from .headings import heading
 from .map_file import Name
 from .series import Series, listed
@@ -33,7 +34,8 @@ def name_of(series: Series, name: Name, place: str) -> str:
     if str(name) not in names:
         noted = f" ({'; '.join(series.notes)})" if series.notes else ""
         raise ConfigError(
-            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}{noted}"
+            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}{noted}; "
+            f"name another, for this file alone under files: {{{series.path.name!r}: {{columns: ..}}, '*': {{}}}}"
         )
     return str(name)
 
@@ -61,10 +63,19 @@ def numbers(series: Series, name: Name, place: str) -> Array:
     return series.numbers[own]
 
 
-def unit_in(series: Series, name: str, si: str) -> str:
-    """The unit of a column as its heading or the file says it; empty where neither names one of this SI unit's."""
-    said = heading(name)
-    return said.unit if said.kind == si else series.unit_of(name, si)
+def unit_in(series: Series, name: str, si: str, place: str = "") -> str:
+    """The unit of a column as its heading or the file says it; empty where neither names one of this SI unit's.
+
+    With a `place` in the map, raises ConfigError where they name another kind of unit, which `place` must then translate.
+    """
+    said = heading(name, series.units.get(name, ""))
+    unit = said.unit if said.kind == si else series.unit_of(name, si)
+    if place and not unit and said.stated and si in KINDS:
+        raise ConfigError(
+            f"{series.path}: column {name!r} ({place}): the file says {said.stated[:40]!r} of it, which is none of "
+            f"{', '.join(KINDS[si])}; write {place}.unit, and {place}.scale where the numbers need a factor"
+        )
+    return unit
 
 
 def seconds(values: Array, unit: str, factor: float) -> Array:

@@ -27,7 +27,7 @@ from recordings.file.protobuf_runtime import message_class
 from recordings.file.reader import Recording
 
 from ..files.config import ConfigError
-from .map_file import Source
+from .map_file import Map, Source
 from .reading import EPOCH
 from .series import Series
 
@@ -82,22 +82,19 @@ class Topic:
         return {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
 
 
-Constants = Mapping[str, Any]
-
-
-def together(files: Sequence[tuple[Path, Constants]]) -> list[tuple[tuple[Path, ...], Constants]]:
+def together(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
     """Recordings in the order of time, each with the files into which its recorder split it; raises ConfigError.
 
-    Parts of one recording follow each other, have topics in common and the same constants.
+    Parts of one recording follow each other, have topics in common and the same map.
     """
-    opened = [(*recording_span(path), path, constants) for path, constants in files]
-    out: list[tuple[tuple[Path, ...], Constants]] = []
+    opened = [(*recording_span(path), path, wanted) for path, wanted in files]
+    out: list[tuple[tuple[Path, ...], Map]] = []
     end, topics = -np.inf, set[str]()
-    for (first, last), own, path, constants in sorted(opened, key=lambda o: o[0]):
-        if out and topics & own and first > 0 and abs(first - end) <= SPLIT * 1e9 and out[-1][1] == constants:
-            out[-1] = ((*out[-1][0], path), constants)
+    for (first, last), own, path, wanted in sorted(opened, key=lambda o: o[0]):
+        if out and topics & own and first > 0 and abs(first - end) <= SPLIT * 1e9 and out[-1][1] == wanted:
+            out[-1] = ((*out[-1][0], path), wanted)
         else:
-            out.append(((path,), constants))
+            out.append(((path,), wanted))
         end, topics = last, own
     return out
 

@@ -81,6 +81,7 @@ def of_judged(path: Path, judged: Mapping[str, Judged], form: str) -> Series:
     return Series(
         path, {n: j.values for n, j in judged.items()}, form, {n: j.unit for n, j in judged.items() if j.unit}, {},
         {n: j.strange for n, j in judged.items() if j.strange},
+        notes=tuple(f"column {n!r}: {j.note}" for n, j in judged.items() if j.note),
     )  # fmt: skip
 
 

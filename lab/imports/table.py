@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,20 +21,22 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
 from .formats import KNOWN, RECORDING, read
-from .lever import lever_off
 from .map_file import AXES, Map, named, quantities
+from .places import Jump, jumps, lever_off, moves_within, strays
 from .plateaus import Cut, cuts
-from .quantities import Quantities, quantities_of
+from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
 from .series import Series
 
 Array = NDArray[np.float64]
 
-BETWEEN_FILES = 60.0
-"""s from the end of one file to the start of the next, where only each file's own time is known."""
 NO_PRESSURE = 2e3
 """Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
 FORCES = ("force_x", "force_y", "force_z")
+MOST_STRAYS = 0.2
+"""Of the rows of a state that may hold a place elsewhere."""
+MOST_JUMPS = 3
+"""Jumps of places that are told one by one."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -53,44 +56,71 @@ class _State:
     """One state, not numbered yet."""
 
     file: int
+    rows: slice
+    """Of the file's quantities."""
     group: int
     """Of states that were read one after the other: a trial."""
     row: TrialRow
     turn: Rotation | None
 
 
-def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Mapping[str, Any]]]:
-    """Files to read and what is constant in each: those given, or in a folder given those that the map names."""
-    out: list[tuple[Path, Mapping[str, Any]]] = []
-    shared = quantities(wanted.constants, "constants")
+def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
+    """Files to read and the map of each: those given, or in a folder given those that the map names, as people count them."""
+    out: list[tuple[Path, Map]] = []
     for path in given:
-        inside = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+        inside = sorted((p for p in path.iterdir() if p.is_file()), key=_counted) if path.is_dir() else [path]
         if path.is_dir() and not wanted.files:
             inside = [p for p in inside if p.suffix.lower() in KNOWN]
         for file in inside:
-            own = [quantities(v, f"files.{k}") for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
+            own = [v for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
             if wanted.files and not own:
                 if path.is_dir():
                     continue
-                raise ConfigError(f"{file}: no pattern of `files` in the map fits; there are {', '.join(wanted.files)}")
-            merged: dict[str, Any] = dict(shared)
-            for one in own:
-                merged |= one
-            out.append((file, merged))
+                patterns = ", ".join(wanted.files)
+                raise ConfigError(
+                    f"{file}: no pattern of `files` in the map fits; there are {patterns}; add {file.name!r} or '*'"
+                )
+            made = wanted.of_file(own)
+            if wrong := made.wrong_places():
+                raise ConfigError(f"{file}: the map of this file (files): {'; '.join(wrong)}")
+            out.append((file, made))
     if not out:
         raise ConfigError(f"{', '.join(map(str, given))}: holds no file that the map names")
     return out
 
 
-def _recordings(files: Sequence[tuple[Path, Mapping[str, Any]]]) -> list[tuple[tuple[Path, ...], Mapping[str, Any]]]:
+def _counted(path: Path) -> list[tuple[int, str]]:
+    """A key by which run2 comes before run10."""
+    parts = re.split(r"(\d+)", path.name.casefold())
+    return [(int(part[:18]), "") if part.isdecimal() else (0, part) for part in parts]
+
+
+def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
     """Files as they are read: recordings in the order of time, the parts of each together."""
-    bags = [file for file in files if file[0].suffix.lower() == RECORDING]
-    others = [((path,), constants) for path, constants in files if path.suffix.lower() != RECORDING]
+    bags = [(path, own) for path, own in files if path.suffix.lower() == RECORDING]
+    others = [((path,), own) for path, own in files if path.suffix.lower() != RECORDING]
     if len(bags) < 2:
-        return [*others, *(((path,), constants) for path, constants in bags)]
+        return [*others, *(((path,), own) for path, own in bags)]
     from .recording_topics import together
 
     return [*others, *together(bags)]
+
+
+def _read(
+    given: Sequence[Path], wanted: Map, progress: Callable[[float, float], None]
+) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
+    """Every file, in the order of time where all files tell the time since 1970, and notes."""
+    files, made = _recordings(files_of(given, wanted)), []
+    for number, (parts, own) in enumerate(files):
+        progress(number, len(files))
+        series = read(parts, own.source, named(own))
+        made.append((series, quantities_of(series, own, quantities(own.constants, "constants")), own))
+    notes = [f"{s.path.name}: {text}" for s, q, _ in made for text in (*s.notes, *q.notes)]
+    starts = [float(q.t[0]) for _, q, _ in made]
+    if min(starts) >= EPOCH[0] and starts != sorted(starts):
+        made.sort(key=lambda one: float(one[1].t[0]))
+        notes.append(f"files are read in the order of their times: {', '.join(s.path.name for s, _, _ in made)}")
+    return made, notes
 
 
 def imported(
@@ -103,27 +133,25 @@ def imported(
 
     Raises ConfigError.
     """
-    read_files, states, notes = [], [], []
+    every, notes = _read(given, wanted, progress)
+    read_files, states = [], []
     group, start, origin = 0, 0.0, 0.0
-    files = _recordings(files_of(given, wanted))
-    for number, (parts, constants) in enumerate(files):
-        progress(number, len(files))
-        path, series = parts[0], read(parts, wanted.source, named(wanted))
-        q = quantities_of(series, wanted, constants)
-        notes += [f"{path.name}: {text}" for text in (*series.notes, *q.notes)]
+    for number, (series, q, own_map) in enumerate(every):
+        path = series.path
         absolute = bool(q.t[0] >= EPOCH[0])
         origin = float(q.t[0]) if not number and absolute else origin
         q = replace(q, t=q.t - (origin if absolute else 0.0))
         if wanted.straight == "first row":
             q = _straightened(q, 0, straight, wanted.sensor)
-        if number and ("t" not in wanted.columns and not absolute or q.t[0] < start):
-            q = replace(q, t=q.t - q.t[0] + start + BETWEEN_FILES)
+        if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
+            q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
         trial = _trials(q, wanted)
         pushed = [q.others[name] for name in FORCES if name in q.others]
         own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)
         each = wanted.trials.begin == "state" and "trial" not in q.others
         trials = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
-        made = [_state(number, group + k, q, c) for k, c in zip(trials, own, strict=True)]
+        q, torn = _without_strays(q, own, float(straight[2]), series, notes)
+        made = [_state(number, group + k, q, c) for k, c in zip(trials, own, strict=True) if c not in torn]
         kept = [s for s in made if s is not None]
         if len(kept) < len(made):
             notes.append(
@@ -141,9 +169,10 @@ def imported(
         states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
     if wanted.forces == "tip":
         states = [_force_turned(s, wanted.frame.matrix) for s in states]
-    rows = _numbered(states, "repeat" in wanted.columns)
+    rows = _numbered(states, any("repeat" in own.columns for _, _, own in every))
     if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
         notes.append(_lever_note(wanted.sensor[2], *off))
+    notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every)
     _demand_mounted(rows)
     if wanted.stiffness is not None:
         rows += _pushes(rows, read_files, wanted)
@@ -173,6 +202,55 @@ def _why(wanted: Map, q: Quantities) -> str:
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
         f"(from row to row the median change is {jump:.3g} Pa): change states.plateaus"
     )
+
+
+def _without_strays(
+    q: Quantities, states: Sequence[Cut], length: float, series: Series, notes: list[str]
+) -> tuple[Quantities, list[Cut]]:
+    """The same without places that jump within a state and back, and the states whose places are two."""
+    tip, markers, torn, stray, first = q.tip.copy(), q.markers.copy(), [], 0, None
+    for cut in states:
+        own = cut.rows
+        row = moves_within(tip[own], markers[own], length)
+        if row is None:
+            continue
+        first = row + own.start if first is None else first
+        rows = np.flatnonzero(strays(tip[own], markers[own], length)) + own.start
+        if len(rows) > MOST_STRAYS * (own.stop - own.start):
+            torn.append(cut)
+            continue
+        tip[rows], markers[rows] = np.nan, np.nan
+        stray += len(rows)
+    if first is not None:
+        notes.append(
+            f"{series.path.name}, {series.place(int(q.row[first]))}: a marker jumps within a state: was it taken for another? "
+            f"{stray} rows and {len(torn)} states are left out"
+        )
+    return replace(q, tip=tip, markers=markers), torn
+
+
+def _jump_notes(
+    found: Sequence[Jump], states: Sequence[_State], files: Sequence[tuple[Series, Quantities, Map]]
+) -> Iterator[str]:
+    """What to ask about places that moved farther than the body can."""
+    exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
+    told = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
+    for jump in told[:MOST_JUMPS]:
+        series, q, _ = files[states[jump.state].file]
+        body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
+        what = (
+            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no pressure changes by more than "
+            f"{jump.pressure / 1e3:.3g} kPa, farther than the body can: was it taken for another marker, or was something moved?"
+            if jump.exchanged is None
+            else f"{body[jump.body]} and {body[jump.exchanged]} change places: were they exchanged?"
+        )
+        place = series.place(int(q.row[states[jump.state].rows.start]))
+        yield (
+            f"{series.path.name}, {place}: {what} If so, write these rows to a file of their own and name its columns under "
+            "files: {PATTERN: {columns: ..}}, or leave them out"
+        )
+    if len(told) > MOST_JUMPS:
+        yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
 
 
 def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
@@ -244,11 +322,11 @@ def _trials(q: Quantities, wanted: Map) -> NDArray[np.int64]:
         named = _carried(q.others["trial"])
         order = {v: i for i, v in enumerate(dict.fromkeys(named.tolist()))}
         return np.array([order[v] for v in named.tolist()], np.int64)
-    if wanted.trials.begin != "rest":
-        return np.zeros(len(q.t), np.int64)
-    known = np.isfinite(q.pressures).all(axis=1)
-    resting = _carried(np.where(known, np.abs(q.pressures).max(axis=1) < wanted.trials.below, np.nan)) > 0
-    begins = resting & ~np.concatenate([[True], resting[:-1]])
+    begins = np.concatenate([[False], np.diff(q.run) > 0])
+    if wanted.trials.begin == "rest":
+        known = np.isfinite(q.pressures).all(axis=1)
+        resting = _carried(np.where(known, np.abs(q.pressures).max(axis=1) < wanted.trials.below, np.nan)) > 0
+        begins |= resting & ~np.concatenate([[True], resting[:-1]])
     return np.cumsum(begins).astype(np.int64)
 
 
@@ -300,7 +378,7 @@ def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
         sd={n[3:]: v for n, v in cells.items() if n.startswith("sd_")},
         sensors={n: v for n, v in cells.items() if n.startswith("sensor_")},
     )  # fmt: skip
-    return _State(file, group, row, turn)
+    return _State(file, own, group, row, turn)
 
 
 def _numbered(states: Sequence[_State], repeats_told: bool) -> list[TrialRow]:

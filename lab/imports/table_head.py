@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,9 +18,11 @@ FILLED = 0.5
 """Share of the columns that a line of headings names at least."""
 LABELS = ("id", "type", "parent")
 """Lines of headings, by the word at their begin, that name nothing: Motive writes them."""
+MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
+"""Begin of the files that Motive exports."""
 ABOUT_UNITS = re.compile(r"unit|einheit|unité|unidad|\bin\b|\[", re.IGNORECASE)
-SINGLE = frozenset({"m", "s", "g", "n", "h"})
-"""Units that are letters: read as units only where `in`, `:`, `=` or a bracket stands before them."""
+SINGLE = frozenset({"m", "s", "g", "n", "h", "in", "at"})
+"""Units that are letters or words: read as units only where `in`, `:`, `=` or a bracket stands before them."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,11 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
             raise ConfigError(
                 f"{path}: source.{key} = {line}: this line holds no words above the numbers; correct the line"
             )
-    wide = [one for one in above if sum(map(bool, one[1])) >= max(1, FILLED * width)]
+    wide = [one for one in above if sum(map(bool, one[1])) >= max(1, FILLED * width) and not MOTIVE.match(one[2])]
+    labels = {line for line, cells, _ in above if _is_label(cells)}
     units = named[source.units] if source.units else None
     if units is None:
-        found = [one for one in wide if one[0] != source.heading and _are_units(one[1])]
+        found = [one for one in wide if one[0] != source.heading and are_units(one[1])]
         others = [one for one in wide if one not in found]
         units = found[-1][1] if found and (others or source.heading) else None
     heads = [one for one in wide if one[1] is not units]
@@ -59,7 +62,7 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     elif units is not None and heads:  # below a line of units may stand comments
         at = next(line for line, cells, _ in above if cells is units)
         heads = [one for one in heads if one[0] < at] or heads[:1]
-    cells = _joined(heads)
+    cells = _joined(heads, labels)
     stated = [c for c in cells if c]
     if len(stated) * 2 == width and len(cells[: width // 2]) == len(stated) and width > 3:
         raise ConfigError(
@@ -80,12 +83,13 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     return Head(names, frozenset(n for n, c in zip(names, cells, strict=False) if c), by_column, common)
 
 
-def _are_units(cells: Sequence[str]) -> bool:
+def are_units(cells: Sequence[str]) -> bool:
+    """Whether a line is one of units."""
     said = [c for c in cells if c]
     return bool(said) and any(unit_named(c) for c in said) and sum(map(is_unit, said)) > len(said) / 2
 
 
-def _joined(heads: Sequence[Line]) -> list[str]:
+def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
     """One name for each column; where the last line alone does not tell columns apart, with the lines above it."""
     if not heads:
         return []
@@ -95,12 +99,17 @@ def _joined(heads: Sequence[Line]) -> list[str]:
         return list(names)
     for k in range(len(heads) - 2, -1, -1):
         cells = heads[k][1]
-        if heads[k + 1][0] - heads[k][0] > 1:
+        if any(line not in labels for line in range(heads[k][0] + 1, heads[k + 1][0])):
             break
-        if any(c.casefold() in LABELS for c in cells[:2]):
+        if _is_label(cells):
             continue
         names = [f"{a} {b}".strip() for a, b in zip(_carried(cells), names, strict=False)]
     return [re.sub(r"^(Name|Type) ", "", n) for n in names]
+
+
+def _is_label(cells: Sequence[str]) -> bool:
+    """Whether a line above the headings names nothing that tells columns apart."""
+    return any(c.casefold() in LABELS for c in cells[:2])
 
 
 def _carried(cells: Sequence[str]) -> list[str]:
@@ -117,7 +126,7 @@ def _listed_units(text: str, width: int) -> list[str]:
     for way in (r"[;\t|]", r",", r"[\s,;|]+"):
         parts = [p.strip().strip('"') for p in re.split(way, rest.strip())]
         for cells in (parts, parts[1:]):
-            if len(cells) == width and _are_units(cells):
+            if len(cells) == width and are_units(cells):
                 return cells
     return []
 

@@ -21,16 +21,19 @@ from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from .columns import Judged, is_missing, judge, looks_like_value
+from .headings import heading, unit_named
 from .map_file import Source
 from .series import LARGEST, Series, of_judged
-from .table_head import Head, head_of
+from .table_head import MOTIVE, Head, are_units, head_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
-SAMPLE = 400
+BLANKS = 1.2
+"""Times the points of another separator by which blanks, of which a tab is one, must split the lines better."""
+SAMPLE = 100
 """Lines by which separator and width are judged."""
 LONGEST_CELL = 20
 """Lines that one cell in quotation marks may have."""
@@ -40,12 +43,14 @@ DATA_SHARE = 0.5
 MOST_ODD = 0.1
 """Of the lines of data that may have too many cells."""
 COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
+MOST_NAMED = 0.3
+"""Of the headings, from which on a line among the data that holds them is one of headings."""
 MOST_NOTED = 5
 """Lines left out that are named."""
 DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
 """A number whose comma stands between no thousands."""
-MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
-"""Begin of the files that Motive exports."""
+END_OF_HEADER = "***End_of_Header***"
+"""Line of LabVIEW's measurement files (.lvm)."""
 BINARY = 0.1
 """Share of control characters from which on a file is no text."""
 
@@ -66,6 +71,8 @@ def read_text(path: Path, source: Source) -> Series:
     records = list(_records(text))
     if not records:
         raise ConfigError(f"{path}: is empty; check the path, or export it again")
+    records, heading = _labview(records)
+    source = source if source.heading is not None else source.model_copy(update={"heading": heading})
     said = re.fullmatch(r"sep=(.)", records[0].text.strip())
     separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
     frame, records, too_long = _split(path, records, separator, width)
@@ -73,6 +80,7 @@ def read_text(path: Path, source: Source) -> Series:
     head = head_of(
         path, [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])], frame.shape[1], source
     )
+    _demand_one_table(path, frame, records, data, first, head)
     kept = frame[data]
     lines = np.array([r.line for r, one in zip(records, data, strict=True) if one], np.int64)
     found = _columns(kept, head, source, separator)
@@ -80,7 +88,13 @@ def read_text(path: Path, source: Source) -> Series:
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
     made = of_judged(path, found, form)
-    return replace(made, units={**head.units, **made.units}, common_units=head.common_units, lines=lines, notes=notes)
+    return replace(
+        made,
+        units={**head.units, **made.units},
+        common_units=head.common_units,
+        lines=lines,
+        notes=(*notes, *made.notes),
+    )
 
 
 # ------------------------------------------------------------------ characters and lines
@@ -128,6 +142,18 @@ def _records(text: str) -> Iterator[Record]:
             yield Record(begin + 1, bare, mark is not None)
 
 
+def _labview(records: list[Record]) -> tuple[list[Record], int | None]:
+    """Lines of a file of LabVIEW without the headers of its later segments, and the line of its headings; None of others."""
+    ends = [i for i, r in enumerate(records) if r.text.startswith(END_OF_HEADER) and i + 1 < len(records)]
+    if not ends:
+        return records, None
+    begins = [i for i, r in enumerate(records) if i > ends[0] and r.text.startswith("Channels")]
+    segments = [(i, next((e for e in ends if e > i), i)) for i in begins]
+    first = segments[0][1] if segments else ends[0]
+    dropped = {k for i, end in segments[1:] for k in range(i, end + 2)}
+    return [r for k, r in enumerate(records) if k not in dropped], records[first + 1].line
+
+
 def _cells(text: str, separator: str) -> list[str]:
     """One line split."""
     if separator == " ":
@@ -154,7 +180,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             if values and len(cells) > 1:
                 score[len(cells)] = score.get(len(cells), 0.0) + values - other
         width, points = max(score.items(), key=lambda s: s[1], default=(0, 0.0))
-        if points > best[0]:
+        if points > best[0] * (BLANKS if separator == " " else 1.0):
             best = (points, separator, width)
     if not best[1]:
         tried = f"not split by {given!r}" if given else "no separator splits the lines into columns of numbers"
@@ -287,12 +313,41 @@ def _left_out(
         yield f"{len(odd) - MOST_NOTED} further lines are left out, the last one line {odd[-1][0].line}"
 
 
+def _unit(cell: str) -> str:
+    """The unit that a cell of a line of units names; empty where it names none of this software."""
+    return (unit_named(cell) or ("", ""))[1]
+
+
+def _demand_one_table(
+    path: Path, frame: pd.DataFrame, records: Sequence[Record], data: NDArray[np.bool_], first: int, head: Head
+) -> None:
+    """Raise ConfigError where other headings or units stand among the data: below them the columns are others."""
+    said = {n: head.units.get(n) or heading(n).unit for n in head.names}
+    last = len(data) - int(np.argmax(data[::-1]))
+    for i in (np.flatnonzero(~data[first:last]) + first).tolist():
+        cells = [" ".join(str(c).split()).strip('"') for c in frame.iloc[i]]
+        named = sum(c in head.stated for c in cells)
+        alike = sum(c == name for c, name in zip(cells, head.names, strict=True))
+        pairs = [(_unit(c), said[n]) for c, n in zip(cells, head.names, strict=True)]
+        units = are_units(cells) and any(one and other and one != other for one, other in pairs)
+        told = max(1, int(MOST_NAMED * len(head.stated)))
+        if units or (named >= told and alike < sum(map(bool, cells)) and alike < len(head.stated)):
+            unlike = (c for c, n in zip(cells, head.names, strict=True) if c and c != n and _unit(c) != said[n])
+            other = next(unlike, records[i].text.strip())
+            raise ConfigError(
+                f"{path}, line {records[i].line}: says {other[:40]!r} and so begins another table than line "
+                f"{records[first].line}; write each table to a file of its own"
+            )
+
+
 # ------------------------------------------------------------------ columns
 def _columns(kept: pd.DataFrame, head: Head, source: Source, separator: str) -> dict[str, Judged]:
     """What each column holds; separators at the end of lines make none."""
     told = separator != "," or any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
+    commas = told and any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
     judged = {
-        name: judge(kept[k], source.missing, source.decimal, comma_splits=not told) for k, name in enumerate(head.names)
+        name: judge(kept[k], source.missing, source.decimal, comma_splits=not told, commas=commas)
+        for k, name in enumerate(head.names)
     }
     while len(judged) > 1 and (name := next(reversed(judged))) not in head.stated and _is_empty(judged[name].values):
         del judged[name]

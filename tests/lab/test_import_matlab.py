@@ -10,10 +10,10 @@ import matio
 import numpy as np
 import pandas as pd
 import pytest
-from foreign_tables import STATES, sweep
 from scipy.io import savemat
 from test_import_tables import ROBOT, guessed
 
+from benchmarks.faults.foreign_tables import HEADINGS, STATES, sweep
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.map_file import Source, load_map
@@ -106,3 +106,31 @@ def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
         ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells that hold more"
     ):
         read(tmp_path / "run.mat", Source())
+
+
+def test_a_cell_table_and_a_matrix_with_names_are_read_by_column(tmp_path: Path) -> None:
+    rows = np.array(sweep())
+    cells = np.empty((len(rows) + 1, 7), object)
+    cells[0], cells[1:] = list(HEADINGS), rows
+    savemat(tmp_path / "a.mat", {"C": cells})
+    savemat(tmp_path / "b.mat", {"M": rows, "names": np.array(HEADINGS, object)})
+    savemat(tmp_path / "c.mat", {"C": cells[1:]})
+    for name, label in (("a", "C"), ("b", "M")):
+        series = read(tmp_path / f"{name}.mat", Source())
+        assert series.names == tuple(f"{label}.{h}" for h in HEADINGS) and len(series) == len(rows)
+        assert series.numbers[f"{label}.Tip Z [mm]"] == pytest.approx(rows[:, 6])
+    series = read(tmp_path / "c.mat", Source())
+    assert series.names == tuple(f"C.{k}" for k in range(1, 8)) and series.numbers["C.7"] == pytest.approx(rows[:, 6])
+
+
+def test_a_file_with_elements_of_no_kind_is_refused_and_does_not_end_the_process(tmp_path: Path) -> None:
+    for compressed in (False, True):
+        savemat(tmp_path / "a.mat", {"p": PRESSURES, "log": {"tip": TIP}}, do_compression=compressed)
+        data = (tmp_path / "a.mat").read_bytes()
+        assert len(read(tmp_path / "a.mat", Source())) == STATES
+        for kind in (8, 10, 99):
+            at = 132 if compressed else data.index((9).to_bytes(4, "little"), 180)
+            wrong = data[: at - 4 * compressed] + kind.to_bytes(4, "little") + data[at + 4 - 4 * compressed :]
+            (tmp_path / "a.mat").write_bytes(wrong)
+            with pytest.raises(ConfigError, match=f"is not a MATLAB file .*an element of kind {kind}"):
+                read(tmp_path / "a.mat", Source())

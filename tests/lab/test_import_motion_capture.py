@@ -8,10 +8,10 @@ from pathlib import Path
 import c3d
 import numpy as np
 import pytest
-from foreign_tables import PLATEAUS, sweep
 from scipy.spatial.transform import Rotation
 from test_import_tables import ROBOT, guessed
 
+from benchmarks.faults.foreign_tables import PLATEAUS, sweep
 from lab.cli import main
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
@@ -162,3 +162,23 @@ def test_headings_of_two_lines_name_marker_and_axis(tmp_path: Path) -> None:
     (tmp_path / "take.csv").write_text("\n".join(lines))
     made = through(tmp_path / "take.csv")
     assert len(made.table) == PLATEAUS and np.abs(made.table["z"] - 0.14).max() < 0.011
+
+
+@pytest.mark.parametrize("parent", [True, False])
+def test_a_few_markers_of_motive_keep_their_names_and_the_unit_of_the_take(parent: bool, tmp_path: Path) -> None:
+    markers = [m for m in ("Rig:Tip", "Rig:Base", "Unlabeled 7") for _ in "XYZ"]
+    lines = [
+        "Format Version,1.24,Take Name,T 1,Export Frame Rate,50.0,Rotation Type,Quaternion,Length Units,Centimeters,Space,Global",
+        ",".join(["", "Type", *["Marker"] * 9]),
+        ",".join(["", "Name", *markers]),
+        *([",".join(["", "Parent", *[""] * 9])] if parent else []),
+        ",".join(["", "", *["Position"] * 9]),
+        ",".join(["Frame", "Time (Seconds)", *"XYZXYZXYZ"]),
+    ]
+    for k, tip in enumerate(seen(ROWS[:100, 4:]) / 10):
+        lines.append(",".join([str(k), f"{k / 50:.4f}", *(f"{v:.5f}" for v in (*tip, *BASE / 10)), "", "", ""]))
+    (tmp_path / "take.csv").write_text("\n".join(lines))
+    series = read(tmp_path / "take.csv", Source())
+    assert series.form == "Motive's export" and series.common_units == {"m": "cm"}
+    assert series.names[2] == "Rig:Tip Position X" and series.names[10] == "Unlabeled 7 Position Z"
+    assert guessed(tmp_path / "take.csv")[0].values["points"]["tip"]["unit"] == "cm"

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from foreign_tables import BARE, HEADINGS, PLATEAUS, STATES, UNITS, comma, sweep, text
 
+from benchmarks.faults.foreign_tables import BARE, HEADINGS, PLATEAUS, STATES, UNITS, Change, comma, sweep, text
 from lab.files.config import ConfigError, load
 from lab.imports.columns import judge, number
 from lab.imports.formats import read
 from lab.imports.guess import guess_map
+from lab.imports.headings import chamber, heading
 from lab.imports.map_file import Source, load_map
 from lab.imports.proposal import Guess, guess_text
 from lab.imports.table import Imported, imported, straight_point
@@ -85,6 +86,7 @@ PLAIN = {
     "a logger that lost its power": text(FEW).encode() + b"\0" * 300,
     "break in a heading": text(FEW, headings=['"Time\n[s]"', *HEADINGS[1:]]),
     "minus signs and signs": text(FEW, ";", change=lambda k, c: [*c[:4], *[v.replace("-", "\u2212") for v in c[4:]]]),
+    "dashes as minus signs": text(FEW, ";", change=lambda k, c: [v.replace("-", "\u2013") for v in c]),
     "exponents of Fortran": text(FEW, ";", change=lambda k, c: [f"{float(v):.6E}".replace("E", "D") for v in c]),
     **{
         f"epoch in {unit}": text(
@@ -198,6 +200,83 @@ def test_each_column_has_its_own_decimal_mark(cells: list[str], found: list[floa
 
     assert [None if v != v else v for v in judge(pd.Series(cells, dtype=str)).values.tolist()] == found
     assert number("1e400") is None and number("1_000") is None
+
+
+def test_marks_between_thousands_are_told_from_decimal_marks_and_noted(tmp_path: Path) -> None:
+    def pascal(mark: str) -> Change:
+        return lambda k, c: [c[0], *(f"{round(float(v) * 1e3):,}".replace(",", mark) for v in c[1:4]), *c[4:]]
+
+    names = ["t [s]", "P1 [Pa]", "P2 [Pa]", "P3 [Pa]", "X [mm]", "Y [mm]", "Z [mm]"]
+    for mark in (",", ".", "'"):
+        german = mark == "."
+        change = (lambda k, c: comma(pascal(".")(k, c), 0, 4, 5, 6)) if german else pascal(mark)
+        _, made = through(tmp_path / "table.csv", text(FEW, ";", names, change))
+        assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(
+            np.array(FEW)[:, 1:4], abs=2e-3
+        )
+        assert any("is read as 35" in n or "is read as 15" in n or "is read as 14" in n for n in made.notes) == (
+            mark in ",."
+        )
+
+
+@pytest.mark.parametrize(
+    "below",
+    [
+        [*HEADINGS[:4], "Tip Y [mm]", "Tip X [mm]", "Tip Z [mm]"],
+        ["Time [s]", "P1 [bar]", "P2 [bar]", "P3 [bar]", *HEADINGS[4:]],
+        ["s", "bar", "bar", "bar", "mm", "mm", "mm"],
+    ],
+)
+def test_a_table_below_another_is_refused(below: list[str], tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"table.csv, line 17: says '.*' and so begins another table than line 2"):
+        through(tmp_path / "table.csv", text(FEW[:15]) + text(FEW[15:], headings=below))
+
+
+def test_labview_s_headers_hold_no_readings(tmp_path: Path) -> None:
+    about = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\t\n"
+    )
+    segment = "Channels\t6\t\t\t\t\t\t\t\n"
+    for key, one in (
+        ("Samples", "15"),
+        ("Date", "2024/03/01"),
+        ("Time", "14:05:12,1"),
+        ("X0", "0,0E+0"),
+        ("Delta_X", "4,0"),
+    ):
+        segment += "\t".join([key, *[one] * 6, "", ""]) + "\n"
+    segment += "\t".join(["Y_Unit_Label", *UNITS[1:], "", ""]) + "\n***End_of_Header***\t\t\t\t\t\t\t\n"
+    segment += "\t".join(["X_Value", *BARE[1:], "Comment"]) + "\n"
+    parts = [text(rows, "\t", (), lambda k, c: comma(c, *range(7))) for rows in (FEW[:15], FEW[15:])]
+    made, result = through(tmp_path / "table.lvm", about + "".join(segment + part for part in parts))
+    assert made.values["columns"]["t"] == {"column": "X_Value"} and len(result.table) == STATES
+    assert result.table["p1"] / 1e3 == pytest.approx([r[1] for r in FEW], abs=2e-3)
+
+
+@pytest.mark.parametrize(("step", "unit"), [(40, "ms"), (40_000, "us"), (40_000_000, "ns")])
+def test_the_unit_of_times_follows_from_their_steps_and_is_asked_about(step: int, unit: str, tmp_path: Path) -> None:
+    content = text(MANY, headings=["time", *HEADINGS[1:]], change=lambda k, c: [str(step * k), *c[1:]])
+    made, result = through(tmp_path / "table.csv", content)
+    assert made.values["columns"]["t"]["unit"] == unit and any("columns.t" in d for d in made.doubts)
+    assert len(result.table) == PLATEAUS
+
+
+def test_numbers_that_nobody_measures_are_missing(tmp_path: Path) -> None:
+    _, made = through(tmp_path / "table.csv", text(FEW, ";", change=lambda k, c: words(k, c, "1e300")))
+    assert len(made.table) == STATES - HIDDEN and any("1e+300: taken as missing" in n for n in made.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "number_of"),
+    [
+        ("Temp1 [°C]", None), ("Step1", None), ("Supply pressure 1 (bar)", None), ("Flow P1 [l/min]", None), ("pSet2", 2),
+        ("p[1]", 1),
+        ("P3 (mmHg)", 3), ("Regulator 2 [kPa]", 2), ("Druck2_Soll", 2),
+        ("/regulators/measured.layout.data_offset", None), ("/regulators/measured.data.2", 2),
+    ],
+)  # fmt: skip
+def test_headings_of_chambers(name: str, number_of: int | None) -> None:
+    assert chamber(heading(name)) == number_of
 
 
 # ------------------------------------------------------------------ angles

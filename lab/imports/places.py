@@ -1,0 +1,152 @@
+"""Whether places can be those of this body: where the tracked point sits, and whether a marker was taken for another.
+
+Lever: a body that bends evenly ties the place of its end to the turn of it.
+
+An arc of length L that turns by theta towards d ends at L a, a = (1 - cos theta) / theta d + sin theta / theta e_z. A tracked
+point off by h along the axis from where the map has it adds h (R - 1) e_z to what is taken for that end. The lengths of all
+states are free and h is one for all; both are linear: least squares say how well readings fit without h and with it. (A point
+off sideways cannot be seen: (R - 1) d = -theta a, as if the body were shorter.)
+
+Jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of pressure
+have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from recordings.trials import TrialRow
+
+from .reading import at_rest
+
+Array = NDArray[np.float64]
+
+LEAST_TURN = np.radians(10.0)
+FEWEST = 6
+"""States that turn by as much."""
+WRONG, RIGHT = 0.05, 0.25
+"""Share of the robot's length that is missed without h, and share of that with h, from which on it is told."""
+
+
+def lever_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float, float] | None:
+    """h (m), and the rms (m) that are missed without and with it, where readings that start from the straight robot contradict
+    the map; None otherwise."""
+    kept = [
+        (np.array(r.tip), Rotation.from_quat(r.orientation, scalar_first=True)) for r in rows if r.tip and r.orientation
+    ]
+    kept = [(tip, turn) for tip, turn in kept if np.hypot(*turn.as_rotvec()[:2]) > LEAST_TURN]
+    n = len(kept)
+    if n < FEWEST:
+        return None
+    arcs = np.zeros((n, 3, n))
+    for i, (_, turn) in enumerate(kept):
+        x, y = turn.as_rotvec()[:2]
+        theta = float(np.hypot(x, y))
+        across = (1 - np.cos(theta)) / theta**2
+        arcs[i, :, i] = across * y, -across * x, np.sin(theta) / theta
+    seen = np.concatenate([tip for tip, _ in kept])
+    levers = np.concatenate([(turn.as_matrix() - np.eye(3))[:, 2:] for _, turn in kept])
+    without, both = arcs.reshape(3 * n, n), np.hstack([arcs.reshape(3 * n, n), levers])
+    found = np.linalg.lstsq(both, seen, rcond=None)[0]
+    missed = [
+        float(np.sqrt(np.sum((seen - a @ c) ** 2) / n))
+        for a, c in ((without, np.linalg.lstsq(without, seen, rcond=None)[0]), (both, found))
+    ]
+    if missed[0] < WRONG * length or missed[1] > RIGHT * missed[0]:
+        return None
+    return float(found[-1]), missed[0], missed[1]
+
+
+# ------------------------------------------------------------------ jumps
+STILL = 0.1
+"""Robot lengths by which hysteresis, creep and noise may move a place while the pressures stay."""
+USUAL, TIMES = 90, 2.0
+"""Percentile of movement by change of pressure, and times that much more than it a place may move."""
+CHANGED = 0.1
+"""Share of the range of pressures from which on a change of pressure tells how far places move."""
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A place that moved farther than the body can."""
+
+    state: int
+    """The one after the jump, from 0."""
+    body: int
+    """0: the tip, 1 .. markers."""
+    distance: float
+    """m"""
+    pressure: float
+    """Pa, the largest change of a chamber."""
+    exchanged: int | None = None
+    """The body whose place it took, and which took its place."""
+
+
+def jumps(rows: Sequence[TrialRow], length: float) -> Iterator[Jump]:
+    """Places that move, from one state to the next, farther than the body of this length (m) can.
+
+    Neighbours are states that follow each other, and states at rest that do; under other loads (spine, masses, vacuum,
+    forces, mounting) they are not held against each other.
+    """
+    if len(rows) < 2 or len({len(r.markers) for r in rows}) > 1 or any(r.tip is None for r in rows):
+        return
+    places = np.array([[r.tip, *r.markers] for r in rows], np.float64)
+    pressures = np.array([r.pressures for r in rows])
+    forces = np.array([r.tip_force for r in rows])
+    loads = [(r.spine_length, r.tip_mass, r.roll_deg, r.vacuum) for r in rows]
+    resting = np.flatnonzero(at_rest(pressures)).tolist()
+    every = range(len(rows))
+    pairs = dict.fromkeys([*zip(every, every[1:], strict=False), *zip(resting, resting[1:], strict=False)])
+    a, b = np.array([pair for pair in pairs if loads[pair[0]] == loads[pair[1]]] or [(0, 0)]).T
+    kept = np.abs(forces[b] - forces[a]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
+    a, b = a[kept], b[kept]
+    moved = np.linalg.norm(places[b] - places[a], axis=2)
+    changed = np.abs(pressures[b] - pressures[a]).max(axis=1)
+    telling = changed > CHANGED * max(float(np.ptp(pressures)), 1e-9)
+    found: list[Jump] = []
+    if not telling.any():  # nothing says how far pressures move the body
+        return
+    for body in range(places.shape[1]):
+        seen = telling & np.isfinite(moved[:, body])
+        usual = float(np.percentile(moved[seen, body] / changed[seen], USUAL)) if seen.any() else 0.0
+        limit = STILL * length + TIMES * usual * changed
+        for i in np.flatnonzero(moved[:, body] > limit).tolist():
+            before, after = places[a[i]], places[b[i]]
+            others = [
+                k
+                for k in range(places.shape[1])
+                if k != body and _near(after[body], before[k], limit[i]) and _near(after[k], before[body], limit[i])
+            ]
+            partner = others[0] if others else None
+            found.append(Jump(int(b[i]), body, float(moved[i, body]), float(changed[i]), partner))
+    yield from {(j.state, j.body): j for j in sorted(found, key=lambda j: (j.state, j.body))}.values()
+
+
+def _near(a: Array, b: Array, within: float) -> bool:
+    return bool(np.linalg.norm(a - b) <= within)
+
+
+def moves_within(tip: Array, markers: Array, length: float) -> int | None:
+    """The row of a state, of (n, 3) and (n, k, 3) m, to which a place jumps from the row in which it was seen before; None
+    where none does."""
+    for place in (tip, *np.swapaxes(markers, 0, 1)):
+        seen = np.flatnonzero(np.isfinite(place).all(axis=1))
+        steps = np.linalg.norm(np.diff(place[seen], axis=0), axis=1)
+        if len(steps) and steps.max() > STILL * length:
+            return int(seen[int(np.argmax(steps)) + 1])
+    return None
+
+
+def strays(tip: Array, markers: Array, length: float) -> NDArray[np.bool_]:
+    """(n,) rows of a state within which a place jumps that hold it far from where most rows do."""
+    out = np.zeros(len(tip), bool)
+    for place in (tip, *np.swapaxes(markers, 0, 1)):
+        seen = place[np.isfinite(place).all(axis=1)]
+        if len(seen):
+            out |= np.linalg.norm(place - np.median(seen, axis=0), axis=1) > STILL * length / 2
+    return out

@@ -1,0 +1,252 @@
+"""Several files, columns that differ among them, contradicting units, exchanged markers: asked about, never guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from test_import_tables import ROBOT, guessed
+
+from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
+from lab.cli import main
+from lab.files.config import ConfigError, load
+from lab.imports.map_file import load_map
+from lab.imports.table import Imported, imported, straight_point
+from model.robot import Robot
+
+FEW, MANY = sweep(), sweep(40)
+NAMES = (
+    "t [s]",
+    "p1 [kPa]",
+    "p2 [kPa]",
+    "p3 [kPa]",
+    *(f"tip {a} [mm]" for a in "xyz"),
+    *(f"mid {a} [mm]" for a in "xyz"),
+)
+COLUMNS: dict[str, Any] = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z", "m1x", "m1y", "m1z"), NAMES, strict=True))
+
+
+def with_middle(k: int, cells: list[str]) -> list[str]:
+    """A second marker half-way."""
+    return [*cells, *(f"{float(v) * f:.3f}" for v, f in zip(cells[4:], (0.3, 0.3, 0.5), strict=True))]
+
+
+def exchanged(k: int, cells: list[str]) -> list[str]:
+    cells = with_middle(k, cells)
+    return [*cells[:4], *cells[7:], *cells[4:7]]
+
+
+def read_all(folder: Path, contents: Mapping[str, str], order: Sequence[str] | None = None, **more: Any) -> Imported:
+    for name, content in contents.items():
+        (folder / name).write_text(content)
+    values = {"columns": {n: {"column": c} for n, c in COLUMNS.items()}, "trials": {"begin": "rest"}} | more
+    (folder / "map.yaml").write_text(yaml.safe_dump(values))
+    files = [folder / name for name in order or contents]
+    return imported(files, load_map(folder / "map.yaml"), straight_point(load(ROBOT, Robot)))
+
+
+def tips(made: Imported) -> np.ndarray:
+    return np.column_stack([made.table[a] for a in "xyz"]) * 1e3
+
+
+# ------------------------------------------------------------------ markers
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (lambda k, c: (with_middle if k < 18 else exchanged)(k, c), "a.csv, line 20"),
+        (lambda k, c: (exchanged if k in (6, 7) else with_middle)(k, c), "a.csv, line 8"),
+    ],
+)
+def test_markers_exchanged_within_a_file_are_asked_about(change: Any, line: str, tmp_path: Path) -> None:
+    made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=change)})
+    assert any(line in n and "the tip and marker 1 change places: were they exchanged?" in n for n in made.notes)
+
+
+def test_markers_exchanged_from_file_to_file_are_asked_about(tmp_path: Path) -> None:
+    contents = {
+        "a.csv": text(FEW, headings=NAMES, change=with_middle),
+        "b.csv": text(FEW, headings=NAMES, change=exchanged),
+    }
+    made = read_all(tmp_path, contents)
+    assert any("b.csv, line 2" in n and "change places" in n for n in made.notes)
+    own = {"b.csv": {"columns": {n: {"column": NAMES[i]} for n, i in zip(("x", "y", "z", "m1x", "m1y", "m1z"), (7, 8, 9, 4, 5, 6), strict=True)}}}  # fmt: skip # noqa: E501
+    made = read_all(tmp_path, contents, files={**own, "*": {}})
+    assert not made.notes and tips(made)[STATES:] == pytest.approx(tips(made)[:STATES])
+
+
+def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: Path) -> None:
+    def moved(k: int, cells: list[str]) -> list[str]:
+        cells = with_middle(k, cells)
+        return cells if k < 13 else [*cells[:5], f"{float(cells[5]) + 37:.3f}", *cells[6:]]
+
+    made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=moved)})
+    assert any("a.csv, line 16: the tip moves by 37.0 mm" in n and "farther than the body can" in n for n in made.notes)
+    assert not read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}).notes
+
+
+def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) -> None:
+    content = text(MANY, headings=NAMES, change=lambda k, c: (with_middle if k < 500 else exchanged)(k, c))
+    made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
+    assert any(
+        "a.csv, line 502: a marker jumps within a state" in n and "0 rows and 1 states are left out" in n
+        for n in made.notes
+    )
+    z = tips(made)[:, 2]
+    assert ((z > 138) | (z < 76)).all()
+
+
+def test_a_row_in_which_a_marker_jumps_and_comes_back_is_left_out_of_its_state(tmp_path: Path) -> None:
+    content = text(MANY, headings=NAMES, change=lambda k, c: (exchanged if k % 50 == 27 else with_middle)(k, c))
+    made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
+    assert len(made.table) == PLATEAUS and tips(made)[:, 2].min() > 144
+    assert any(
+        "a.csv, line 29: a marker jumps within a state" in n and " and 0 states are left out" in n for n in made.notes
+    )
+
+
+# ------------------------------------------------------------------ several files
+def test_columns_may_differ_from_file_to_file(tmp_path: Path) -> None:
+    other = [n.replace("p2 [kPa]", "regulator 2 [bar]").replace("tip", "Spitze") for n in NAMES]
+    contents = {
+        "a.csv": text(FEW, headings=NAMES, change=with_middle),
+        "b 1.csv": text(
+            FEW, headings=other, change=lambda k, c: with_middle(k, [*c[:2], f"{float(c[2]) / 100:.5f}", *c[3:]])
+        ),
+    }
+    with pytest.raises(
+        ConfigError, match=r"b 1.csv: columns.p2 = 'p2 \[kPa\]': this column .* under files: .*'b 1.csv'"
+    ):
+        read_all(tmp_path, contents)
+    columns = {"p2": {"column": other[2]}, **{a: {"column": f"Spitze {a} [mm]"} for a in "xyz"}}
+    made = read_all(tmp_path, contents, files={"b*": {"columns": columns, "tip_mass": "30 g"}, "*": {}})
+    assert tips(made)[STATES:] == pytest.approx(tips(made)[:STATES])
+    assert made.table["p2"][STATES:] == pytest.approx(made.table["p2"][:STATES], abs=1)
+    assert [r.tip_mass for r in made.table.rows[STATES - 1 : STATES + 1]] == [None, 0.03]
+
+
+def test_the_tip_of_some_files_may_be_given_by_them_alone(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text(FEW))
+    columns = {f"p{i}": {"column": f"P{i} [kPa]"} for i in (1, 2, 3)}
+    tip = {a: {"column": f"Tip {a.upper()} [mm]"} for a in "xyz"}
+    place = tmp_path / "map.yaml"
+    place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": tip}}}))
+    assert len(imported([tmp_path / "a.csv"], load_map(place), np.array([0, 0, 0.15])).table) == STATES
+    place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": {"x": tip["x"]}}}}))
+    with pytest.raises(
+        ConfigError, match=r"a.csv: the map of this file \(files\): columns: give the tip by x, y and z"
+    ):
+        imported([tmp_path / "a.csv"], load_map(place), np.array([0, 0, 0.15]))
+
+
+@pytest.mark.parametrize(
+    ("own", "said"),
+    [
+        ({"tip_masss": 1}, r"files.\*.tip_masss: is no column of trials.csv"),
+        ({"columns": {"q": {"column": 1}}}, r"files.\*.columns.q: is no column of trials.csv"),
+        ({"columns": {"p1": {"column": 1, "unit": "mm"}}}, r"files.\*.columns.p1.unit = 'mm': p1 needs one of Pa"),
+        ({"tip_mass": "20 mm"}, r"files.\*.tip_mass: '20 mm' has the unit 'mm'"),
+    ],
+)
+def test_what_is_wrong_under_files_is_named(own: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=said):
+        read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}, files={"*": own})
+
+
+def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path: Path) -> None:
+    def at(start: float) -> str:
+        rows = [[1.7e9 + start + r[0], *r[1:]] for r in FEW]
+        return text(rows, headings=NAMES, change=with_middle)
+
+    made = read_all(tmp_path, {"late.csv": at(1000), "early.csv": at(0)})
+    assert any("in the order of their times: early.csv, late.csv" in n for n in made.notes)
+    assert made.table["t"][STATES] == pytest.approx(1000)
+    plain = text(FEW, headings=NAMES, change=with_middle)
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    for n in (10, 2, 1):
+        (runs / f"run{n}.csv").write_text(plain)
+    made = read_all(tmp_path, {}, order=["runs"])
+    assert [s.path.name for s, _, _ in made.files] == ["run1.csv", "run2.csv", "run10.csv"]
+
+
+# ------------------------------------------------------------------ times
+def test_a_file_written_backwards_is_read_forwards(tmp_path: Path) -> None:
+    made = read_all(tmp_path, {"a.csv": text(FEW[::-1], headings=NAMES, change=with_middle)})
+    assert tips(made)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
+    assert any("from its end to its begin" in n for n in made.notes)
+
+
+def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp_path: Path) -> None:
+    rows = [[4.0 * (k % 15), *r[1:]] for k, r in enumerate(FEW)]
+    made = read_all(tmp_path, {"a.csv": text(rows, headings=NAMES, change=with_middle)}, trials={"begin": "file"})
+    assert any("times begin again 1 times, first in line 17 (56 s to 0 s)" in n for n in made.notes)
+    assert np.flatnonzero(np.diff(made.table["trial"])).tolist() == [14] and (np.diff(made.table["t"]) > 0).all()
+    late = [*FEW[:8], FEW[9], FEW[8], *FEW[10:]]
+    made = read_all(tmp_path, {"a.csv": text(late, headings=NAMES, change=with_middle)})
+    assert any("1 rows are earlier than the row before (first in line 11)" in n for n in made.notes)
+    assert tips(made)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
+
+
+def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
+    content = text(FEW, headings=NAMES, change=with_middle) + ",11.0,11.0,11.0,0,0,147,0,0,70\n"
+    made = read_all(tmp_path, {"a.csv": content})
+    assert len(made.table) == STATES and any("1 of 31 rows stand before or behind all times" in n for n in made.notes)
+
+
+# ------------------------------------------------------------------ units
+def test_a_unit_that_is_none_of_the_quantity_is_asked_about(tmp_path: Path) -> None:
+    content = text(FEW, headings=[n.replace("p3 [kPa]", "p3 [V]") for n in NAMES], change=with_middle)
+    columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [V]"}}
+    with pytest.raises(
+        ConfigError, match=r"a.csv: column 'p3 \[V\]' \(columns.p3\): the file says 'V' .*write columns.p3.unit"
+    ):
+        read_all(tmp_path, {"a.csv": content}, columns=columns)
+
+
+def test_a_unit_of_the_map_against_that_of_the_file_is_noted(tmp_path: Path) -> None:
+    columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [kPa]", "unit": "bar"}}
+    made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}, columns=columns)
+    assert any("'p3 [kPa]': the file says kPa, columns.p3.unit says bar, which is taken" in n for n in made.notes)
+
+
+def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
+    def change(k: int, cells: list[str]) -> list[str]:
+        return [cells[0], f"{float(cells[1]) / 100:.5f}", *cells[2:6], f"{float(cells[6]) / 25.4:.6f}"]
+
+    names = ("Time [s]", "P1 [bar]", "P2 [kPa]", "P3 [kPa]", "Tip X [mm]", "Tip Y [mm]", "Tip Z (in)")
+    (tmp_path / "a.csv").write_text(text(FEW, headings=names, change=change))
+    _, place = guessed(tmp_path / "a.csv")
+    made = imported([tmp_path / "a.csv"], load_map(place), straight_point(load(ROBOT, Robot)))
+    assert tips(made) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
+    assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(
+        np.array(FEW)[:, 1:4], abs=2e-3
+    )
+
+
+@pytest.mark.parametrize(
+    "names", [("pset{}", "pist{}"), ("P{}_SP", "P{}_PV"), ("Soll {}", "Druck {}"), ("p{}_cmd", "p{}")]
+)
+def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], tmp_path: Path) -> None:
+    asked, read = ([name.format(i) for i in (1, 2, 3)] for name in names)
+    headings = ["t", *asked, *read, "x", "y", "z"]
+    change = lambda k, c: [c[0], *(f"{1.4 * float(v):.3f}" for v in c[1:4]), *c[1:]]  # noqa: E731
+    (tmp_path / "a.csv").write_text(text(FEW, headings=headings, change=change))
+    made, _ = guessed(tmp_path / "a.csv")
+    assert [made.values["columns"][f"p{i}"]["column"] for i in (1, 2, 3)] == read
+    (tmp_path / "a.csv").write_text(text(FEW, headings=["t", *asked, "x", "y", "z"]))
+    if "p" in names[0].casefold():
+        made, _ = guessed(tmp_path / "a.csv")
+        assert any("are set-points: no column of measured pressures" in d for d in made.doubts)
+
+
+def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.db3").write_bytes(b"SQLite format 3\0")
+    values = {"columns": {n: {"column": c} for n, c in COLUMNS.items()}, "robot": str(ROBOT)}
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(values))
+    words = ["import", str(tmp_path / "a.db3"), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "c")]
+    assert main(words) == 2
+    assert "export it as CSV" in " ".join(capsys.readouterr().err.split())
