@@ -49,6 +49,20 @@ def test_each_form_of_set_point_is_understood(ask: Ask, plant: Plant, request_: 
     assert plant.regulator[[8, 0, 1]].tolist() == [50e3] * 3
 
 
+def test_what_libraries_of_others_ask_for_is_answered(ask: Ask, fake: AlicatFake) -> None:
+    for asked, told in (
+        ("A$$r85", "A   085 = 1"), ("A$$w21=500", "A   021 = 500"), ("A$$R21", "A   021 = 500"), ("AR99", "?"),
+        ("ALV", "A 38"), ("ALV 34", "A 34"), ("AR122", "A   122 = 34"), ("ALV 99", "?"),
+        ("ALSRC", "A 1 1 1 1"), ("ALSRC 1 0 1 0", "A 1 0 1 0"), ("AZCA", "A 0 2.0"), ("AZCA 1 3.5", "A 1 3.5"), ("AZCA 0", "A 0 3.5"),
+        ("ALCDB", "A +000.00 4 kPa"), ("ALCDB 0 1.5", "A +001.50 4 kPa"), ("ADCZ", "A 0 0.00"), ("ADCZ 0 2", "A 0 2.00"),
+        ("AVD", "A 0.00 0.00"), ("ASR 36 6", "A 0.0 4 4 kPa/s"), ("ASR 0 4", "A 0.0 4 4 kPa/s"),
+    ):  # fmt: skip
+        assert ask(asked) == told, asked
+    assert "HLD" in ask("A$$H") and fake.device["A"].held == "HC"
+    assert "HLD" not in ask("A$$C")
+    assert numbers(ask("ATP"))[0] == 0.0
+
+
 def test_a_set_point_beyond_the_range_is_clamped(ask: Ask) -> None:
     assert numbers(ask("AS 999"))[1] == 400.0
     assert numbers(ask("AS -5"))[1] == 0.0
