@@ -1,7 +1,8 @@
 """Fake Dynamixel X servo (Protocol 2.0) that winds the spine's cord on a drum.
 
-All instructions of the protocol but the backup of the control table. Stricter than the device: registers are written whole, EEPROM is locked while torque is on, values are checked against
-their ranges. Its firmware is old: a bus watchdog that trips forgets the homing offset and moves the shaft by it.
+All instructions of the protocol but the backup of the control table. Stricter than the device: registers are written
+whole, EEPROM is locked while torque is on, values are checked against their ranges. Its firmware is old: a bus watchdog
+that trips forgets the homing offset and moves the shaft by it.
 
 Faults by name in `faults.extra`:
 - "stuck" (bool): the shaft does not turn and draws no current, as with a broken gear.

@@ -69,7 +69,7 @@ SETTINGS = {
     172: (15, 0), 173: (1, 0), 181: (FASTEST, 0), 182: (FASTEST, 0), 184: (1, 0), 185: (15, 0), 186: (FASTEST, 0),
     187: (255, 14), 188: (255, 200), 191: (3, 1), 192: (1, 1), 214: (65535, 100),
 }  # fmt: skip
-"""Of the ramp's ends and the motor's driver: highest value, and the one from the factory. Its physics here has no use for them."""
+"""Of the ramp's ends and the motor's driver, for which the physics here has no use: highest value, value from the factory."""
 WRITABLE |= {number: (0, highest) for number, (highest, _) in SETTINGS.items()}
 START |= {number: value for number, (_, value) in SETTINGS.items()}
 FIXED = {180: 31, 189: 0, 190: 0, 196: 0, 197: 0, 206: 0}
