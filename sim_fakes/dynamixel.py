@@ -1,7 +1,8 @@
 """Fake Dynamixel X servo (Protocol 2.0) that winds the spine's cord on a drum.
 
-Stricter than the device: registers are written whole, EEPROM is locked while torque is on, values are checked against
-their ranges. Its firmware is old: a bus watchdog that trips forgets the homing offset and moves the shaft by it.
+All instructions of the protocol but the backup of the control table. Stricter than the device: registers are written
+whole, EEPROM is locked while torque is on, values are checked against their ranges. Its firmware is old: a bus watchdog
+that trips forgets the homing offset and moves the shaft by it.
 
 Faults by name in `faults.extra`:
 - "stuck" (bool): the shaft does not turn and draws no current, as with a broken gear.
@@ -24,8 +25,14 @@ from .pty_fake import Device, PtyFake
 from .punctual import Silence
 
 HEADER = b"\xff\xff\xfd\x00"
-PING, READ, WRITE, REBOOT, STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
-SYNC_READ, SYNC_WRITE, BULK_READ, BULK_WRITE = 0x82, 0x83, 0x92, 0x93
+PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+REBOOT, CLEAR, STATUS = 0x08, 0x10, 0x55
+SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x82, 0x83, 0x8A
+BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
+CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
+"""Content of the only kind of CLEAR that this model knows."""
+KEPT_BY_RESET: dict[bytes, tuple[int, ...]] = {b"\xff": (), b"\x01": (7,), b"\x02": (7, 8)}
+"""Content of FACTORY_RESET: the registers that it leaves as they are."""
 BROADCAST, LAST_ID = 254, 252
 PROTOCOL = 2
 ANSWER_READS, ANSWER_ALL = 1, 2
@@ -85,6 +92,9 @@ REGISTERS = {
     126: Register(2), 128: Register(4), 132: Register(4), 136: Register(4), 140: Register(4), 144: Register(2),
     146: Register(1),
 }  # fmt: skip
+INDIRECT = ((168, 224, 28), (578, 634, 28))
+"""Banks of addresses that stand for others: where these are stated (2 bytes each), where they are used, how many."""
+REGISTERS |= {start + 2 * i: Register(2, 64, TABLE_END - 1) for start, _, count in INDIRECT for i in range(count)}
 EEPROM_END = 64
 GOALS = (100, 102, 104, 116)
 """Read-only while the bus watchdog is tripped."""
@@ -173,10 +183,22 @@ class DrumMotor(Device):
         if bits & self.table[63]:
             self.put(64, 0)
 
-    def restart(self) -> None:
-        """Volatile registers back to their start values; the encoder knows the angle within a turn only."""
+    def forget_turns(self) -> None:
+        """The encoder knows the angle within a turn only."""
         self._offset -= self.counts // COUNTS * COUNTS
-        for address in (64, 70, 98, 104, 108, 112):
+        self._hold()
+
+    def reset(self, keep: tuple[int, ...]) -> None:
+        """All registers as they come from the factory, but for those at `keep`; then a restart."""
+        kept = {address: self.get(address) for address in keep}
+        self._defaults(self.get(0))
+        for address, value in kept.items():
+            self.put(address, value)
+        self.restart()
+
+    def restart(self) -> None:
+        """Volatile registers back to their start values; the turns are forgotten."""
+        for address in (64, 69, 70, 98, 104, 108, 112):
             self.put(address, 0)
         self.put(64, self.table[60] & 1)
         self.put(68, 2)
@@ -184,7 +206,7 @@ class DrumMotor(Device):
         self.put(100, self.get(36))
         self.put(102, self.get(38))
         self._overloaded_for = 0.0
-        self._hold()
+        self.forget_turns()
 
     def process(self, dt: float) -> None:
         """Advance by dt seconds of rig time; the bus watchdog looks at host time."""
@@ -245,6 +267,8 @@ class DrumMotor(Device):
         factory = {0: model, 6: 45, 7: 1, 8: 1, 9: 250, 11: 3, 12: 255, 13: 2, 24: 10, 31: 80, 32: 160, 34: 95,
                    36: FULL_PWM, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: P_GAIN,
                    100: FULL_PWM, 102: 1193, 144: 120, 146: 31}  # fmt: skip
+        self.table[:] = bytes(TABLE_END)
+        factory |= {start + 2 * i: used + i for start, used, count in INDIRECT for i in range(count)}
         for address, value in factory.items():
             self.put(address, value)
         self._hold()
@@ -276,6 +300,8 @@ class DynamixelFake(PtyFake):
         super().__init__("dynamixel", clock, baud, seed)
         self.motor = DrumMotor(plant, metres_per_turn, direction, start_length, mechanical_length, model)
         self.motor.table[7] = servo_id
+        self._registered: tuple[int, bytes] | None = None
+        """Address and data of a write that waits for ACTION."""
 
     def process(self, dt: float) -> None:
         extra = self.faults.extra
@@ -344,10 +370,28 @@ class DynamixelFake(PtyFake):
             error = self._write(int.from_bytes(params[:2], "little"), params[2:])
             if level >= ANSWER_ALL:
                 self._status(error)
-        elif instruction == REBOOT and not params:
+        elif instruction == REG_WRITE and len(params) > 2:
+            write = int.from_bytes(params[:2], "little"), params[2:]
+            error = self._number("nak") or self._refused(*write)
+            self._registered = self._registered if error else write
+            self.motor.put(69, self._registered is not None)
+            if level >= ANSWER_ALL:
+                self._status(error)
+        elif instruction in (ACTION, REBOOT) and not params:
             if level >= ANSWER_ALL:
                 self._status(0)
-            self.motor.restart()
+            if instruction == ACTION:
+                self._act()
+            else:
+                self.motor.restart()
+        elif instruction == CLEAR and params == CLEAR_TURNS:
+            if level >= ANSWER_ALL:
+                self._status(0)
+            self.motor.forget_turns()
+        elif instruction == FACTORY_RESET and params in KEPT_BY_RESET:
+            if level >= ANSWER_ALL:
+                self._status(0)
+            self.motor.reset(KEPT_BY_RESET[params])
         elif level >= ANSWER_ALL:
             self._status(INSTRUCTION_ERROR)
 
@@ -356,8 +400,15 @@ class DynamixelFake(PtyFake):
         me, reads = self.motor.table[7], self.motor.table[68] >= ANSWER_READS
         if instruction == PING and not params:
             self._answer(PING, params, True)
-        elif instruction in (WRITE, REBOOT):
+        elif instruction in (WRITE, REG_WRITE, ACTION, REBOOT):
             self._answer(instruction, params, False)
+        elif instruction == FAST_SYNC_READ and len(params) > 4:
+            address, size = struct.unpack("<HH", params[:4])
+            if reads:
+                self._tell_fast([(servo, address, size) for servo in params[4:]])
+        elif instruction == FAST_BULK_READ and params and len(params) % 5 == 0:
+            if reads:
+                self._tell_fast(list(struct.iter_unpack("<BHH", params)))
         elif instruction == SYNC_READ and len(params) > 4:
             if reads and me in params[4:]:
                 self._tell(*struct.unpack("<HH", params[:4]))
@@ -383,7 +434,34 @@ class DynamixelFake(PtyFake):
         if size < 1 or address + size > TABLE_END:
             self._status(ACCESS_ERROR)
         else:
-            self._status(0, bytes(self.motor.table[address : address + size]))
+            self._status(0, self._held(address, size))
+
+    def _held(self, address: int, size: int) -> bytes:
+        return bytes(self.motor.table[self._meant(at)] for at in range(address, address + size))
+
+    def _tell_fast(self, asked: list[tuple[int, int, int]]) -> None:
+        """The first of those asked (id, address, size) opens the one packet in which all would answer, without stuffing."""
+        servo, address, size = asked[0]
+        if servo != self.motor.table[7] or size < 1 or address + size > TABLE_END:
+            return
+        length = sum(size + 4 for *_, size in asked) + 1
+        alert = ALERT if self.motor.get(70) else 0
+        packet = HEADER + struct.pack("<BHBBB", BROADCAST, length, STATUS, alert, servo) + self._held(address, size)
+        self.send(packet + struct.pack("<H", crc16(packet)))
+
+    def _meant(self, address: int) -> int:
+        """The address for which an indirect one stands; any other is itself."""
+        for stated, used, count in INDIRECT:
+            if used <= address < used + count:
+                return self.motor.get(stated + 2 * (address - used))
+        return address
+
+    def _act(self) -> None:
+        """Do what was registered."""
+        write, self._registered = self._registered, None
+        self.motor.put(69, 0)
+        if write is not None:
+            self._write(*write)
 
     def _registers(self, address: int, size: int) -> list[int]:
         """Addresses of the whole registers that fill this range exactly; empty when something in it is undefined."""
@@ -397,8 +475,30 @@ class DynamixelFake(PtyFake):
 
     def _write(self, address: int, data: bytes) -> int:
         """Check everything, then write; returns the error number."""
-        if nak := self._number("nak"):
-            return nak
+        if error := self._number("nak") or self._refused(address, data):
+            return error
+        for begin, part in self._runs(address, data):
+            self.motor.table[begin : begin + len(part)] = part
+            for register in self._registers(begin, len(part)):
+                self.motor.wrote(register)
+        return 0
+
+    def _runs(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
+        """What is to be written where, with indirect addresses replaced by those for which they stand."""
+        runs: list[tuple[int, bytes]] = []
+        for i, byte in enumerate(data):
+            at = self._meant(address + i)
+            if runs and at == runs[-1][0] + len(runs[-1][1]):
+                runs[-1] = runs[-1][0], runs[-1][1] + bytes([byte])
+            else:
+                runs.append((at, bytes([byte])))
+        return runs
+
+    def _refused(self, address: int, data: bytes) -> int:
+        """Why data may not be written there; 0 where it may."""
+        return next((error for run in self._runs(address, data) if (error := self._refused_there(*run))), 0)
+
+    def _refused_there(self, address: int, data: bytes) -> int:
         registers = self._registers(address, len(data))
         if not registers:
             return LENGTH_ERROR if address in REGISTERS else ACCESS_ERROR
@@ -407,9 +507,6 @@ class DynamixelFake(PtyFake):
             raw = data[register - address : register - address + kind.size]
             if error := self._refusal(register, kind, int.from_bytes(raw, "little", signed=kind.low < 0)):
                 return error
-        self.motor.table[address : address + len(data)] = data
-        for register in registers:
-            self.motor.wrote(register)
         return 0
 
     def _refusal(self, address: int, kind: Register, value: int) -> int:

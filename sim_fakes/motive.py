@@ -4,9 +4,12 @@ Rigid bodies: Tip (1), Base (2), and M1..Mk (11..) at the robot's markers. Frame
 speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats.
 A hidden tip keeps its last pose with the tracking bit cleared.
 
+A client may ask for an older bitstream, when it connects or by the request `Bitstream,3.1`; each is sent its own.
+
 Strict where the device is: frames leave from the data port, only to clients that connected and keep alive, or to a
 multicast group; a datagram whose length is not what its header says is dropped, but for the one zero byte that the
-maker's own sample sends after requests without content; keep-alive is not answered.
+maker's own sample sends after requests without content, and for clients of old that count the header too; keep-alive is
+not answered.
 
 Faults used: `silent` (nothing is sent), `delay`, `truncate` (frames cut in half), `split` (a frame in two datagrams),
 `garbage` (a datagram in front of each), `corrupt` (half of the datagrams are damaged: the network's checksum drops
@@ -55,6 +58,14 @@ Transform = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, DISCONNECT, KEEPALIVE, ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED = 6, 7, 9, 10, 12, 13, 100
+Version = tuple[int, int]
+OLDEST: Version = (2, 6)
+ASKED_VERSION = 265
+"""Byte of a request to connect at which the bitstream that a client wants is stated."""
+DONE, FAILED = 0, -1
+"""Answers to commands."""
+LIVE, RECORDING = 0, 1
+"""Modes of Motive; Edit is another program's business."""
 TICKS = 10_000_000
 """Clock frequency of the server's stamps, Hz."""
 DAMAGED = 0.5
@@ -102,7 +113,7 @@ class MotiveFake(threading.Thread):
         host: str = "127.0.0.1",
         command_port: int = 1510,
         data_port: int = 1511,
-        version: tuple[int, int] = (4, 1),
+        version: Version = (4, 1),
         rate: float = 100.0,
         mocap_to_base: Transform = MOCAP_TO_BASE,
         markers: int = 3,
@@ -146,7 +157,10 @@ class MotiveFake(threading.Thread):
         """Who is remembered, and when each was last heard, s of host time."""
         names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
         self._bodies = [Body(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
-        self._last_frame = b""
+        self.versions: dict[tuple[str, int], Version] = {}
+        """Bitstream of each client that asked for another than the server's own."""
+        self.mode = LIVE
+        self._last_frames: dict[Version, bytes] = {}
         self._outgoing: list[tuple[float, socket.socket, tuple[str, int], bytes]] = []
         self._running = True
         self._look()
@@ -214,7 +228,7 @@ class MotiveFake(threading.Thread):
             return
         message, size = struct.unpack("<HH", data[:4])
         payload = data[4 : 4 + size]
-        if len(payload) < size or data[4 + size :] not in ((b"", b"\0") if size == 0 else (b"",)):
+        if len(data) not in (4 + size, size) and not (size == 0 and data[4:] == b"\0"):
             return
         if message == KEEPALIVE:
             self.keep_alives += 1
@@ -231,46 +245,70 @@ class MotiveFake(threading.Thread):
             return
         if message == CONNECT:
             self.clients[client] = time.monotonic()
-        answer = self._answer(message, payload)
+            self._want(client, payload[ASKED_VERSION : ASKED_VERSION + 2])
+        answer = self._answer(message, payload, client)
         self._send(self._command, client, *answer)
 
-    def _answer(self, message: int, payload: bytes) -> tuple[int, bytes]:
+    def _want(self, client: tuple[str, int], version: bytes) -> bool:
+        """Send a client this bitstream from now on, or the server's own; False where there is no such."""
+        self.versions.pop(client, None)
+        if len(version) == 2 and OLDEST <= (version[0], version[1]) <= self.version:
+            self.versions[client] = version[0], version[1]
+        return client in self.versions
+
+    def _answer(self, message: int, payload: bytes, client: tuple[str, int]) -> tuple[int, bytes]:
         if self.faults.extra.get("refuse"):
             return UNRECOGNIZED, b""
         if message == CONNECT:
             return SERVERINFO, self._server_info()
         if message == REQUEST_MODELDEF:
-            return MODELDEF, self._definitions()
+            return MODELDEF, self._definitions(self.versions.get(client, self.version))
         if message == REQUEST_FRAME:
             self._look()
-            return FRAME, self._frame_payload()
+            return FRAME, self._frame_payload(self.versions.get(client, self.version))
         if message == ECHO_REQUEST and len(payload) >= 8:
             return ECHO_RESPONSE, payload[:8] + struct.pack("<Q", self._ticks())
         if message == REQUEST:
-            command = payload.rstrip(b"\0")
-            known = {b"FrameRate": self.rate, b"UnitsToMillimeters": 1000.0}
-            return RESPONSE, struct.pack("<f", known[command]) if command in known else struct.pack("<i", -1)
+            return RESPONSE, self._command_answer(payload.rstrip(b"\0").decode("ascii", "replace"), client)
         return UNRECOGNIZED, b""
+
+    def _command_answer(self, command: str, client: tuple[str, int]) -> bytes:
+        """What Motive says to a remote request; commands get a number, 0 for done."""
+        name, _, value = command.partition(",")
+        if name == "Bitstream" and not value:
+            return "Bitstream,{}.{}".format(*self.versions.get(client, self.version)).encode()
+        if name == "Bitstream":
+            asked = bytes(int(part) for part in value.split(".")[:2] if part.isdigit() and int(part) < 256)
+            return struct.pack("<i", DONE if self._want(client, asked) else FAILED)
+        if name in ("FrameRate", "UnitsToMillimeters"):
+            return struct.pack("<f", self.rate if name == "FrameRate" else 1000.0)
+        if name in ("StartRecording", "StopRecording"):
+            self.mode = RECORDING if name == "StartRecording" else LIVE
+        numbers = dict.fromkeys(
+            ("CurrentMode", "StartRecording", "StopRecording", "LiveMode", "SetRecordTakeName"), DONE
+        )
+        numbers |= {"CurrentMode": self.mode, "AnalogSamplesPerMocapFrame": 0}
+        return struct.pack("<i", numbers.get(name, FAILED))
 
     def _server_info(self) -> bytes:
         versions = bytes((3, 1, 0, 0, *self.version, 0, 0))
         group = socket.inet_aton(self._group or "0.0.0.0")
         tail = struct.pack("<QH?4s", TICKS, self._data_port, bool(self._group), group)
-        return b"Motive".ljust(256, b"\0") + versions + tail
+        return b"Motive".ljust(256, b"\0") + versions + (tail if self.version >= (3, 0) else b"")
 
-    def _definitions(self) -> bytes:
+    def _definitions(self, version: Version) -> bytes:
         found = list(self.other_definitions)
         for body in self._bodies:
             name = f"Other{body.id}" if self.faults.extra.get("foreign") else body.name
             d = name.encode() + b"\0" + struct.pack("<ii3f", body.number, -1, 0, 0, 0)
-            if self.version >= (4, 2):
+            if version >= (4, 2):
                 d += struct.pack("<4f", 0, 0, 0, 1)
-            if self.version >= (3, 0):
+            if version >= (3, 0):
                 d += struct.pack("<i3fi", 1, 0.01, 0.0, 0.0, 0)
-            if self.version >= (4, 0):
+            if version >= (4, 0):
                 d += b"Marker1\0"
             found.append((1, d))
-        sized = self.version >= (4, 1)
+        sized = version >= (4, 1)
         parts = (struct.pack("<i", kind) + (struct.pack("<i", len(d)) if sized else b"") + d for kind, d in found)
         return struct.pack("<i", len(found)) + b"".join(parts)
 
@@ -282,20 +320,20 @@ class MotiveFake(threading.Thread):
         if not (self.clients or self._group):
             self.frame += 1
             return
-        if not (extra.get("replay") and self._last_frame):
+        wanted = {self.versions.get(c, self.version) for c in self.clients} | {self.version}
+        if not (extra.get("replay") and self._last_frames.keys() >= wanted):
             self.frame = 1 if extra.pop("restart", False) else self.frame + 1
             if not self.faults.freeze:
                 self._look()
-            self._last_frame = self._frame_payload()
+            changed = bool(extra.pop("changed", False))
+            self._last_frames = {version: self._frame_payload(version, changed) for version in wanted}
         drop = extra.get("drop", 0)
         if isinstance(drop, int) and drop > 0:
             extra["drop"] = drop - 1
             return
-        payload = self._last_frame
-        if self.faults.truncate:
-            payload = payload[: len(payload) // 2]
         for client in [(self._group, self._data_port)] if self._group else self.clients:
-            self._send(self._data, client, FRAME, payload)
+            payload = self._last_frames[self.versions.get(client, self.version)]
+            self._send(self._data, client, FRAME, payload[: len(payload) // 2] if self.faults.truncate else payload)
 
     def _look(self) -> None:
         """The cameras' view of the plant, with noise."""
@@ -323,26 +361,25 @@ class MotiveFake(threading.Thread):
         body.position = self._rotation.T @ (position - self._origin) + self.noise * noise[3:]
         body.quaternion = shaken(turn, 0.5 * self.angle_noise * noise[:3])
 
-    def _frame_payload(self) -> bytes:
+    def _frame_payload(self, version: Version, changed: bool = False) -> bytes:
         shown = [b for b in self._bodies if not (b.id == TIP and self.faults.extra.get("no_body"))]
-        bodies = b"".join(self._body(body) for body in shown)
+        bodies = b"".join(self._body(body, version) for body in shown)
         sections = [(0, b""), (0, b""), (len(shown), bodies), (0, b"")]
         # marker sets, unlabelled markers, rigid bodies, skeletons; then assets, labelled markers, plates, devices
-        sections += [(0, b"") for since in ((4, 1), (2, 3), (2, 9), (2, 11)) if self.version >= since]
+        sections += [(0, b"") for since in ((4, 1), (2, 3), (2, 9), (2, 11)) if version >= since]
         payload = struct.pack("<i", self.frame)
         for count, content in sections:
-            size = struct.pack("<i", len(content)) if self.version >= (4, 1) else b""
+            size = struct.pack("<i", len(content)) if version >= (4, 1) else b""
             payload += struct.pack("<i", count) + size + content
-        payload += b"" if self.version >= (3, 0) else struct.pack("<f", 0.0)  # latency
+        payload += b"" if version >= (3, 0) else struct.pack("<f", 0.0)  # latency
         stamp = self.clock.now() * self.faults.skew
-        payload += struct.pack("<IId" if self.version >= (2, 7) else "<IIf", 0, 0, stamp)
-        if self.version >= (3, 0):
+        payload += struct.pack("<IId" if version >= (2, 7) else "<IIf", 0, 0, stamp)
+        if version >= (3, 0):
             ticks = self._ticks()
             payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 30_000)
-        if self.version >= (4, 1):
+        if version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
-        changed = self.faults.extra.pop("changed", False)
-        return payload + struct.pack("<hI", 2 if changed else 0, 0)
+        return payload + struct.pack("<hI", (self.mode == RECORDING) | changed << 1, 0)
 
     def _taken_for(self, body: Body) -> Body:
         """The body whose pose is sent under the name of this one."""
@@ -350,7 +387,7 @@ class MotiveFake(threading.Thread):
         names = pair if isinstance(pair, (list, tuple)) and body.name in pair else ()
         return next((b for b in self._bodies if b.name in names and b is not body), body)
 
-    def _body(self, body: Body) -> bytes:
+    def _body(self, body: Body, version: Version) -> bytes:
         extra, seen = self.faults.extra, self._taken_for(body)
         position, quaternion = seen.position, seen.quaternion
         if body.id == TIP:
@@ -360,7 +397,7 @@ class MotiveFake(threading.Thread):
                 position = np.full(3, 1e6)
             if extra.get("zeros") and not seen.tracked:
                 position, quaternion = np.zeros(3), np.zeros(4)
-        inline = b"" if self.version >= (3, 0) else struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
+        inline = b"" if version >= (3, 0) else struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
         pose = struct.pack("<i3f4f", body.number, *position, *quaternion)
         return pose + inline + struct.pack("<fh", self.noise, int(seen.tracked))
 

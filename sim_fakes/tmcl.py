@@ -26,6 +26,7 @@ from .punctual import Silence
 
 FRAME = struct.Struct(">BBBBi")
 ROR, ROL, MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 9, 10, 13, 136
+SIO, GIO = 14, 15
 STAP, RSAP, STOP_PROGRAM, RUN_PROGRAM = 7, 8, 128, 129
 ABSOLUTE, RELATIVE = 0, 1
 """Types of MVP."""
@@ -33,7 +34,7 @@ OK, CHECKSUM, COMMAND, TYPE, VALUE = 100, 1, 2, 3, 4
 TARGET, ACTUAL, TARGET_SPEED, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 2, 3, 4, 5
 MAX_CURRENT, STANDBY_CURRENT = 6, 7
 REACHED, HOME_SWITCH, RIGHT_SWITCH, LEFT_SWITCH = 8, 9, 10, 11
-RIGHT_OFF, LEFT_OFF, DECELERATION, SOFT_STOP = 12, 13, 17, 26
+RIGHT_OFF, LEFT_OFF, DECELERATION, SOFT_STOP, MEASURED_SPEED = 12, 13, 17, 26, 29
 RESOLUTION, RAMP_DIVISOR, PULSE_DIVISOR, FULLSTEPS, FREEWHEELING = 140, 153, 154, 202, 204
 STEP_DIRECTION, UNITS = 254, 255
 SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
@@ -61,6 +62,22 @@ START = {
     RAMP_DIVISOR: 7, PULSE_DIVISOR: 3, FULLSTEPS: 200, FREEWHEELING: 0, STEP_DIRECTION: 0, UNITS: 1,
 }  # fmt: skip
 """As it comes from the factory; what was stored replaces these at every start."""
+SETTINGS = {
+    15: (FASTEST, 51200), 16: (FASTEST, 0), 18: (FASTEST, 51200), 19: (FASTEST, 1), 20: (FASTEST, 10), 22: (FASTEST, 0),
+    23: (FASTEST, 0), 27: (1, 0), 28: (1, 0), 31: (15, 7), 32: (1023, 0), 33: (255, 0), 160: (1, 1), 161: (1, 0), 162: (3, 2),
+    163: (1, 0), 164: (1, 0), 165: (15, 3), 166: (8, 4), 167: (15, 3), 168: (1, 0), 169: (3, 0), 170: (15, 0), 171: (3, 0),
+    172: (15, 0), 173: (1, 0), 181: (FASTEST, 0), 182: (FASTEST, 0), 184: (1, 0), 185: (15, 0), 186: (FASTEST, 0),
+    187: (255, 14), 188: (255, 200), 191: (3, 1), 192: (1, 1), 214: (65535, 100),
+}  # fmt: skip
+"""Of the ramp's ends and the motor's driver, for which the physics here has no use: highest value, value from the factory."""
+WRITABLE |= {number: (0, highest) for number, (highest, _) in SETTINGS.items()}
+START |= {number: value for number, (_, value) in SETTINGS.items()}
+FIXED = {180: 31, 189: 0, 190: 0, 196: 0, 197: 0, 206: 0}
+"""What may only be read: the driver's current and load, and where the last reference search met its switch."""
+LINES = {(0, 0): 0, (0, 1): 0, (0, 2): 0, (0, 3): 0, (1, 0): 0, (1, 8): 240, (1, 9): 35, (2, 0): 0, (2, 1): 0}
+"""(bank, number) of inputs and outputs: digital inputs; analog input, supply (0.1 V) and temperature (C); outputs."""
+USER_VARIABLES = 256
+"""Of bank 2 of the global parameters."""
 
 FAR_AWAY = 20_000_000
 """Counts by which the encoder jumps as a fault."""
@@ -233,6 +250,8 @@ class TmclFake(PtyFake):
         self.address, self.host = address, host
         self.secondary_address = 0
         """Another address that it obeys; 0 for none."""
+        self.lines = dict(LINES)
+        self.user = [0] * USER_VARIABLES
         self._heard = time.monotonic()
 
     def process(self, dt: float) -> None:
@@ -274,6 +293,9 @@ class TmclFake(PtyFake):
             status, result = nak, value
         elif sum(frame[:8]) & 0xFF != frame[8]:
             status, result = CHECKSUM, value
+        elif command == VERSION and kind == 0:
+            self.send(bytes([self.host]) + f"{self.module}V116".encode())  # the one answer that is a text
+            return True
         else:
             status, result = self._execute(command, kind, motor, value)
         self._reply(status, command, result)
@@ -292,6 +314,8 @@ class TmclFake(PtyFake):
             return OK, self.module << 16 | 1 << 8 | 16
         if command in (SGP, GGP):
             return self._global(command, kind, motor, value)
+        if command in (SIO, GIO):
+            return self._line(command, (motor, kind), value)
         if motor != 0:
             return VALUE, value
         if command == MST:
@@ -334,6 +358,9 @@ class TmclFake(PtyFake):
             SECONDARY_ADDRESS: self.secondary_address,
             PROGRAM: int(drum.program),
         }
+        if bank == 2 and kind < USER_VARIABLES:
+            self.user[kind] = value if command == SGP else self.user[kind]
+            return OK, self.user[kind]
         if bank != 0 or kind not in held:
             return TYPE, value
         if command == GGP:
@@ -349,6 +376,16 @@ class TmclFake(PtyFake):
         else:
             return VALUE, value
         return OK, value
+
+    def _line(self, command: int, line: tuple[int, int], value: int) -> tuple[int, int]:
+        """Read an input or output, or set an output."""
+        if line not in self.lines or (command == SIO and line[0] != 2):
+            return TYPE, value
+        if command == SIO:
+            if value not in (0, 1):
+                return VALUE, value
+            self.lines[line] = value
+        return OK, self.lines[line]
 
     def _set(self, kind: int, value: int) -> tuple[int, int]:
         if kind not in WRITABLE:
@@ -377,6 +414,7 @@ class TmclFake(PtyFake):
             ACTUAL: round(drum.steps),
             TARGET_SPEED: 0,
             SPEED: round(drum.speed),
+            MEASURED_SPEED: round(drum.speed),
             REACHED: int(drum.steps == drum.target),
             HOME_SWITCH: 0,
             RIGHT_SWITCH: 0,
@@ -384,5 +422,6 @@ class TmclFake(PtyFake):
             DRIVER: (driver if isinstance(driver, int) else 0) | (STANDSTILL if drum.speed == 0 else 0),
             ENCODER: drum.encoder,
             **drum.parameters,
+            **FIXED,
         }
         return (OK, values[kind]) if kind in values else (TYPE, 0)

@@ -26,10 +26,11 @@ from ..console import note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si, unit_text
+from .repair import SHOWN
 
 
 def info(files: Sequence[Path], as_json: bool) -> int:
-    """Print what recordings hold; 3 when the end of one is missing or samples were lost."""
+    """Print what recordings hold; 3 when the end of one is missing, parts make no sense, or samples were lost."""
     found = [(file, summary(file)) for file in files]
     if as_json:
         _print_json([(file, s.to_dict()) for file, s in found])
@@ -79,6 +80,11 @@ def _show(file: Path, s: Info) -> None:
     for topic, stream in s.streams.items():
         if stream.channels > 1:
             out.print(f"{topic}: {stream.channels} channels carry this topic, counted together")
+    for text in s.damage[:SHOWN]:
+        out.print(f"damaged: {text}")
+    if s.damage:
+        more = f"and {len(s.damage) - SHOWN} more, --json prints all; " if len(s.damage) > SHOWN else ""
+        out.print(f"{more}what is damaged is not counted; `lab recover {file}` keeps all that can be read")
     note(s.notes)
     for request in s.requests:
         place = f", trial {request.trial} state {request.step}" if request.trial else ""

@@ -50,6 +50,8 @@ def recover(file: Path, target: Path | None, as_json: bool) -> int:
         out.print(f"  {topic}: {n} messages are missing")
     if r.nameless:
         out.print(f"  {r.nameless} messages of topics whose description is lost")
+    for topic in r.schemaless:
+        out.print(f"  {topic}: its schema is missing; its messages are kept without one")
     if r.oversized:
         out.print(f"left out: {r.oversized}")
     if not r.finished:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..errors import Foreign, NotARecording, OtherVersion
+from ..errors import BadMessage, Damaged, Foreign, NotARecording, OtherVersion
 from ..events import Request
 from ..file.clocks import ClockModel, clocks
 from ..file.counts import counted
@@ -79,11 +79,13 @@ class Info:
     """Of sensors of the lab's own: topic -> name -> what was measured."""
     notes: tuple[str, ...] = ()
     """What could not be worked out, and why."""
+    damage: tuple[str, ...] = ()
+    """What makes no sense and is not counted, and where."""
 
     @property
     def complete(self) -> bool:
-        """Finished, and as far as the file states no message was dropped or lost on the way."""
-        return self.finished and all(not (s.dropped or s.lost) for s in self.streams.values())
+        """Finished and not damaged, and as far as the file states no message was dropped or lost on the way."""
+        return self.finished and not self.damage and all(not (s.dropped or s.lost) for s in self.streams.values())
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -91,20 +93,25 @@ class Info:
 
 
 def info(path: str | os.PathLike[str]) -> Info:
-    """Summary of a file, truncated or not. Raises `NotARecording` or `Damaged`.
+    """Summary of a file, truncated or damaged or not. Raises `NotARecording` or `Oversized`.
 
     >>> found = info("run.mcap")
     >>> found.outcome, found.complete
     ('completed', True)
     """
-    recording = Recording.open(path, truncated=True)
+    try:
+        recording = Recording.open(path, truncated=True)
+        recording.load()
+    except Damaged:
+        recording = Recording.salvaged(path)
+        recording.load()
     metadata = dict(recording.metadata)
     metadata.pop("clocks", None)
-    recording.load()
     counts = counted(metadata)
     metadata.pop("counts", None)
     outcome = metadata.pop("outcome", {})
     notes: list[str] = []
+    damage = [*recording.damage, *recording.undescribed()]
     times = {topic: recording.log_times(topic) for topic in recording.topics}
     first = min((int(t[0]) for t in times.values() if len(t)), default=None)
     last = max((int(t[-1]) for t in times.values() if len(t)), default=0)
@@ -118,7 +125,7 @@ def info(path: str | os.PathLike[str]) -> Info:
             timing((log_times - start) / 1e9),
             counts.get(topic, {}).get("dropped"),
             counts.get(topic, {}).get("lost"),
-            _or(0, notes, partial(recording.restarts, topic)) if topic in recording.streams else 0,
+            _or(0, notes, damage, partial(recording.restarts, topic)) if topic in recording.streams else 0,
             several[topic],
         )
         for topic, log_times in times.items()
@@ -138,11 +145,12 @@ def info(path: str | os.PathLike[str]) -> Info:
         planned=planned_of(recording)[1],
         streams=streams,
         attachments={name: len(data) for name, data in recording.attachments.items()},
-        clocks=_or({}, notes, partial(clocks, recording)),
+        clocks=_or({}, notes, damage, partial(clocks, recording)),
         metadata=metadata,
-        requests=_or([], notes, lambda: recording.requests),
-        sensors={topic: _or({}, notes, partial(_quantities, recording, topic)) for topic in sensors},
+        requests=_or([], notes, damage, lambda: recording.requests),
+        sensors={topic: _or({}, notes, damage, partial(_quantities, recording, topic)) for topic in sensors},
         notes=tuple(dict.fromkeys(notes)),
+        damage=tuple(dict.fromkeys(damage)),
     )
 
 
@@ -156,13 +164,16 @@ def planned_of(recording: Recording) -> tuple[str, int]:
         return "", 0
 
 
-def _or(otherwise: T, notes: list[str], way: Callable[[], T]) -> T:
-    """What `way` gives; where several channels carry a topic or its version is another one, a note and `otherwise`."""
+def _or(otherwise: T, notes: list[str], damage: list[str], way: Callable[[], T]) -> T:
+    """What `way` gives; where several channels carry a topic or its version is another one, a note and `otherwise`; where
+    messages make no sense, damage and `otherwise`."""
     try:
         return way()
     except (NotARecording, OtherVersion) as error:
         notes.append(str(error))
-        return otherwise
+    except (Damaged, BadMessage) as error:
+        damage.append(str(error))
+    return otherwise
 
 
 def _quantities(recording: Recording, topic: str) -> dict[str, Quantity]:

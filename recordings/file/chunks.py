@@ -98,20 +98,27 @@ def decompress(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
 
 def _check_size(packed: memoryview, chunk: Chunk, budget: Budget, where: str) -> None:
     """Raises `Oversized` or `Damaged` when what a chunk says of its size cannot be true; unpacks nothing."""
+    if chunk.compression not in ("", "lz4", "zstd"):
+        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
+    try:
+        size = _packed_size(packed, chunk.compression)
+    except (zstandard.ZstdError, RuntimeError) as error:
+        raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
+    if size not in (chunk.size, None):
+        raise Damaged(f"{where} claims to hold {chunk.size} bytes, its compressed data state {size}; run `lab verify`")
     most = largest_chunk(budget.size)
     if chunk.size > most:
         raise Oversized(f"{where} claims to hold {chunk.size} bytes, limit {most}; {OPTION} lifts the limit")
-    if chunk.compression not in ("", "lz4", "zstd"):
-        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
-    size = len(packed)
-    if chunk.compression == "zstd":
-        # The size inside the packed data is what the library would reserve memory for.
-        try:
-            size = zstandard.frame_content_size(packed)
-        except zstandard.ZstdError as error:
-            raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
-    if chunk.compression != "lz4" and size not in (chunk.size, -1):
-        raise Damaged(f"{where} fails its checksum: its compressed data have a different size; run `lab verify`")
+
+
+def _packed_size(packed: memoryview, compression: str) -> int | None:
+    """Bytes that packed data state they hold, for which the library would reserve memory; None where they state nothing."""
+    if compression == "":
+        return len(packed)
+    if compression == "lz4":
+        return int(lz4.frame.get_frame_info(packed)["content_size"]) or None
+    size = zstandard.frame_content_size(packed)
+    return None if size < 0 else size
 
 
 def _unpacked(packed: memoryview, chunk: Chunk) -> bytes:

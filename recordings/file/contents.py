@@ -6,6 +6,7 @@ A schema, a channel, an attachment or metadata never replaces another one: names
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass, field
 
 from mcap.data_stream import ReadDataStream
@@ -22,6 +23,15 @@ UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
 RUN = 2**20
 """Bytes of messages outside chunks that are read together."""
 _INDEX = struct.Struct("<HI")
+_LENGTHS = (struct.Struct("<I"), struct.Struct("<I"), struct.Struct("<Q"))
+
+
+def attachment_crc(record: Record) -> tuple[int, int]:
+    """The checksum of an attachment, and the one that was written (0: none)."""
+    at = record.body + 16
+    for length in _LENGTHS:  # of name, media type and data
+        at += length.size + length.unpack_from(record.source, at)[0]
+    return zlib.crc32(record.source[record.body : at]), int(_LENGTHS[0].unpack_from(record.source, at)[0])
 
 
 @dataclass(frozen=True)
@@ -70,6 +80,8 @@ class Contents:
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     holes: list[Hole] = field(default_factory=list)
+    broken: set[int] = field(default_factory=set)
+    """Where chunks begin of which only the records that make sense are read; of all others everything must."""
 
     def __post_init__(self) -> None:
         self.budget = Budget(self.name, self.size)
@@ -101,6 +113,12 @@ class Contents:
             self.header = self.header or Header.read(Fields(record))
         elif opcode == Opcode.ATTACHMENT:
             attachment = Attachment.read(Fields(record))
+            computed, stored = attachment_crc(record)
+            if stored not in (0, computed):
+                raise Damaged(
+                    f"{self.name}: the checksum of the attachment {attachment.name!r} at byte {self.base + record.start} is "
+                    f"{computed:08x}, it was written as {stored:08x}; run `lab recover` to leave it out"
+                )
             self.attachments[_unique(attachment.name, self.attachments)] = attachment.data
         elif opcode == Opcode.METADATA:
             self.budget.take(Cost.DEFINITIONS, PER_TEXT * (record.end - record.body))
@@ -129,6 +147,11 @@ class Contents:
                 f"{self.name}: describes {kind.__name__.lower()} {found.id} twice, and differently; run `lab verify`"
             )
         self._seen.add(key)
+
+    def described(self, number: int) -> bool:
+        """Whether a channel and its schema have been found."""
+        channel = self.channels.get(number)
+        return channel is not None and (channel.schema_id == 0 or channel.schema_id in self.schemas)
 
     def _message(self, record: Record) -> None:
         _, _, log_time, _ = MESSAGE.unpack_from(record.source, record.body)

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from ..errors import Damaged
 from .budget import Budget, Cost
-from .chunks import HEAD, MESSAGE, Chunk, decompress
+from .chunks import HEAD, MESSAGE, Chunk, Record, decompress
 from .contents import Contents
+from .records import inside
 
 BATCH = 4 * 2**20
 """Bytes of decompressed chunks held at a time; small enough for the allocator to use the same memory again."""
@@ -68,10 +69,18 @@ def pick(data: memoryview, contents: Contents) -> Iterator[Picked]:
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
         ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
         for batch in [*_batches(contents.chunks), []]:
-            ahead.append((batch, [pool.submit(decompress, data, chunk, budget) for chunk in batch]))
+            ahead.append((batch, [pool.submit(_raw, data, chunk, contents, budget) for chunk in batch]))
             if len(ahead) > 1:
                 chunks, raws = ahead.pop(0)
                 yield from _pick(chunks, [raw.result() for raw in raws], budget)
+
+
+def _raw(data: memoryview, chunk: Chunk, contents: Contents, budget: Budget) -> bytes:
+    """The records of a chunk; raises like `decompress`, unless the chunk is known to be broken."""
+    if chunk.start not in contents.broken:
+        return decompress(data, chunk, budget)
+    found = (item for item in inside(data, chunk, contents) if isinstance(item, Record))
+    return b"".join(record.source[record.start : record.end] for record in found)
 
 
 def _batches(chunks: Sequence[Chunk]) -> Iterator[list[Chunk]]:

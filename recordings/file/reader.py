@@ -17,7 +17,7 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import BadMessage, Damaged, Foreign, MissingStream, NotARecording, Truncated
+from ..errors import BadMessage, Damaged, Foreign, MissingStream, NotARecording, Oversized, Truncated
 from ..events import EVENTS, EventType, Mark, Request
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
 from ..states.bodies import Bodies
@@ -29,7 +29,7 @@ from . import protobuf_runtime
 from .budget import Budget, Cost
 from .contents import Contents, Hole
 from .gather import pick
-from .records import index, inside
+from .records import demand_mcap, index, inside, records
 from .samples import Samples, check_version, message_of, ordered, ours, version_of, written_name
 
 SAID = tuple(e.topic for e in (events.STATE, events.TRIAL, events.LOG, events.REQUEST, events.ZERO, events.MARK))
@@ -111,6 +111,23 @@ class Recording:
         self._log_times: dict[int, list[NDArray[np.int64]]] = {}
         self._sequences: dict[int, list[NDArray[np.int64]]] = {}
         self._streams: dict[str, NDArray[np.void]] = {}
+        self.damage: tuple[str, ...] = ()
+        """What `salvaged` left out, and why."""
+
+    @classmethod
+    def salvaged(cls, path: str | os.PathLike[str]) -> Recording:
+        """What makes sense of a damaged file; raises `NotARecording` or `Oversized`."""
+        data, name = mapped(Path(path)), str(path)
+        demand_mcap(data, name)
+        contents = Contents(name, len(data))
+        holes = [item for item in records(data, contents, unpack=True) if isinstance(item, Hole)]
+        for hole in holes:
+            if isinstance(hole.error, Oversized):
+                raise hole.error
+        contents.broken = {hole.start for hole in holes}
+        recording = cls(Path(path), data, contents)
+        recording.damage = tuple(str(hole.error) for hole in holes if hole.start < contents.end)
+        return recording
 
     def __repr__(self) -> str:
         first, last = self.contents.span or (0, 0)
@@ -137,8 +154,8 @@ class Recording:
                 f"{contents.size} bytes, {len(contents.chunks)} chunks, {(last - first) / 1e9:.1f} s are readable; "
                 "run `lab recover` to get them"
             )
-        for chunk in contents.chunks:  # without a summary, schemas and channels may stand in chunks alone
-            if not chunk.bare and (not chunk.indexes or any(n not in contents.channels for n, _, _ in chunk.indexes)):
+        for chunk in contents.chunks:  # schemas and channels that the summary does not repeat stand in chunks alone
+            if not chunk.bare and not (chunk.indexes and all(contents.described(n) for n, _, _ in chunk.indexes)):
                 for item in inside(data, chunk, contents):
                     if isinstance(item, Hole):
                         raise item.error
@@ -266,6 +283,20 @@ class Recording:
     def load(self) -> None:
         """Read everything at once, for a use that needs most of it."""
         self._load(set(self.contents.channels) - self._loaded)
+
+    def undescribed(self) -> list[str]:
+        """What the loaded messages and the channels refer to and the file does not describe."""
+        channels, schemas = self.contents.channels, self.contents.schemas
+        found = [
+            f"{sum(map(len, parts))} messages are of channel {number}, which is not described"
+            for number, parts in sorted(self._log_times.items())
+            if number not in channels
+        ]
+        return found + [
+            f"channel {c.topic} names the schema {c.schema_id}, which is missing"
+            for c in channels.values()
+            if c.schema_id and c.schema_id not in schemas
+        ]
 
     def _need(self, channel: Channel) -> None:
         """Have the messages of a channel read: of it alone when it is the first."""

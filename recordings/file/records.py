@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 import struct
-import zlib
 from collections.abc import Iterator
 
 from mcap.opcode import Opcode
@@ -38,12 +37,6 @@ ZEROS = 4096
 _BEGIN = re.compile(rb"(?=[\x01-\x0f][\x00-\xff]{4}\x00{4})")
 """Where kind and length of a record below 4 GiB may stand."""
 _LENGTHS = {4: struct.Struct("<I"), 8: struct.Struct("<Q")}
-
-
-def attachment_crc(record: Record) -> tuple[int, int]:
-    """The checksum of an attachment, and the one that was written (0: none)."""
-    at = _used(record.source, record.opcode, record.body) - 4
-    return zlib.crc32(record.source[record.body : at]), int(_LENGTHS[4].unpack_from(record.source, at)[0])
 
 
 def demand_mcap(data: memoryview, name: str) -> None:
@@ -126,7 +119,8 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Recor
 def _unpacked(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Record | Hole]:
     def hole(error: Exception) -> Hole:
         if not isinstance(error, RecordingError):
-            text = f"{contents.name}: the chunk at byte {chunk.start} cannot be parsed ({error}); run `lab recover`"
+            why = str(error) or "a field goes beyond the end of its record"
+            text = f"{contents.name}: the chunk at byte {chunk.start} cannot be parsed ({why}); run `lab recover`"
             error = Damaged(text)
         return Hole(chunk.start, chunk.end, error)
 
@@ -142,6 +136,9 @@ def _unpacked(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Record |
                 except (*UNPARSABLE, Damaged) as error:
                     yield hole(error)
                     continue
+            elif record.opcode in LAYOUT:
+                yield hole(struct.error(f"it holds a record of kind {record.opcode}, which stands outside chunks only"))
+                continue
             yield record
     except (struct.error, RecordingError) as error:
         yield hole(error)
@@ -219,7 +216,8 @@ def _hole(data: memoryview, at: int, error: Exception, contents: Contents) -> tu
     """What is wrong at a byte up to where the walk goes on, and a record whose stated length alone is wrong."""
     base = contents.base
     if not isinstance(error, RecordingError):
-        text = f"{contents.name}: the record at byte {base + at} cannot be parsed ({error}); run `lab verify`"
+        why = str(error) or "a field goes beyond its end"
+        text = f"{contents.name}: the record at byte {base + at} cannot be parsed ({why}); run `lab verify`"
         error = Damaged(text)
     end, torn, record = len(data), None, None
     try:

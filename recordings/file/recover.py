@@ -18,14 +18,14 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
-from ..errors import Damaged, Oversized, RecordingError, WriteFailed
+from ..errors import Oversized, RecordingError, WriteFailed
 from ..messages import is_stream
 from ..own_files import replacing
 from .chunks import MESSAGE, Record
 from .contents import Contents, Fields, Hole
 from .counts import StreamCounts, counted
 from .reader import mapped
-from .records import attachment_crc, demand_mcap, records
+from .records import demand_mcap, records
 from .samples import ours
 from .timing import timing
 from .verify import check
@@ -49,7 +49,9 @@ class Recovery:
     lost: dict[str, int]
     """Known to be missing by the messages' numbers, by topic; topics that miss none are left out."""
     nameless: int
-    """Messages left out because nothing in the file describes their topic any more, or their time makes no sense."""
+    """Messages left out because nothing in the file describes their topic any more."""
+    schemaless: tuple[str, ...]
+    """Topics whose schema is missing in the file; their messages are kept without one."""
     seconds_kept: float
     seconds_lost: float
     """Rig seconds between the messages before and behind each hole, and to the end that a torn chunk tells."""
@@ -61,7 +63,7 @@ class Recovery:
     @property
     def complete(self) -> bool:
         """Nothing was lost: the source was finished and every record of it could be read."""
-        return self.finished and not (self.holes or self.lost or self.nameless)
+        return self.finished and not (self.holes or self.lost or self.nameless or self.schemaless)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -70,13 +72,15 @@ class Recovery:
 
 @dataclass
 class _Kept:
-    """One channel's messages on their way into the new file. `numbered`: their numbers count what there was."""
+    """One channel's messages on their way into the new file. `numbered`: their numbers count what there was; `schemaless`:
+    the schema that the channel names is missing."""
 
     topic: str
     channel: int
     numbered: bool
+    schemaless: bool
     numbers: array[int] = field(default_factory=lambda: array("q"))
-    log_times: array[int] = field(default_factory=lambda: array("q"))
+    log_times: array[int] = field(default_factory=lambda: array("Q"))
 
     @property
     def count(self) -> int:
@@ -145,7 +149,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
         if isinstance(item, Record) and item.opcode == Opcode.MESSAGE:
             number, sequence, log_time, publish_time = MESSAGE.unpack_from(item.source, item.body)
             entry = kept.get(number)
-            if entry is None or log_time >= 2**63:
+            if entry is None:
                 nameless += 1
                 continue
             entry.numbers.append(sequence)
@@ -156,12 +160,11 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
                 seconds_lost += max(0.0, (log_time - before) / 1e9)
             before, first, newest = None, min(first, log_time), max(newest, log_time)
         elif isinstance(item, Record):
-            hole = _outside(writer, item)
-            holes += [] if hole is None else [hole]
+            _outside(writer, item)
         else:
             holes.append(item)
             before = newest if before is None else before
-            if item.torn is not None and math.isfinite(newest) and item.torn.last_time < 2**63:
+            if item.torn is not None and math.isfinite(newest):
                 seconds_lost += max(0.0, (item.torn.last_time - newest) / 1e9)
     topics: dict[str, list[_Kept]] = {}
     for entry in kept.values():
@@ -175,6 +178,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
         messages={topic: sum(entry.count for entry in entries) for topic, entries in topics.items()},
         lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete},
         nameless=nameless,
+        schemaless=tuple(sorted({entry.topic for entry in kept.values() if entry.schemaless})),
         seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0,
         seconds_lost=seconds_lost,
         bytes_skipped=sum(hole.end - hole.start for hole in holes),
@@ -193,19 +197,15 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     return result
 
 
-def _outside(writer: Writer, record: Record) -> Hole | None:
-    """Write an attachment or metadata; a hole where an attachment fails its checksum."""
+def _outside(writer: Writer, record: Record) -> None:
+    """Write an attachment or metadata."""
     if record.opcode == Opcode.ATTACHMENT:
-        computed, stored = attachment_crc(record)
-        if stored not in (0, computed):
-            return Hole(record.start, record.end, Damaged("an attachment fails its checksum"))
         found = Attachment.read(Fields(record))
         writer.add_attachment(found.create_time, found.log_time, found.name, found.media_type, found.data)
     elif record.opcode == Opcode.METADATA:
         texts = Metadata.read(Fields(record))
         if texts.name not in OWN:
             writer.add_metadata(texts.name, texts.metadata)
-    return None
 
 
 def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
@@ -216,24 +216,24 @@ def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
     return {
         number: _Kept(
             c.topic,
-            writer.register_channel(c.topic, c.message_encoding, schemas[c.schema_id], c.metadata),
+            writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata),
             ours(c, found.schemas.get(c.schema_id)),
+            c.schema_id not in schemas,
         )
         for number, c in sorted(found.channels.items())
-        if c.schema_id in schemas
     }
 
 
 def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, StreamCounts]:
     """Counts of the new file: the messages' numbers state how many there were before the last one that is kept. Topics that
     are not numbered have none, unless the source states them."""
-    first = min((entry.log_times[0] for own in topics.values() for entry in own if entry.log_times), default=0)
+    first = min((min(entry.log_times) for own in topics.values() for entry in own if entry.log_times), default=0)
     out, before = {}, counted(found.metadata)
     for topic, entries in topics.items():
         told, count = before.get(topic, {}), sum(entry.count for entry in entries)
         if not (told or any(entry.numbered for entry in entries)):
             continue
         generated = max(sum(max(entry.generated, entry.count) for entry in entries), told.get("generated", 0))
-        times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.int64) for entry in entries]))
+        times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.uint64) for entry in entries]))
         out[topic] = StreamCounts.of(generated, count, told.get("lost", 0), timing((times - first) / 1e9))
     return out

@@ -19,16 +19,15 @@ from mcap.opcode import Opcode
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
 from .chunks import MESSAGE, Chunk, Record
-from .contents import UNPARSABLE, Contents, Hole
+from .contents import UNPARSABLE, Contents, Hole, attachment_crc
 from .counts import below_zero, counted
 from .reader import Recording, mapped
-from .records import LAYOUT, MAGIC, attachment_crc, demand_mcap, records
+from .records import MAGIC, demand_mcap, records
 from .summary import check_summary
 
 ENOUGH = 1000
 """Problems after which a file is not checked further."""
 INTACT, UNCOVERED, DAMAGED = "intact", "intact as far as checksums reach", "damaged"
-_IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _LISTED = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
 _PAIR = struct.Struct("<QQ")
 _CRC = struct.Struct("<I")
@@ -147,8 +146,7 @@ class _Check:
         elif record.opcode == Opcode.MESSAGE_INDEX:
             self._index(record)
         elif record.opcode == Opcode.ATTACHMENT:
-            computed, stored = attachment_crc(record)
-            self.bare["attachments"] += not self._compare(record.start, computed, stored, "attachment")
+            self.bare["attachments"] += not self._compare(record.start, *attachment_crc(record), "attachment")
         elif record.opcode == Opcode.DATA_END:
             self.data_end = record.start
             (crc,) = _CRC.unpack_from(self.data, record.body)
@@ -216,8 +214,6 @@ class _Check:
             self.expected.setdefault(channel, []).append((log_time, record.start))
             self.times.append(log_time)
             self._count(channel)
-        elif record.opcode in LAYOUT and record.opcode not in _IN_CHUNKS and self.chunk is not None:
-            self.problem(self.chunk.start, f"the chunk holds a record of kind {record.opcode}")
 
     def _index(self, record: Record) -> None:
         if self.chunk is None or not self.chunk.indexes:

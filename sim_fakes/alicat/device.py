@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,8 +23,6 @@ PA_PER_UNIT = {
 ABSOLUTE = 34
 """Number of the control loop for absolute pressure; 38 is gauge pressure."""
 AMBIENT = 101_325.0
-TARE_AFTER = 2.0
-"""Rig seconds at a set-point of 0 after which an automatic tare is done."""
 
 
 @dataclass
@@ -54,7 +52,17 @@ class AlicatDevice(Device):
     zero_active: bool = True
     """At a set-point of 0 it vents; else it shuts its valves."""
     auto_tare: bool = False
+    tare_delay: float = 2.0
+    """s at a set-point of 0 after which an automatic tare is done."""
     power_up_tare: bool = False
+    deadband: float = 0.0
+    """Pa"""
+    zero_band: float = 0.0
+    """Percent of the range below which it shows 0."""
+    ramps: tuple[int, int, int, int] = (1, 1, 1, 1)
+    """Whether its ramp holds upwards, downwards, to zero, and at the start."""
+    gains: dict[int, int] = field(default_factory=lambda: {21: 400, 22: 3000, 23: 2000, 85: 1})
+    """Registers: P, D and I of its control loop, and the loop's type; its physics here has no use for them."""
     offset: float = 0.0
     """Pressure that it takes for zero."""
     _driven: float = 0.0
@@ -78,7 +86,7 @@ class AlicatDevice(Device):
         self._driven += max(-step, min(step, self.setpoint - self._driven))
         target = {"": self._controlled(), "EXH": 0.0}.get(self.held, self.held_at)
         self._at_zero = self._at_zero + dt if self.setpoint == 0 else 0.0
-        if self.auto_tare and self._at_zero > TARE_AFTER:
+        if self.auto_tare and self._at_zero > self.tare_delay:
             self.offset = self.pressure
         with self.plant.lock:
             for chamber in self.chambers:

@@ -80,6 +80,7 @@ class Controller:
     payload_centre: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.05]))
     """m"""
     operational_mode: str = "NONE"
+    user_role: str = "programmer"
     remote: bool = True
     """The pendant is in remote control; a CB3 has no such switch."""
     safety: int = NORMAL

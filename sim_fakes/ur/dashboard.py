@@ -8,6 +8,8 @@ from .wire import Connection
 PORT = 29999
 LONGEST_LINE = 1024
 CB3 = 3
+SUPPORT_FILE = (5, 8)
+"""PolyScope version from which on a support file can be asked for."""
 ROLES = ("programmer", "operator", "none", "locked", "restricted")
 UNLOCKED_TOO_SOON = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
@@ -71,8 +73,8 @@ def answer(controller: Controller, request: str) -> str:
         "get robot model": controller.model,
         "is in remote control": str(controller.remote).lower(),
         "get operational mode": controller.operational_mode,
-        "isprogramsaved": "true null",
-        "getuserrole": "PROGRAMMER",
+        "isprogramsaved": "True null",
+        "getuserrole": controller.user_role.upper(),
         "generate flight report": "Flight Report generated with id: 0",
         "close popup": "closing popup",
         "close safety popup": "closing safety popup",
@@ -118,10 +120,15 @@ def _with_argument(controller: Controller, request: str, verb: str, rest: str) -
         return f"File not found: {name.strip() if kind.lower() == 'installation' else rest}"
     if verb == "popup":
         return "showing popup"
+    if request.lower().startswith("generate support file ") and controller.version[:2] >= SUPPORT_FILE:
+        return "Completed successfully: ur_support.zip"
     if verb == "addtolog":
         return "Added log message" if rest else "No log message to add"
     if verb == "setuserrole":
-        return f"Setting user role: {rest.lower()}" if rest.lower() in ROLES else f"Failed setting user role: {rest}"
+        if rest.lower() not in ROLES:
+            return f"Failed setting user role: {rest}"
+        controller.user_role = rest.lower()
+        return f"Setting user role: {rest.lower()}"
     mode = rest.lower().removeprefix("operational mode ")
     if verb == "set" and rest.lower().startswith("operational mode ") and controller.version[0] > CB3:
         if mode not in ("manual", "automatic"):

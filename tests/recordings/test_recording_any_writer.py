@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import itertools
 import struct
+import zlib
 from pathlib import Path
 
 import pytest
 from mcap.reader import NonSeekingReader
-from mcap.records import Channel, Message
+from mcap.records import Channel, Chunk, DataEnd, Header, Message
 from mcap.writer import CompressionType, IndexType, Writer
-from mcap_files import ATTACHED, FEATURES, INPUTS, NOTED, build, combinations, message
+from mcap_files import (
+    ATTACHED,
+    CHANNEL,
+    FEATURES,
+    INPUTS,
+    MAGIC,
+    NOTED,
+    ONE,
+    PACKERS,
+    build,
+    combinations,
+    message,
+    written,
+)
 
 from recordings.campaign.info import info
 from recordings.errors import NotARecording, Oversized
@@ -188,6 +202,91 @@ def test_bags_that_rosbags_writes(tmp_path: Path) -> None:
             writer.write(connection, k, store.serialize_cdr(kind(data=float(k)), kind.__msgtype__))
     (path,) = (tmp_path / "bag").glob("*.mcap")
     assert verify(path).problems == () and info(path).streams["/x"].timing.count == 20
+
+
+def test_what_the_summary_does_not_repeat_is_found_in_the_chunks(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    for channels, schemas in itertools.product((True, False), repeat=2):
+        with open(path, "wb") as file:
+            writer = Writer(file, 300, repeat_channels=channels, repeat_schemas=schemas)
+            writer.start()
+            for topic in ("/a", "/b"):
+                channel = writer.register_channel(topic, "json", writer.register_schema(topic, "jsonschema", b"{}"))
+                for k in range(20):
+                    writer.add_message(channel, k, b"{}", k)
+            writer.finish()
+        assert len(Recording.open(path).contents.schemas) == 2
+        assert info(path).complete and info(path).damage == ()
+
+
+# ------------------------------------------------------------------ damage
+MESSAGES = [message(k) for k in range(10)]
+
+
+def chunked(*records: object, compression: str = "", crc: int | None = None, size: int | None = None) -> bytes:
+    raw = b"".join(map(written, records))
+    crc = zlib.crc32(raw) if crc is None else crc
+    return written(Chunk(compression, PACKERS.get(compression, bytes)(raw), 19, 10, crc, size or len(raw)))
+
+
+def whole(*parts: bytes) -> bytes:
+    end = written(DataEnd(0)) + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + MAGIC
+    return b"".join([MAGIC, written(Header("", "another")), *parts, end])
+
+
+DEFINED = written(ONE) + written(CHANNEL)
+SHORT = struct.pack("<BQ", 5, 4) + b"abcd"
+DAMAGE = {
+    "a chunk in an unknown compression": (whole(DEFINED, chunked(*MESSAGES), chunked(*MESSAGES, compression="br")), 10, "'br'"),
+    "a chunk that fails its checksum": (whole(DEFINED, chunked(*MESSAGES), chunked(*MESSAGES, crc=1)), 10, "checksum"),
+    "a chunk of another size": (whole(DEFINED, *map(written, MESSAGES), chunked(ONE, size=10**12)), 10, "10000000000"),
+    "a packed chunk of another size": (
+        whole(DEFINED, *map(written, MESSAGES), chunked(*MESSAGES, compression="lz4", size=10**12)), 10, "10000000000"),
+    "metadata inside a chunk": (whole(DEFINED, chunked(*MESSAGES[:4], NOTED, *MESSAGES[4:], crc=0)), 10, ""),
+    "a schema that is missing": (whole(written(CHANNEL), *map(written, MESSAGES)), 10, "schema 1, which is missing"),
+    "a channel that is missing": (whole(DEFINED, *map(written, MESSAGES), written(message(1, 9))), 10, "1 messages are of"),
+    "an attachment that was changed": (
+        whole(DEFINED, *map(written, MESSAGES), written(ATTACHED).replace(b"\x01\x02\x03", b"\x01\x02\x02")), 10, "my file"),
+    "metadata that is no text": (
+        whole(DEFINED, written(NOTED).replace(b"foo", b"\xff\xfe\xfd"), *map(written, MESSAGES)), 10, "cannot be parsed"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_what_is_damaged_is_named_and_the_rest_is_counted_and_kept(tmp_path: Path, name: str) -> None:
+    data, count, said = DAMAGE[name]
+    path, copy, again = (tmp_path / f"{name}.mcap" for name in "abc")
+    path.write_bytes(data)
+    assert not verify(path).ok
+    kept = recover(path, copy)
+    assert sum(kept.messages.values()) == count and not kept.complete and not kept.oversized
+    assert verify(copy).verdict == INTACT and info(copy).complete
+    second = recover(copy, again)
+    assert second.complete and second.messages == kept.messages
+    seen = info(path)
+    assert seen.finished and sum(s.timing.count for s in seen.streams.values()) == count
+    if said:  # what stands in a chunk against the rules misleads nobody who counts messages
+        assert not seen.complete and said in " ".join(seen.damage)
+
+
+def test_a_broken_chunk_keeps_the_messages_before_what_makes_no_sense(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    cut = b"".join(map(written, MESSAGES))[:-3]
+    short = DEFINED + b"".join(map(written, MESSAGES[:5])) + SHORT + b"".join(map(written, MESSAGES[5:]))
+    for raw, count in ((DEFINED + cut, 9), (short, 10)):
+        path.write_bytes(whole(written(Chunk("", raw, 19, 10, zlib.crc32(raw), len(raw)))))
+        (seen,) = info(path).streams.values()
+        assert seen.timing.count == count and not info(path).complete
+        (tmp_path / "b.mcap").unlink(missing_ok=True)
+        assert recover(path, tmp_path / "b.mcap").messages == {"example": count}
+
+
+def test_times_of_any_size_are_kept(tmp_path: Path) -> None:
+    times = [2**64 - 1, 0, 2**63]
+    path, copy = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    path.write_bytes(whole(DEFINED, *(written(Message(1, t, b"{}", t, k)) for k, t in enumerate(times))))
+    assert recover(path, copy).complete and [t for t, _, _ in held(copy)] == sorted(times)
+    assert verify(path).messages == 3 == info(path).streams["example"].timing.count
 
 
 # ------------------------------------------------------------------ identity

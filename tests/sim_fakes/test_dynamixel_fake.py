@@ -159,6 +159,56 @@ def test_the_makers_own_groups_read_and_write(wire: Wire) -> None:
         port.closePort()
 
 
+def test_the_makers_fast_groups_read(wire: Wire) -> None:
+    wire.port.close()
+    port, packets = dynamixel_sdk.PortHandler(wire.fake.port), dynamixel_sdk.PacketHandler(2.0)
+    assert port.openPort()
+    try:
+        sync = dynamixel_sdk.GroupSyncRead(port, packets, POSITION, 4)
+        bulk = dynamixel_sdk.GroupBulkRead(port, packets)
+        assert sync.addParam(1) and bulk.addParam(1, POSITION, 4)
+        for group, read in ((sync, sync.fastSyncRead), (bulk, bulk.fastBulkRead)):
+            for _ in range(5):
+                if read() == dynamixel_sdk.COMM_SUCCESS:
+                    break
+            assert group.getData(1, POSITION, 4) == wire.fake.motor.get(POSITION)
+    finally:
+        port.closePort()
+
+
+def test_a_registered_write_waits_for_the_action(wire: Wire) -> None:
+    goal = struct.pack("<Hi", GOAL, 2000)
+    assert wire.ask(4, struct.pack("<Hi", GOAL, 2**30)) == (RANGE, b"")
+    assert wire.ask(2, struct.pack("<HH", 69, 1)) == (0, b"\0")
+    assert wire.ask(4, goal) == (0, b"")
+    assert wire.ask(2, struct.pack("<HH", 69, 1)) == (0, b"\1")
+    assert wire.fake.motor.get(GOAL) != 2000
+    assert wire.ask(5, servo=254, within=0.1) is None
+    assert wire.ask(2, struct.pack("<HH", GOAL, 4)) == (0, struct.pack("<i", 2000))
+
+
+def test_indirect_addresses_stand_for_others(wire: Wire) -> None:
+    for i in range(4):
+        assert wire.write(168 + 2 * i, struct.pack("<H", GOAL + i)) == 0
+    assert wire.write(224, struct.pack("<i", 1500)) == 0
+    assert wire.ask(2, struct.pack("<HH", GOAL, 4)) == (0, struct.pack("<i", 1500))
+    assert wire.ask(2, struct.pack("<HH", 224, 4)) == (0, struct.pack("<i", 1500))
+    assert wire.write(224, struct.pack("<i", 2**30)) == RANGE
+    assert wire.write(168, struct.pack("<H", POSITION)) == 0
+    assert wire.write(224, b"\1") == LENGTH
+
+
+def test_turns_are_cleared_and_settings_reset(wire: Wire) -> None:
+    wire.fake.motor.place(10_000)
+    assert wire.ask(0x10, b"\x01\x44\x58\x4c\x22") == (0, b"")
+    assert wire.position() == 10_000 % 4096
+    assert wire.ask(0x10, b"\x02\x44\x58\x4c\x22") == (UNDEFINED, b"")
+    assert wire.write(11, b"\4") == wire.write(31, struct.pack("<B", 60)) == 0
+    assert wire.ask(6, b"\x02") == (0, b"")
+    assert wire.ask(2, struct.pack("<HH", 11, 1)) == (0, b"\3")
+    assert wire.ask(2, struct.pack("<HH", 31, 1)) == (0, bytes([80]))
+
+
 @pytest.mark.parametrize(("level", "answered"), [(0, [True, False, False]), (1, [True, True, False])])
 def test_the_status_return_level_decides_what_is_answered(wire: Wire, level: int, answered: list[bool]) -> None:
     assert wire.write(68, bytes([level])) is not None

@@ -4,6 +4,8 @@ import random
 import select
 import socket
 import struct
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -17,6 +19,7 @@ from sim_fakes.rotations import quaternion_xyzw, rotation_matrix
 
 CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, KEEPALIVE = 0, 1, 4, 5, 7, 10
 ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED, DISCONNECT = 12, 13, 100, 9
+REQUEST, RESPONSE, REQUEST_FRAME = 2, 3, 6
 
 
 class Host:
@@ -144,6 +147,94 @@ def test_an_independent_client_hears_frames_for_longer_than_a_client_is_remember
     client.shutdown()
 
 
+MAKERS_SAMPLE = """
+import os, sys, time
+from natnetsdk.NatNetClient import NatNetClient
+
+client, bodies = NatNetClient(), set()
+client.set_client_address("127.0.0.1")
+client.set_server_address(sys.argv[1])
+client.set_use_multicast(False)
+client.set_print_level(0)
+client.rigid_body_listener = lambda number, position, rotation: bodies.add(number)
+assert client.run()
+for version in (None, (3, 1)):
+    if version:
+        client.set_nat_net_version(*version)
+    bodies.clear()
+    while len(bodies) < 5:
+        time.sleep(0.05)
+    print("BODIES", *sorted(bodies), flush=True)
+os._exit(0)  # its threads wait for ever
+"""
+
+
+@pytest.mark.long
+def test_the_makers_sample_hears_frames_of_the_bitstream_that_it_asks_for(host: Host) -> None:
+    """The package `natnetsdk`."""
+    pytest.importorskip("natnetsdk")
+    words = [sys.executable, "-c", MAKERS_SAMPLE, host.fake.host]
+    said = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    assert said.stdout.count("BODIES 1 2 11 12 13") == 2, said.stderr
+    assert list(host.fake.versions.values()) == [(3, 1)]
+
+
+def test_a_client_is_sent_the_bitstream_that_it_asked_for(host: Host) -> None:
+    def size_of_a_frame() -> int:
+        host.receive(FRAME)
+        answer = host.receive(FRAME)
+        assert answer is not None
+        return len(answer[0])
+
+    other = Host(host.fake)
+    try:
+        other.send(CONNECT, b"Ping\0")
+        for version in ((4, 1), (3, 1), (2, 9)):
+            host.send(CONNECT, b"Ping".ljust(265, b"\0") + bytes((*version, 0, 0)) + b"\0")
+            assert host.receive(SERVERINFO) is not None
+            assert size_of_a_frame() == len(host.fake._frame_payload(version))
+        assert command(host, "Bitstream") == b"Bitstream,2.9"
+        for asked, told in (("Bitstream,4.0", 0), ("Bitstream,9.0", -1), ("Bitstream,x", -1), ("Bitstream,3.0", 0)):
+            assert command(host, asked) == struct.pack("<i", told)
+        assert size_of_a_frame() == len(host.fake._frame_payload((3, 0)))
+        assert host.fake.versions.keys() == {host.socket.getsockname()}
+    finally:
+        other.socket.close()
+
+
+def command(host: Host, text: str) -> bytes:
+    host.send(REQUEST, text.encode() + b"\0")
+    answer = host.receive(RESPONSE)
+    assert answer is not None
+    return answer[0]
+
+
+def test_remote_requests_are_answered(host: Host) -> None:
+    assert command(host, "FrameRate") == struct.pack("<f", 100.0)
+    assert command(host, "AnalogSamplesPerMocapFrame") == command(host, "CurrentMode") == struct.pack("<i", 0)
+    assert command(host, "StartRecording") == struct.pack("<i", 0)
+    assert command(host, "CurrentMode") == struct.pack("<i", 1)
+    host.send(REQUEST_FRAME)
+    answer = host.receive(FRAME)
+    assert answer is not None and answer[0][-6] == 1  # recording
+    assert command(host, "EditMode") == command(host, "Nonsense") == struct.pack("<i", -1)
+
+
+def test_a_client_of_old_counts_the_header_and_gets_the_short_description() -> None:
+    fake = MotiveFake(Plant(), SimClock(), f"127.6.{random.randint(1, 254)}.{random.randint(2, 254)}", version=(2, 9))
+    fake.start()
+    host = Host(fake)
+    try:
+        host.send(CONNECT, b"", announced=4)
+        answer = host.receive(SERVERINFO)
+        assert answer is not None and len(answer[0]) == 264
+        host.send(REQUEST, b"FrameRate", announced=4 + len("FrameRate"))
+        assert host.receive(RESPONSE) is not None
+    finally:
+        host.socket.close()
+        fake.stop()
+
+
 def test_an_echo_request_gets_its_own_stamp_and_the_servers(host: Host) -> None:
     host.send(ECHO_REQUEST, struct.pack("<Q", 1234567))
     answer = host.receive(ECHO_RESPONSE)
@@ -169,7 +260,7 @@ def test_model_definitions_name_tip_base_and_markers(host: Host) -> None:
 def test_stamps_are_rig_time_at_any_speed() -> None:
     clock = SimClock(50.0)
     fake = MotiveFake(Plant(), clock, f"127.9.{random.randint(1, 254)}.{random.randint(2, 254)}")
-    payload = fake._frame_payload()
+    payload = fake._frame_payload(fake.version)
     stamp = struct.unpack("<d", payload[-4 - 2 - 8 - 24 - 8 : -4 - 2 - 8 - 24])[0]
     assert stamp == pytest.approx(clock.now(), abs=5.0)
     fake.stop()

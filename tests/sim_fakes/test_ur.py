@@ -278,7 +278,7 @@ def test_power_and_brakes_take_seconds() -> None:
         ("load installation x.installation", "File not found: x.installation"),
         ("popup hello", "showing popup"),
         ("addToLog hello", "Added log message"),
-        ("isProgramSaved", "true null"),
+        ("isProgramSaved", "True null"),
         ("setUserRole operator", "Setting user role: operator"),
         ("get operational mode", "NONE"),
         ("set operational mode automatic", "Setting operational mode: AUTOMATIC"),
@@ -291,6 +291,15 @@ def test_power_and_brakes_take_seconds() -> None:
 )
 def test_the_dashboard_answers_what_it_documents(request_: str, told: str) -> None:
     assert answer(Controller(version=(5, 11, 0, 1)), request_).startswith(told)
+
+
+def test_the_dashboard_keeps_the_role_and_saves_a_support_file() -> None:
+    new, old = Controller(version=(5, 13, 0, 1)), Controller(version=(3, 15, 8, 1))
+    assert answer(new, "setUserRole boss").startswith("Failed") and answer(new, "getUserRole") == "PROGRAMMER"
+    answer(new, "setUserRole operator")
+    assert answer(new, "getUserRole") == "OPERATOR"
+    assert answer(new, "generate support file /tmp").startswith("Completed successfully")
+    assert answer(old, "generate support file /tmp").startswith("could not understand")
 
 
 def test_stopping_a_program_that_runs_is_confirmed() -> None:

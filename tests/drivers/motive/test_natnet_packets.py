@@ -21,7 +21,7 @@ def seed_datagrams(version: tuple[int, int]) -> tuple[bytes, bytes]:
     fake = MotiveFake(Plant(), SimClock(), host, version=version)
     plate = struct.pack("<i", 1) + b"FP1\0" + bytes(4 * (2 + 3 + 144 + 12)) + struct.pack("<iii", 2, 0, 1) + b"Fx\0"
     fake.other_definitions.append((3, plate))
-    found = fake._frame_payload(), fake._definitions()
+    found = fake._frame_payload(fake.version), fake._definitions(fake.version)
     fake.stop()
     return found
 
