@@ -198,5 +198,5 @@ def test_the_table_has_both_columns_only_where_they_say_something(tmp_path: Path
     assert [row.cells() for row in again] == [row.cells() for row in rows] and again.doubtful == (again.rows[0],)
     text = (tmp_path / "trials.csv").read_text()
     (tmp_path / "trials.csv").write_text(text.replace("drift\n", "odd\n"))
-    with pytest.raises(BadTable, match="doubt: 'odd' is not one of soft, drift"):
+    with pytest.raises(BadTable, match="doubt: 'odd' is not one of soft, bodies, drift"):
         read_csv(tmp_path / "trials.csv")
