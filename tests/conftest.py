@@ -44,6 +44,7 @@ GROUPS = {
     "test_keys.py": WHOLE,
     "test_own_protocol.py": WHOLE,
     "test_plain_text_on_a_rig.py": OWN,
+    "test_printed_tables.py": WHOLE,
     "test_processes.py": WHOLE,
     "test_proposed_experiments.py": WHOLE,
     "test_recorded_run.py": OWN,

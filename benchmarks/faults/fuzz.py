@@ -136,7 +136,8 @@ def small_files(folder: Path) -> dict[str, Go]:
                 rng.choice(SPINES),
             )
             labels = rng.choice(("{}", '{"a": "b"}', "[", '{"a": 1}', b"x"))
-            row = (*values, "completed", "", 1, 1, 0, "", labels, rng.choice((0, "x", 2**62)))
+            counts = rng.choice((0, "x", 2**62)), rng.choice((0, "x", 2**62))
+            row = (*values, "completed", "", 1, 1, 0, "", labels, *counts)
             index.execute(f"INSERT INTO runs VALUES ({', '.join('?' * len(row))})", row)
             if rng.random() < 0.2:
                 index.execute(rng.choice(STRANGE))

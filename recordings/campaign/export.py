@@ -116,11 +116,8 @@ def _described(recording: Recording, topics: Sequence[str], table: Table) -> Col
                 (_stem(topic), column, "s" if column == "t_aligned" else units.get(name, ""), " ".join(meaning.split()))
             )
     rows += [("trials", c, unit, _meaning(c)) for c, unit in table.units.items()]
-    return dict(
-        zip(
-            ("file", "column", "unit", "meaning"), (np.array(column) for column in zip(*rows, strict=True)), strict=True
-        )
-    )
+    names = ("file", "column", "unit", "meaning")
+    return {name: np.array([row[k] for row in rows], np.str_) for k, name in enumerate(names)}
 
 
 def _meaning(column: str) -> str:

@@ -110,7 +110,7 @@ def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
     samples = recording.stream("/sensor/skin")
     assert samples.dtype.names == ("t", "temperature", "humidity") and len(samples) > 20
     table = table_of(recording)
-    assert table.units == {"sensor_skin_temperature": "K", "sensor_skin_humidity": "1"}
+    assert table.sensor_units == {"sensor_skin_temperature": "K", "sensor_skin_humidity": "1"}
     seen = [(row.t, row.sensors) for row in table]
     for t, sensors in seen:
         before = samples[(samples["t"] > t - 20) & (samples["t"] < t + 20)]["temperature"]

@@ -125,7 +125,7 @@ def test_a_key_under_its_earlier_name_is_taken_with_a_note(tmp_path: Path, capsy
     told = planned(capsys, str(file))
     assert "  spine length 7 cm of 35 cm allowed: ok" in told
     assert main(["plan", str(file), "--rig", str(RIG)]) == 0
-    assert "push.yaml:3: lengths is called spine_lengths now" in " ".join(capsys.readouterr().err.split())
+    assert "push.yaml:3:lengthsiscalledspine_lengthsnow" in "".join(capsys.readouterr().err.split())
     file.write_text("protocol: stiffness\nlengths: [7 cm, 7 m]\n")
     assert main(["plan", str(file), "--rig", str(RIG)]) == 2
     assert "push.yaml:2: spine_lengths" in capsys.readouterr().err

@@ -110,7 +110,7 @@ def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
         "--set",
         "reading=hold",
         "--set",
-        "hold_times=[1, 6000]",
+        "hold_times=[1, 400]",
     )  # the terminal is closed before the second state
     with Terminal("run", "bending", "--rig", rig, *SHORT, *holding, "--out", tmp_path) as terminal:
         terminal.until("Enter when ready")

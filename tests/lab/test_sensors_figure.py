@@ -22,7 +22,7 @@ def table() -> Table:
         )
         for i in range(6)
     ]  # fmt: skip
-    return Table(tuple(rows), units={"sensor_skin_temperature": "K", "sensor_skin_humidity": "1"})
+    return Table(tuple(rows), sensor_units={"sensor_skin_temperature": "K", "sensor_skin_humidity": "1"})
 
 
 def test_names_and_units_are_those_that_were_recorded() -> None:

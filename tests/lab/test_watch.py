@@ -152,7 +152,7 @@ def test_what_is_said_of_a_run_is_on_its_page_and_finds_it(
     path, seen, said = capsys.readouterr().out.splitlines()  # no path is cut where a table would be too wide
     assert (
         path == file.name
-        and "5 of 5 states, completed" in seen
+        and "5 of 5 planned states, completed" in seen
         and said == "  operator=Ada, specimen=S 7, batch=<b>3</b>"
     )
     assert main(["runs", str(file.parent), "--where", "operator"]) == 2
