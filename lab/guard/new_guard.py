@@ -25,8 +25,7 @@ def make_safe_with_new_guard(
 ) -> SafeReport:
     """Own the rig, open these actuators and make them safe; what cannot be reached is reported as not confirmed.
 
-    `unlock` the rig when everything is confirmed. What is not confirmed is landed by another process as soon as its line comes
-    back. A rig that somebody keeps who does not land it is landed all the same.
+    `unlock` the rig when everything is confirmed. A rig that somebody keeps who does not land it is landed all the same.
     """
     guard = Guard(file, clock, despite_latch=True, about=why)
     held = ""
@@ -44,11 +43,14 @@ def make_safe_with_new_guard(
                 guard.unlock()
     finally:
         guard.close()
-    if left := [s.instrument for s in report.steps if not s.confirmed and s.instrument in names]:
-        go_on_landing(file, left, why, unlock)
     return SafeReport((*report.steps, SafeStep("guard", False, held))) if held else report
 
 
 def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -> SafeReport:
-    """Land a rig whose guard was lost; unlock it when everything is confirmed."""
-    return make_safe_with_new_guard(file, clock, names, "the guard was lost", unlock=True)
+    """Land a rig whose guard was lost; unlock it when everything is confirmed. Another process lands the rest as soon as its line
+    comes back."""
+    why = "the guard was lost"
+    report = make_safe_with_new_guard(file, clock, names, why, unlock=True)
+    if left := [s.instrument for s in report.steps if not s.confirmed and s.instrument in names]:
+        go_on_landing(file, left, why)
+    return report

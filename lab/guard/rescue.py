@@ -25,10 +25,10 @@ RESCUING: list[subprocess.Popen[bytes]] = []
 """Processes that this program has started for it."""
 
 
-def go_on_landing(rig: RigFile, names: Sequence[str], why: str, unlock: bool) -> None:
+def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
     """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most.
 
-    `unlock` the rig when everything is confirmed, unless it was locked anew meanwhile.
+    It unlocks the rig when everything is confirmed, unless it was locked anew meanwhile.
     """
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "lab.guard.rescue"],
@@ -40,12 +40,12 @@ def go_on_landing(rig: RigFile, names: Sequence[str], why: str, unlock: bool) ->
     RESCUING.append(process)
     assert process.stdin is not None
     with process.stdin as asked:
-        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why, unlock]).encode())
+        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why]).encode())
 
 
 def main() -> int:
     """Land one rig; unlock it when everything is confirmed."""
-    text, path, names, why, unlock = read_json(sys.stdin.buffer.read())
+    text, path, names, why = read_json(sys.stdin.buffer.read())
     rig = RigFile.model_validate_json(text).read_from(Path(path) if path else None)
     guard = Guard(rig, RigClock(rig.clock.speed), despite_latch=True, about=why)
     locked = guard.latch.read() if guard.latch is not None else None
@@ -55,7 +55,7 @@ def main() -> int:
     except RigLocked:
         return 1  # whoever owns the rig by now lands it
     report = guard.make_safe(why, rig.safe.keep_vacuum, names, LIVES_ON)
-    if unlock and report.confirmed and guard.latch is not None and guard.latch.read() == locked:
+    if report.confirmed and guard.latch is not None and guard.latch.read() == locked:
         guard.unlock()
     guard.close()
     return 0

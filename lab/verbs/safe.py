@@ -166,7 +166,6 @@ def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> Non
     """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read."""
     from ..files.clock import RigClock
     from ..files.rig_file import rig_to_make_safe
-    from ..guard.guard import LIVES_ON
     from ..guard.instruments import ACTUATORS, owned_names
     from ..guard.last_used import recall
     from ..guard.new_guard import make_safe_with_new_guard
@@ -183,10 +182,6 @@ def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> Non
         unlock = clear and not beyond
         report = make_safe_with_new_guard(file, RigClock(file.clock.speed), names, "lab safe", unlock)
         result.steps += report.steps
-        if not report.confirmed:
-            result.notes.append(
-                f"what is not confirmed is tried again for another {LIVES_ON:g} s; {latch.journal} says what is reached"
-            )
     if beyond and not result.names:
         result.steps += beyond
         with contextlib.suppress(OSError):

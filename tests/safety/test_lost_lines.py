@@ -13,14 +13,12 @@ import pytest
 from house import House, until
 
 from drivers.errors import InstrumentError, Unreachable
-from lab.cli import main
 from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
-from lab.guard import new_guard, rescue
+from lab.guard import new_guard
 from lab.guard.instruments import ACTUATORS
 from lab.guard.messages import Event, RigLanded
 from lab.guard.new_guard import make_safe_with_new_guard
-from lab.guard.report import SafeReport
 from lab.rig import assembly
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, write_rig
@@ -204,28 +202,6 @@ def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.Mo
     small.fakes.switch.end()
     assert small.vented()
     assert until(lambda: not small.latch.exists())
-
-
-@pytest.mark.parametrize("clear", [False, True])
-def test_lab_safe_goes_on_after_its_report_and_unlocks_only_when_asked(
-    small: House, clear: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(new_guard, "REACH_WITHIN", 0.5)
-    with Rig(load_rig(small.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
-        inflate(rig, small)
-        small.fakes.switch.begin("pressure", "disconnect")
-        os.kill(rig.actuators.pid, signal.SIGKILL)
-        monkeypatch.setattr(
-            assembly, "make_safe_after_loss", lambda *about: SafeReport(())
-        )  # the program was killed, too
-    small.latch.write_text('{"since": "today", "why": "a crash"}')
-    assert main(["safe", "--rig", str(small.rig), *(["--clear"] if clear else [])]) == 1
-    assert "is tried again" in capsys.readouterr().err and small.highest() > 40e3
-    small.fakes.switch.end()
-    assert small.vented()
-    rescue.RESCUING[-1].wait(60.0)
-    assert small.latch.exists() != clear
 
 
 def test_a_run_whose_regulators_drop_out_ends_vented_and_names_the_line(house: House, tmp_path: Path) -> None:
