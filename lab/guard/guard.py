@@ -173,7 +173,7 @@ class Guard:
             try:
                 self._energise()
                 if name != "pressure" or any(p > 0 for p in args[0]):
-                    self.settings.confirm(name)
+                    self.settings.confirm(name, trial=True)
                 if name == "pressure":
                     return self._set_pressure(*args)
                 return getattr(self.own.drivers[name], method)(*args)
@@ -367,7 +367,7 @@ class Guard:
     def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error that stands for one that is not acceptable."""
         if self.settings.may_have_changed(name, sample):
-            self.settings.confirm(name)
+            self.settings.confirm(name, trial=False)
         finding = self.monitor.check(name, sample)
         if finding is None:
             return sample

@@ -43,13 +43,18 @@ class Settings:
         """The regulators are being vented: what is energised next begins a trial."""
         self._due = set(self._drivers)
 
-    def confirm(self, name: str) -> None:
-        """Have a driver read its settings, if that is due and it can. Raises InstrumentError, and is then due again."""
-        if name in self._due:
+    def confirm(self, name: str, trial: bool) -> None:
+        """Have a driver read its settings, if that is due and it can. Raises InstrumentError, and is then due again.
+
+        `trial`: a trial begins with what is commanded next. Without it only a jump is looked into: a vent passes through ratios
+        of units too, and what was read then says nothing of the panel when the next trial begins.
+        """
+        if name in self._jumped or (trial and name in self._due):
             if (confirm := getattr(self._drivers[name], "confirm_settings", None)) is not None:
                 confirm()
-            self._due.discard(name)
             self._jumped.discard(name)
+            if trial:
+                self._due.discard(name)
 
     def may_have_changed(self, name: str, sample: Any) -> bool:
         """True when a pressure has jumped by a ratio of units of measure since the reading before, until it is confirmed."""
@@ -57,6 +62,5 @@ class Settings:
             return False
         before, self._before = self._before, sample
         if before is not None and len(before.measured) == len(sample.measured) and jumps(before, sample):
-            self._due.add(name)
             self._jumped.add(name)
         return name in self._jumped

@@ -107,11 +107,25 @@ def test_settings_are_read_once_a_trial() -> None:
     driver = Driver()
     settings = Settings({"pressure": driver, "spine": object()})
     for asked in (1, 2):
-        settings.confirm("pressure")
-        settings.confirm("pressure")
-        settings.confirm("spine")
+        settings.confirm("pressure", trial=True)
+        settings.confirm("pressure", trial=True)
+        settings.confirm("spine", trial=True)
         assert driver.asked == asked
         settings.vented()
+
+
+def test_a_jump_while_venting_does_not_stand_for_the_next_trial() -> None:
+    driver = Driver()
+    settings = Settings({"pressure": driver})
+    settings.confirm("pressure", trial=True)
+    settings.vented()
+    assert not settings.may_have_changed("pressure", reading(60e3))
+    assert settings.may_have_changed("pressure", reading(6e3))
+    settings.confirm("pressure", trial=False)
+    settings.confirm("pressure", trial=False)
+    assert driver.asked == 2
+    settings.confirm("pressure", trial=True)
+    assert driver.asked == 3
 
 
 @pytest.mark.parametrize("ratio", [6.894757, 1 / 6.894757, 10.0, 100.0, 1e3, 1e-3, 4.014, 0.0689, 2.036])
@@ -122,10 +136,10 @@ def test_a_jump_by_a_ratio_of_units_has_them_read_until_that_succeeds(ratio: flo
     assert not settings.may_have_changed("pressure", reading(0.0, pressure))
     assert settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
     with pytest.raises(NoReply):
-        settings.confirm("pressure")
+        settings.confirm("pressure", trial=True)
     assert settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
     driver.error = None
-    settings.confirm("pressure")
+    settings.confirm("pressure", trial=True)
     assert not settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
 
 
