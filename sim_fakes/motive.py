@@ -79,6 +79,12 @@ MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
 """Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), w, x, y, z."""
 
 
+POSE = 32
+"""Bytes of a body's number, position and orientation in a frame."""
+OWN_MARKER = struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
+"""One marker of the body itself, which follows its pose before NatNet 3.0."""
+
+
 @dataclass
 class Body:
     """A rigid body as the cameras see it, in their world."""
@@ -363,7 +369,10 @@ class MotiveFake(threading.Thread):
 
     def _frame_payload(self, version: Version, changed: bool = False) -> bytes:
         shown = [b for b in self._bodies if not (b.id == TIP and self.faults.extra.get("no_body"))]
-        bodies = b"".join(self._body(body, version) for body in shown)
+        told = [self._body(body) for body in shown]
+        if version < (3, 0):
+            told = [one[:POSE] + OWN_MARKER + one[POSE:] for one in told]
+        bodies = b"".join(told)
         sections = [(0, b""), (0, b""), (len(shown), bodies), (0, b"")]
         # marker sets, unlabelled markers, rigid bodies, skeletons; then assets, labelled markers, plates, devices
         sections += [(0, b"") for since in ((4, 1), (2, 3), (2, 9), (2, 11)) if version >= since]
@@ -387,7 +396,7 @@ class MotiveFake(threading.Thread):
         names = pair if isinstance(pair, (list, tuple)) and body.name in pair else ()
         return next((b for b in self._bodies if b.name in names and b is not body), body)
 
-    def _body(self, body: Body, version: Version) -> bytes:
+    def _body(self, body: Body) -> bytes:
         extra, seen = self.faults.extra, self._taken_for(body)
         position, quaternion = seen.position, seen.quaternion
         if body.id == TIP:
@@ -397,9 +406,8 @@ class MotiveFake(threading.Thread):
                 position = np.full(3, 1e6)
             if extra.get("zeros") and not seen.tracked:
                 position, quaternion = np.zeros(3), np.zeros(4)
-        inline = b"" if version >= (3, 0) else struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
         pose = struct.pack("<i3f4f", body.number, *position, *quaternion)
-        return pose + inline + struct.pack("<fh", self.noise, int(seen.tracked))
+        return pose + struct.pack("<fh", self.noise, int(seen.tracked))
 
     def _ticks(self) -> int:
         return int(self.clock.now() * TICKS)

@@ -109,13 +109,13 @@ def test_a_datagram_of_another_length_than_announced_is_dropped(host: Host) -> N
 def test_requests_without_content_may_end_with_the_zero_byte_of_the_makers_sample(
     host: Host, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sim_fakes.motive.CLIENT_TIMEOUT", 0.5)
+    monkeypatch.setattr("sim_fakes.motive.CLIENT_TIMEOUT", 1.5)
     host.send(CONNECT, b"Ping\0")
     host.send(REQUEST_MODELDEF, b"\0", announced=0)
     assert host.receive(MODELDEF) is not None
     for content in (b"\0", b""):
         heard = host.fake.keep_alives
-        until = time.monotonic() + 1.5
+        until = time.monotonic() + 2.5
         while time.monotonic() < until:
             host.send(KEEPALIVE, content, announced=0)
             assert host.receive(FRAME) is not None
