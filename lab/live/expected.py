@@ -23,7 +23,7 @@ import numpy as np
 from diagnosis.errors import DiagnosisError
 from model.errors import ModelError
 from model.prediction import Prediction, Predictor
-from model.prediction.spread import uncertain
+from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.file.player import plain_numbers
@@ -45,7 +45,7 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
     catalogue = stated_by(robot)
     at = Predictor(robot, catalogue, cores=1)
     at(np.zeros(len(robot.actuators.azimuths_deg)), intervals=True)  # the first of each kind compiles
-    known = bool(uncertain(robot)[0]) or robot.posterior is not None
+    known = states_uncertainty(robot)
     yield {"ready": True, "intervals": known}
     for line in lines:
         asked = json.loads(line)

@@ -21,7 +21,7 @@ from model.errors import ModelError
 from model.prediction import NORMAL_95, Prediction, Predictor
 from model.prediction.campaign import ASKED, predict_campaign
 from model.prediction.inverse import REACHED, Reached, inverse, limits_of
-from model.prediction.spread import uncertain
+from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
@@ -189,14 +189,9 @@ def _demand_metres(path: Path, place: Array, robot: Robot) -> None:
         )
 
 
-def _states_uncertainty(robot: Robot) -> bool:
-    """Whether robot.yaml states how well its numbers are known."""
-    return robot.posterior is not None or bool(uncertain(robot)[0])
-
-
 def _with_known_intervals(robot: Robot, found: Prediction) -> Prediction:
     """The same without an interval where robot.yaml states no uncertainty."""
-    if _states_uncertainty(robot):
+    if states_uncertainty(robot):
         return found
     sd: dict[str, Any] = {n: getattr(found, n) for n in ("model_sd", "sd", "orientation_sd", "shape_sd")}
     unknown: dict[str, Any] = {n: None if own is None else np.full(own.shape, np.nan) for n, own in sd.items()}
@@ -316,7 +311,7 @@ def _head(robot: Robot, outputs: Outputs) -> dict[str, Any]:
         "schema": "prediction/1",
         "robot": robot.name,
         "effects": list(robot.effects),
-        "interval": INTERVAL if _states_uncertainty(robot) else None,
+        "interval": INTERVAL if states_uncertainty(robot) else None,
         "files": [str(p) for p in (outputs.csv, outputs.figure) if p is not None],
     }
 
@@ -324,7 +319,7 @@ def _head(robot: Robot, outputs: Outputs) -> dict[str, Any]:
 def _tell(robot: Robot, outputs: Outputs, rows: int) -> None:
     if rows > SHOWN:
         out.print(f"{rows - SHOWN} more rows; --out FILE.csv writes all")
-    out.print(f"± {INTERVAL}" if _states_uncertainty(robot) else NO_INTERVAL)
+    out.print(f"± {INTERVAL}" if states_uncertainty(robot) else NO_INTERVAL)
     for path in (outputs.csv, outputs.figure):
         if path is not None:
             out.print(f"written: {path}")

@@ -74,6 +74,11 @@ def standard_deviations(
     }
 
 
+def states_uncertainty(robot: Robot) -> bool:
+    """Whether robot.yaml states how well its numbers are known, so that a prediction has an interval."""
+    return robot.posterior is not None or bool(uncertain(robot)[0])
+
+
 def uncertain(robot: Robot) -> tuple[tuple[str, ...], Array]:
     """Names (k) of all that a prediction's interval comes from to first order, and its covariance (k, k): the parameters that
     are not exact, and what differs from trial to trial (`TRIAL`, `PRESSURE`)."""
