@@ -15,11 +15,11 @@ from recordings.states.rules import Settled, Window
 
 from .actions import home, keep_jammed, ramp, set_spine, vent
 from .bench import Bench, Setup
+from .bending import TOPICS
 from .experiment import Ask, Plan, Reading, Step, Trial, Trials, settled
 from .parameters import Jam, Settle, SpineMotion
 from .suspension import through_jams, through_pauses
 
-TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
 TO_REST = 4.0
 """s from the ramp's end until a robot has usually settled."""
 AVERAGE, LEAST_AVERAGE = 0.2, 1.0
