@@ -32,6 +32,15 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
     return factor * value, name
 
 
+def stated(probability: float) -> str:
+    """A probability as every table shows it.
+
+    >>> stated(0.876), stated(1e-4)
+    ('0.88', '< 0.01')
+    """
+    return "< 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
 def sized(v: Value) -> str:
     """A parameter with its standard deviation, as a person reads it.
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.answer.headline import for_people
+from diagnosis.answer.headline import for_people, stated
 from diagnosis.answer.next_experiment import POSSIBLE
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from recordings.campaign.labels import RECORD
@@ -359,7 +359,7 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
         rows = [[c.effect, f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]] for c in d.budget]
         s.table(("effect", "moves the tip beyond an area factor by, mm rms", "95 %", ""), rows)
     rows = [
-        [" + ".join(r.effects) or "none", f"{r.probability:.3f}", f"{r.log_evidence:.1f}",
+        [" + ".join(r.effects) or "none", stated(r.probability), f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip

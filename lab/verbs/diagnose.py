@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from rich.table import Table as Sheet
 
-from diagnosis.answer.headline import sized
+from diagnosis.answer.headline import sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
@@ -34,6 +34,8 @@ from ..processes import for_case
 
 FIRST = 6
 """Proposals shown."""
+FIRST_PAIRS = 3
+"""Pairs of hypotheses named that the first proposal distinguishes."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def diagnose(
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
         write_protocols(answer.next_experiment, outputs.protocols)
-    _show(answer)
+    show(answer)
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 
@@ -189,7 +191,7 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     return written
 
 
-def _show(d: Diagnosis) -> None:
+def show(d: Diagnosis) -> None:
     unconfirmed = [c for c in d.concerns if c.startswith("unconfirmed: ")]
     for concern in unconfirmed:
         out.print(concern)
@@ -203,6 +205,8 @@ def _show(d: Diagnosis) -> None:
     out.print(_ranking(d.attribute.ranking))
     if d.next_experiment:
         out.print(_proposals(d))
+        if d.next_experiment[0].separates:
+            out.print(_separated(d.next_experiment[0]))
 
 
 def _ranking(ranking: Sequence[Ranked]) -> Sheet:
@@ -214,17 +218,19 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
             continue
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v)}" for name, v in r.parameters.items())
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
-        t.add_row(" + ".join(r.effects) or "none", f"{r.probability:.2f}", f"{r.log_evidence:.1f}", held, sizes)
+        t.add_row(" + ".join(r.effects) or "none", stated(r.probability), f"{r.log_evidence:.1f}", held, sizes)
     return t
 
 
 def _proposals(d: Diagnosis) -> Sheet:
-    shown = d.next_experiment[:FIRST]
-    separating = any(p.separates for p in shown)
     t = Sheet(title="What to do next", title_justify="left")
-    for column in ("file", "experiment", "expected", "takes", *(("separates",) if separating else ())):
+    for column in ("file", "experiment", "expected", "takes"):
         t.add_column(column)
-    for p in shown:
-        pairs = ["; ".join(" | ".join(pair) for pair in p.separates[:3])] if separating else []
-        t.add_row(f"{p.id}.yaml", p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min", *pairs)
+    for p in d.next_experiment[:FIRST]:
+        t.add_row(f"{p.id}.yaml", p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
     return t
+
+
+def _separated(p: Proposal) -> str:
+    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:FIRST_PAIRS])
+    return f"{p.id}.yaml is expected to distinguish {pairs}."

@@ -1,0 +1,181 @@
+"""Headline, statement, page, command and diagnosis.json: the same number for the same word, over many answers."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosed_case import campaign, folder
+
+from diagnosis.answer.result import Diagnosis
+from diagnosis.diagnose import Options, diagnose
+from lab.files.inputs import Case, read_case
+from lab.pages.diagnosis_report import write
+from lab.verbs.diagnose import show
+from model.effects import CATALOGUE
+
+LENGTHS = ((0.0, 0.1, 0.2), (0.0, 0.2), (0.0, 0.15, 0.3))
+PRESSURES = (0.0, 80e3, 160e3, 240e3)
+FEW, MANY = range(2), range(2, 50)
+
+Numbers = dict[str, str]
+
+
+def drawn(seed: int) -> dict[str, float]:
+    """Sizes of none, one or two effects of the catalogue, near their plausible scale."""
+    rng = np.random.default_rng([11, seed])
+    names = rng.choice(list(CATALOGUE), rng.choice([0, 1, 1, 1, 2]), replace=False)
+    return {
+        f"{name}.{p.name}": float(np.clip(p.scale * rng.uniform(0.5, 1.2), p.low, p.high))
+        for name in names
+        for p in CATALOGUE[name].parameters
+        if p.role == "size"
+    }
+
+
+def answer(seed: int, place: Path) -> tuple[Diagnosis, Case]:
+    rows = campaign(drawn(seed), seed, 2 + seed % 2, LENGTHS[seed % len(LENGTHS)], PRESSURES)
+    case = read_case([folder(place / "case", rows)])
+    return diagnose(case, Options()), case
+
+
+def in_json(text: str) -> Numbers:
+    """What every other surface has to say, from the file."""
+    d = json.loads(text)
+    which, fall, shrink = d["attribute"], d["waterfall"], d["shrink"]
+    said = {"p": f"{which['probability']:.2f}", "noise floor": f"{d['locate']['noise_floor_mm']:.2f}"}
+    if fall is not None:
+        said["as given"] = f"{fall['given_mm']:.2f}"
+        said["calibrated"] = f"{fall['steps'][0]['left_mm']:.2f}"
+    if which["verdict"] == "effect" and shrink is not None:
+        said["with cause"] = f"{shrink['after_mm']:.2f}"
+        if (share := shrink["share_closed"]) is not None and share >= 0:
+            said["closed"] = f"{100 * min(share, 1.0):.0f}"
+    if (c := d["calibration"]) is not None and abs(c["given"] / c["area_factor"] - 1) >= 0.01:
+        said |= {"area factor": f"{c['area_factor']:.2f}", "area factor given": f"{c['given']:.2f}"}
+    said |= {f"{x['effect']} moves": f"{x['mm']:.2f}" for x in d["budget"] if x["role"] != "unseen"}
+    for r in which["ranking"]:
+        name = " + ".join(r["effects"]) or "none"
+        said[f"p of {name}"] = probability(r["probability"])
+        said[f"log evidence of {name}"] = f"{r['log_evidence']:.1f}"
+        if r["heldout_rmse_mm"] is not None:
+            said[f"held out with {name}"] = f"{r['heldout_rmse_mm']:.2f}"
+    return said
+
+
+def probability(p: float) -> str:
+    return "< 0.01" if p < 0.005 else f"{p:.2f}"
+
+
+def found(patterns: dict[str, str], text: str) -> Numbers:
+    """The first group that a pattern finds, by word."""
+    every = {word: re.search(pattern, text) for word, pattern in patterns.items()}
+    return {word: next(g for g in m.groups() if g) for word, m in every.items() if m}
+
+
+def in_statement(text: str) -> Numbers:
+    said = found(
+        {
+            "p": r"\(p = ([\d.]+)",
+            "as given": r"^.*As given .*? misses the tip by ([\d.]+) mm rms",
+            "calibrated": r" by ([\d.]+) mm on states that the fit did not see",
+            "noise floor": r"the noise floor is ([\d.]+) mm",
+            "with cause": r"With it, ([\d.]+) mm remain|unseen states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it\.",
+            "closed": r"remain on unseen states: (\d+) % of the reducible gap",
+            "area factor": r"\(([\d.]+) instead of",
+            "area factor given": r"instead of ([\d.]+);",
+        },
+        text,
+    )
+    return said | {f"{e} moves": mm for e, mm in re.findall(r"(\w+) moves the tip by ([\d.]+) mm", text)}
+
+
+def in_page(text: str) -> Numbers:
+    top = dict(re.findall(r"<dt>(?:<[^>]+>)*([^<]+)(?:</[^>]+>)*</dt><dd>([\d.]+) mm</dd>", text))
+    lead = re.search(r'<p class="lead">([^<]*)</p>', text)
+    assert lead is not None
+    said = {**top, **found({"p": r"\(p = ([\d.]+)\)"}, lead[1])}
+    said |= found({"closed": r"closed on unseen states with [^:]*: (\d+) %"}, text) if "with cause" in top else {}
+    for heading, rows in tables(text):
+        if heading[0] == "step":
+            left = {row[0]: row[3] for row in rows}
+            said["as given in steps"], said["calibrated in steps"] = (
+                left["model as given"],
+                left["calibration with one area factor"],
+            )
+        if heading[0] == "hypothesis":
+            for row in rows:
+                name = identifier(row[0])
+                said |= {f"p of {name}": row[1], f"log evidence of {name}": row[2]}
+                said |= {f"held out with {name}": row[3]} if row[3] else {}
+        if heading[0] == "effect" and "moves" in heading[1]:
+            said |= {f"{identifier(row[0])} moves": row[1] for row in rows if "not be seen" not in row[3]}
+    return {word.removesuffix(" in steps"): number for word, number in said.items()}
+
+
+def identifier(cell: str) -> str:
+    return cell.split("\n")[-1].strip()
+
+
+def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
+    """Headings and rows of every table of a page, as text."""
+    cut = [re.findall(r"<tr>(.*?)</tr>", t, re.DOTALL) for t in re.findall(r"<table>(.*?)</table>", text, re.DOTALL)]
+    cells = [[[plain(c) for c in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", r, re.DOTALL)] for r in rows] for rows in cut]
+    return [(rows[0], rows[1:]) for rows in cells if rows and rows[0]]
+
+
+def plain(cell: str) -> str:
+    return html.unescape(re.sub(r"<[^>]+>", "\n", cell)).strip()
+
+
+def in_command(text: str) -> Numbers:
+    said = in_statement(" ".join(text.split()))
+    rows = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines() if line.startswith("│")]
+    for row in rows:
+        if len(row) == 5 and re.fullmatch(r"[\d.]+", row[1]):
+            said |= {f"p of {row[0]}": row[1], f"log evidence of {row[0]}": row[2]}
+            said |= {f"held out with {row[0]}": row[3].removesuffix(" mm")} if row[3] else {}
+    return said
+
+
+def disagreement(said: Numbers, expected: Numbers) -> dict[str, Any]:
+    return {word: (number, expected.get(word)) for word, number in said.items() if expected.get(word) != number}
+
+
+@pytest.mark.parametrize("seed", [*FEW, *(pytest.param(k, marks=pytest.mark.long) for k in MANY)])
+def test_every_surface_says_the_same_number_for_the_same_word(
+    seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    d, case = answer(seed, tmp_path)
+    expected = in_json(d.to_json())
+    assert {"p", "noise floor", "as given", "calibrated"} <= set(expected)
+    monkeypatch.setattr("lab.console.out.width", 200)
+    show(d)
+    surfaces = {
+        "headline": found({"p": r"\(p = ([\d.]+)\)"}, d.headline),
+        "statement": in_statement(d.statement),
+        "page": in_page(write(d, case, [tmp_path], tmp_path / "page.html").read_text()),
+        "command": in_command(capsys.readouterr().out),
+    }
+    assert {name: disagreement(said, expected) for name, said in surfaces.items()} == {name: {} for name in surfaces}
+    top = {"p", "noise floor", "as given", "calibrated", *({"with cause"} & set(expected))}
+    assert all(top <= set(said) for name, said in surfaces.items() if name != "headline")
+    assert all(any(w.startswith("p of ") for w in surfaces[name]) for name in ("page", "command"))
+
+
+def test_a_number_that_differs_is_found() -> None:
+    said = (
+        "Cause: contact (p = 0.91). As given the model misses the tip by 9.00 mm rms, calibrated with one area factor by 3.00 mm "
+        "on states that the fit did not see; the noise floor is 0.40 mm. With it, 0.50 mm remain on unseen states: 98 % of "
+        "the reducible gap is closed."
+    )
+    read = in_statement(said)
+    assert read == {
+        "p": "0.91", "as given": "9.00", "calibrated": "3.00", "noise floor": "0.40", "with cause": "0.50", "closed": "98",
+    }  # fmt: skip
+    assert disagreement(read, read | {"with cause": "0.51"}) == {"with cause": ("0.50", "0.51")}
