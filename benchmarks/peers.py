@@ -30,7 +30,8 @@ from benchmarks.peers_rod import paper_peer, solve_bvp_peer
 from benchmarks.peers_simulators import Solver, pyelastica, soromox_constant, soromox_polynomial
 from benchmarks.rod_cases import eased, paper_rods
 from benchmarks.written import write
-from model.rods import REFERENCE, Fast, Paper, Rods, solve
+from model.rods import Fast, Paper, Rods, solve
+from tests.model.rods.reference import REFERENCE
 
 Array = NDArray[np.float64]
 

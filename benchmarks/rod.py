@@ -21,12 +21,11 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.peers_rod import exudyn_peer, paper_peer, solve_bvp_peer
-from benchmarks.rod_cases import directions, friction_history, paper_rods, split, tips_of
+from benchmarks.rod_cases import directions, paper_rods, split, tips_of
 from benchmarks.rod_floor import floor
 from model.rods import FAST, FINE, Fast, Form, Rods, sensitivities, solve
 from model.rods.fast import direct
 from model.rods.fast.batches import full_of, steps_of
-from model.rods.fast.friction import history
 from model.rods.solution import RESULT
 
 Array = NDArray[np.float64]
@@ -70,16 +69,6 @@ def kernel_seconds(rods: Rods, rounds: int) -> tuple[float, float]:
     return measure(call, rounds, time.perf_counter)
 
 
-def history_row(n: int, rounds: int) -> dict[str, object]:
-    """A history of twenty states, by the state."""
-    states, memory = friction_history(n, seed=1)
-    seconds = [1.0] * len(states)
-    pairs = zip(history.walk(states, seconds, memory), history.walk(states, seconds, memory, FINE), strict=True)
-    error = max(float(1e3 * np.linalg.norm(tips_of(a) - tips_of(b), axis=1).max()) for a, b in pairs)
-    taken = measure(lambda: history.walk(states, seconds, memory), rounds)
-    return row("20-state friction history, 8 elements", taken, n * len(states), "<= 10x plain", error)
-
-
 def figures(quick: bool) -> list[dict[str, object]]:
     """All lines of the table."""
     n, rounds = (4_000, 5) if quick else (35_000, 11)
@@ -106,7 +95,6 @@ def figures(quick: bool) -> list[dict[str, object]]:
     lines.append(
         row("hyperelastic section", measure(lambda: solve(soft), rounds), n // 4, "<= 10x plain", error_of(soft))
     )
-    lines.append(history_row(n // 35, 3))
     for size in (100, 1_000, 10_000) if quick else (100, 1_000, 10_000, 100_000, 1_000_000):
         many = Rods(rods.form, np.resize(rods.values, (size, rods.form.width)))
         lines.append(row(f"batch of {size}", measure(lambda many=many: solve(many), 3), size))  # type: ignore[misc]

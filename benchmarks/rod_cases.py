@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rods import Form, Rods, Solution, rods
-from model.rods.fast.friction.history import Memory
 
 Array = NDArray[np.float64]
 
@@ -85,20 +84,6 @@ def split(found: Rods, parts: int) -> Rods:
     ends = {name: found.field(name) for name in ("tip_force", "tip_moment", "dead_force")}
     length = np.repeat(found.field("length"), parts, axis=1) / parts
     return rods(Form(elements=2 * parts), len(found), length=length, **cut, **ends)
-
-
-def friction_history(n: int, seed: int) -> tuple[list[Rods], Memory]:
-    """Twenty states, loads raised to the paper's and lowered to none, of n rods of 8 elements; friction and relaxation."""
-    found = split(paper_rods(n, seed), 4)
-    states = []
-    for share in np.concatenate([np.linspace(0.1, 1.0, 10), np.linspace(0.9, 0.0, 10)]):
-        state = Rods(found.form, found.values.copy())
-        state.field("tip_force")[:] *= share
-        state.field("tip_moment")[:] *= share
-        states.append(state)
-    one = np.ones((1, 1, 1))
-    flex = 1.0 / found.field("bend_stiffness")[..., 0]
-    return states, Memory(0.2 * flex[None], 0.05 * one, 0.05 * one, 10.0 * one)
 
 
 def tips_of(solution: Solution) -> Array:

@@ -1,8 +1,8 @@
 """The fast rod solver against the slow converged one on random robots: `python -m benchmarks.rod_check`.
 
 Robots are far beyond the paper's: E +-30 %, to 450 kPa, out of plane, the spine anywhere, tip loads to 5 N sideways. All
-are solved by the fast solver at its default setting; a random sample also by `model.rods.reference`. A silent error is a tip
-that the fast solver calls trusted and that is farther than 0.01 mm from the converged one, or whose rod the converged
+are solved by the fast solver at its default setting, a random sample also by
+`tests/model/rods/reference.py`. A silent error is a tip that the fast solver calls trusted and that is farther than 0.01 mm from the converged one, or whose rod the converged
 solver finds on another branch. Exits with 1 when there is any.
 """
 
@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.rod_cases import wild_rods
-from model.rods import FINE, REFERENCE, Solution, Status, solve
+from model.rods import FINE, Solution, Status, solve
+from tests.model.rods.reference import REFERENCE
 
 Array = NDArray[np.float64]
 

@@ -45,18 +45,6 @@ def unit(q: Array) -> Array:
     return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
-def angle_between(a: Array, b: Array) -> Array:
-    """Angle (...) in rad, 0..pi, of the rotation that takes a to b."""
-    return 2 * np.arccos(np.clip(np.abs(np.sum(a * b, axis=-1)), 0, 1))
-
-
-def to_local(q: Array, vector: Array) -> Array:
-    """R(q)^T v: base-frame vectors (..., 3) in the frame of q (..., 4)."""
-    w, r = q[..., :1], -q[..., 1:]
-    t = 2 * cross(r, vector)
-    return vector + w * t + cross(r, t)
-
-
 def to_base(q: Array, vector: Array) -> Array:
     """R(q) v: vectors (..., 3) in the frame of q (..., 4) in the base frame."""
     w, r = q[..., :1], q[..., 1:]

@@ -10,8 +10,6 @@
 All methods solve the same static Cosserat rod (docs/explanations/model.md; eq. 1, 2, 4, 5 of the paper),
 
     p' = R v   R' = R [u]   n' = -f   m' = -p' x n   v = K_se^-1 R^T n + v*   u = K_bt^-1 R^T m + u*
-
-but for `Beam`, which is its limit for small deflections.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 class Method(Protocol):
-    """A way to solve rods: `Fast`, `Reference`, `Paper`, `Beam`, or one of your own."""
+    """A way to solve rods: `Fast`, `Paper`, or one of your own."""
 
     def solve(self, rods: Rods, arcs: Array | None, start: Solution | None) -> Solution:
         """Equilibria of checked rods; positions at `arcs` (n, k) m, where given, in `shape`. Raises `BadCondition` for rods

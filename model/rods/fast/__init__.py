@@ -5,9 +5,9 @@ Kernels, from the section to the batch
     algebra, equations, runge_kutta    vectors; equilibrium and section laws; a step along the rod
     lanes, passes                      a group of rods in arrays; one pass from tip to base
     newton, direct, follow             the tip that brings the base to its place; cold or warm; load steps
-    walk                               positions and wrenches between base and tip
+    walk                               positions, wrenches and axial strain between base and tip
     stage_buffer                       what a step saves for `derivatives/` to follow it
-    derivatives/, friction/            implicit differentiation; histories with friction and relaxation
+    derivatives/                       implicit differentiation
 Python in front of them
     method, stations; batches: how arrays are handed over
 

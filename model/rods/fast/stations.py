@@ -1,4 +1,4 @@
-"""What a solved rod does between base and tip: position, orientation, internal wrench and stored energy."""
+"""What a solved rod does between base and tip: position, orientation, internal wrench and axial strain."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from model.rods.description import Rods
 from model.rods.fast.batches import steps_of
 from model.rods.fast.method import FAST, Fast
-from model.rods.fast.walk import AT_ENERGY, AT_FORCE, AT_MOMENT, AT_PLACE, AT_STRAIN, AT_TURN, WIDTH, states_at
+from model.rods.fast.walk import AT_FORCE, AT_MOMENT, AT_PLACE, AT_STRAIN, AT_TURN, states_at
 from model.rods.solution import Solution
 
 Array = NDArray[np.float64]
 
 GAUSS = 8
-"""Points an element for the energy and the mean strain."""
+"""Points an element."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,6 @@ class Stations:
         return self.values[..., AT_MOMENT : AT_MOMENT + 3]
 
     @property
-    def energy_density(self) -> Array:
-        """(n, k) J/m stored in the section."""
-        return self.values[..., AT_ENERGY]
-
-    @property
     def strain(self) -> Array:
         """(n, k) 1: axial strain v3 - 1."""
         return self.values[..., AT_STRAIN]
@@ -64,18 +59,6 @@ def stations(rods: Rods, solution: Solution, arc_lengths: ArrayLike, method: Fas
     return Stations(states_at(rods, solution, arcs, method.divisions, steps_of(rods, method.steps)))
 
 
-def energy(rods: Rods, solution: Solution, method: Fast = FAST) -> Array:
-    """(n,) J stored by bending, shear and stretch, by Gauss's rule over each element."""
-    found, weights = _at_points(rods, solution, method)
-    return np.asarray(np.einsum("nek,ne,k->n", found[..., AT_ENERGY], rods.field("length"), weights))
-
-
-def strains(rods: Rods, solution: Solution, method: Fast = FAST) -> Array:
-    """(n, elements) mean axial strain v3 - 1 of each element, by Gauss's rule."""
-    found, weights = _at_points(rods, solution, method)
-    return np.asarray(found[..., AT_STRAIN] @ weights)
-
-
 def gauss_points(rods: Rods, points: int = GAUSS) -> tuple[Array, Array]:
     """Arc lengths (n, elements points) in m, element by element, and weights (points,), of sum 1, of Gauss's rule."""
     places, weights = np.polynomial.legendre.leggauss(points)
@@ -83,10 +66,3 @@ def gauss_points(rods: Rods, points: int = GAUSS) -> tuple[Array, Array]:
     ends = np.cumsum(length, axis=1)
     arcs = (ends - length)[:, :, None] + length[:, :, None] * (0.5 * (1 + places))
     return np.minimum(arcs, ends[:, -1:, None]).reshape(len(rods), length.shape[1] * points), 0.5 * weights
-
-
-def _at_points(rods: Rods, solution: Solution, method: Fast) -> tuple[Array, Array]:
-    """Stations (n, elements, points, WIDTH) at Gauss's points and their weights."""
-    arcs, weights = gauss_points(rods)
-    found = stations(rods, solution, arcs, method)
-    return found.values.reshape(len(rods), rods.form.elements, GAUSS, WIDTH), weights

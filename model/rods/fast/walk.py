@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.description import Rods
-from model.rods.fast.algebra import Vector, dot, times, turned, turned_back
+from model.rods.fast.algebra import Vector, times, turned, turned_back
 from model.rods.fast.batches import full_of
 from model.rods.fast.equations import Section, section_of, softened
 from model.rods.fast.jit import inline, kernel, routine
@@ -42,9 +40,9 @@ from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
 
 Array = NDArray[np.float64]
 
-AT_PLACE, AT_TURN, AT_FORCE, AT_MOMENT, AT_ENERGY, AT_STRAIN = 0, 3, 7, 10, 13, 14
-"""Columns of a station: m, quaternion, N, N m (mount frame), J/m, axial strain v3 - 1."""
-WIDTH = 15
+AT_PLACE, AT_TURN, AT_FORCE, AT_MOMENT, AT_STRAIN = 0, 3, 7, 10, 13
+"""Columns of a station: m, quaternion, N, N m (mount frame), axial strain v3 - 1."""
+WIDTH = 14
 
 
 def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, steps: Counts) -> Array:
@@ -72,30 +70,17 @@ def write_station(group: Group, e: int, l: int, solved: Array, row: int, out: Ar
     out[row, s, AT_MOMENT], out[row, s, AT_MOMENT + 1], out[row, s, AT_MOMENT + 2] = moment
     section, n = section_of(group.elements, group.full, element_at(e), l), turned_back(q, force)
     u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
-    energy, strain = stored(section.terms, section, m, n, u, v, l)
-    out[row, s, AT_ENERGY], out[row, s, AT_STRAIN] = energy, strain + section.v_rest[2] - 1.0
+    out[row, s, AT_STRAIN] = elastic_axial_strain(section.terms, section, m, u, v, l) + section.v_rest[2] - 1.0
 
 
 @inline
-def stored(
-    terms: Array | None, section: Section, m: Vector, n: Vector, u: Vector, v: Vector, l: int
-) -> tuple[float, float]:
-    """Energy per length (J/m) and elastic axial strain of a section of lane l with linear strains u, v under m, n; see
-    `equations` for the terms."""
+def elastic_axial_strain(terms: Array | None, section: Section, m: Vector, u: Vector, v: Vector, l: int) -> float:
+    """Elastic axial strain of a section of lane l with linear strains u, v under m; see `equations` for the terms."""
     if terms is None:
-        return 0.5 * (dot(u, m) + dot(v, n)), v[2]
+        return v[2]
     a, b, c = vector_of(terms, section.at + TERMS, l)
-    d, strain = softened(u, m, v[2], section, (a, b, c), None)
-    bent = (m[0] * u[0] + m[1] * u[1]) / (d * d)
-    x = a * bent * math.sqrt(section.inv_bend[0] * section.inv_bend[1])
-    # The integral of g over x is half of x^2, or for a section that softens -x / 2 - ln(1 - 2 x) / 4.
-    level = 0.5 * x if x >= 0.0 else -0.5 - 0.25 * math.log(1.0 - 2.0 * x) / x
-    y, z = b * strain, c * strain
-    bending = 0.5 * bent * (1.0 + level + y / (1.0 - min(y, 0.0)))
-    # Next to nothing the integral of e / (1 - c e) would lose its digits.
-    grown = 1.0 + z * (2.0 / 3.0 + 0.5 * min(z, 0.0)) if z > -1e-3 else -2.0 * (z + math.log(1.0 - z)) / (z * z)
-    stretching = 0.5 * strain * strain * grown / section.inv_stretch[2]
-    return bending + stretching + 0.5 * (u[2] * m[2] + v[0] * n[0] + v[1] * n[1]), strain
+    _, strain = softened(u, m, v[2], section, (a, b, c), None)
+    return strain
 
 
 @kernel

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from model.errors import BadCondition, SolveFailed
-from model.rods import FINE, REFERENCE, Fast, Form, Status, rods, solve
+from model.rods import FINE, Fast, Form, Status, rods, solve
 from model.rotation import to_base
 from tests.model.rods.cases import LENGTH, reference_robots, robots, wild_robots
+from tests.model.rods.reference import REFERENCE
 
 SECOND_MODE = 2.4674
 """pi^2 / 4: P L^2 / EI at which a cantilever buckles under a dead load."""

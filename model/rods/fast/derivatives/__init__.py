@@ -7,7 +7,7 @@
     crossings       what is kept where the walk passes a station
     ends            what changes at the tip and at the base
     implicit        the kernel
-    sensitivity, energy_sensitivity     Python in front of it
+    sensitivity     Python in front of it
 
 Only `model.rods` comes in here.
 """

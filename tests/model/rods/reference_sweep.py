@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from model.errors import SolveFailed
 from model.rods.description import Rods
-from model.rotation import to_local
+from model.rotation import cross
 
 Array = NDArray[np.float64]
 WIDTH = 13
@@ -127,3 +127,10 @@ def _slope(_share: float, flat: Array, distance: Array, give: Array, bend: Array
         d[11] = -h * (u2 * m0 - u0 * m2 + v2 * n0 - v0 * n2)
         d[12] = -h * (u0 * m1 - u1 * m0 + v0 * n1 - v1 * n0)
     return out
+
+
+def to_local(q: Array, vector: Array) -> Array:
+    """R(q)^T v: base-frame vectors (..., 3) in the frame of q (..., 4)."""
+    w, r = q[..., :1], -q[..., 1:]
+    t = 2 * cross(r, vector)
+    return vector + w * t + cross(r, t)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Rods
-from model.rods.reference_sweep import sweep
 from model.rods.solution import Solution, Status, assembled
-from model.rotation import angle_between, from_vector, multiply, to_base, unit
+from model.rotation import from_vector, multiply, to_base, unit
+from tests.model.rods.reference_sweep import sweep
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -191,3 +191,8 @@ def _swept_solution(batch: Rods, tip: Array, status: NDArray[np.int8], arcs: Arr
     orientation = np.where(tip[:, :1] < 0, -tip, tip)
     force, moment = (to_base(swept.orientation, x) for x in (swept.force, swept.moment))
     return assembled(-swept.position, orientation, force, moment, status, swept.shape - swept.position[:, None, :])
+
+
+def angle_between(a: Array, b: Array) -> Array:
+    """Angle (...) in rad, 0..pi, of the rotation that takes a to b."""
+    return 2 * np.arccos(np.clip(np.abs(np.sum(a * b, axis=-1)), 0, 1))

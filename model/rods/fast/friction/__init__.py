@@ -1,1 +1,0 @@
-"""Rods with friction that remembers: a history of states, solved one after the other."""
