@@ -1,9 +1,9 @@
 """The fast rod solver against the slow converged one on random robots: `python -m benchmarks.rod_check`.
 
-Robots are far beyond the paper's: E +-30 %, to 450 kPa, out of plane, the spine anywhere, tip loads to 5 N sideways. All
-are solved by the fast solver at its default setting, a random sample also by
-`tests/model/rods/reference.py`. A silent error is a tip that the fast solver calls trusted and that is farther than 0.01 mm from the converged one, or whose rod the converged
-solver finds on another branch. Exits with 1 when there is any.
+Robots are far beyond the paper's: E +-30 %, to 450 kPa, out of plane, the spine anywhere, tip loads to 5 N sideways.
+All are solved by the fast solver at its default setting, a random sample also by `tests/model/rods/reference.py`. A
+silent error is a tip that the fast solver calls trusted and that is farther than 0.01 mm from the converged one, or
+whose rod the converged solver finds on another branch. Exits with 1 when there is any.
 """
 
 from __future__ import annotations
