@@ -93,7 +93,7 @@ def figures(own: Sequence[Robot], temperature: Callable[[Robot], float]) -> list
 
 
 def main(folders: Sequence[str]) -> None:
-    """Print the table for docs/explanations/blind.md."""
+    """Print the table."""
     own = [r for folder in folders for r in robots(Path(folder))]
     forms = sorted({r.form for r in own})
     left_out = {form: fitted([r for r in own if r.form != form]) for form in forms}

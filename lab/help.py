@@ -104,7 +104,7 @@ GROUPS: dict[str, dict[str, Shown]] = {
     },
     "for developers": {
         "demo": Shown(("lab demo", "lab demo --out demo --seed 3"), FIRST_DAY),
-        "blind": Shown(("lab blind make --help", "lab blind score --help"), "docs/explanations/blind.md"),
+        "blind": Shown(("lab blind make --help", "lab blind score --help"), "docs/howto/blind.md"),
         "paper": Shown(("lab paper", "lab paper --out figures --json"), "docs/explanations/model.md"),
         "schema": Shown(("lab schema rig > rig.schema.json", "lab schema bending"), COMMAND),
         "completion": Shown(

@@ -5,5 +5,5 @@
     score   opens the seal and compares
 
 A set is a folder: commitment.json (public), cases/<id>/ (robot.yaml, trials.csv, menu/), sealed/truth.json, answers/<id>/,
-score.json. See docs/explanations/blind.md.
+score.json. See docs/howto/blind.md.
 """

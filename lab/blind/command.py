@@ -12,7 +12,7 @@ from .make import make
 from .options import KINDS, OWN_WORLD, WIRED
 from .run import Further, run
 from .score import score, write
-from .sheet import draw, sheet, write_section
+from .sheet import draw, sheet
 from .truth import Recipe, drawable
 from .workers import Crew
 
@@ -97,11 +97,6 @@ def _score(a: argparse.Namespace) -> int:
     result = score(a.out, a.after)
     path = write(result, a.out)
     picture = draw(result, a.out / "score.png")
-    if a.docs is not None:
-        figures = a.docs.parent / "figures"
-        figures.mkdir(exist_ok=True)
-        draw(result, figures / f"blind-{result.name}.png")
-        write_section(a.docs, result, f"figures/blind-{result.name}.png")
     if a.json:
         print(json.dumps(result.as_dict(), indent=1))
     else:

@@ -95,9 +95,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p = steps.add_parser("score", help="open the seal and score")
     p.add_argument("out", type=Path)
     p.add_argument("--after", type=int, help="score the answers given after this many experiments (default: the last)")
-    p.add_argument(
-        "--docs", type=Path, help="also write the section of this document (docs/explanations/blind.md) and its picture"
-    )
     p.add_argument("--json", action="store_true", help="print the result as JSON")
 
 

@@ -1,4 +1,4 @@
-"""A score for people: a table on the screen, a section of docs/explanations/blind.md, and the picture beside it."""
+"""A score for people: a table on the screen and a picture."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from rich.table import Table
 from ..console import styled
 from ..pages.figures import STYLE, save
 from .intervals import Interval
-from .metrics import best_temperature
 from .score import Score
 
 INK = "#33526e"
@@ -63,59 +62,6 @@ def _number(x: float) -> str:
 
 def _range(i: Interval) -> str:
     return f"{_number(i.low)}..{_number(i.high)}"
-
-
-def markdown(result: Score, picture: str) -> str:
-    """The section of docs/explanations/blind.md; every shortfall is named."""
-    about = result.about
-    lines = [f"### {heading(result)}", ""]
-    sealed = f"sha256 of the sealed truth `{about.get('sha256_of_truth')}`, made {about.get('made')}"
-    sizes = " to ".join(f"{x:g}" for x in about.get("sizes", ()))
-    lines += [
-        f"{sealed}; {about.get('wired')} cases through every wire; effects {sizes} times their plausible scale.",
-        "",
-    ]
-    lines += ["| figure | found | 95 % interval | cases | target | |", "|---|---|---|---|---|---|"]
-    lines += [f"| {' | '.join(r)} |" for r in rows(result)]
-    lines += ["", f"![confusion and reliability]({picture})", ""]
-    short = result.shortfalls
-    if short:
-        lines.append(
-            "Shortfalls: " + "; ".join(f"{m.label} {_number(m.found.value)}, wanted {t}" for m, t in short) + "."
-        )
-    else:
-        lines.append("No figure of this set misses its target.")
-    temperature = best_temperature(result.cases)
-    lines += [
-        "",
-        f"Temperature at which the stated probabilities would score best: {temperature:.2g} (1: honest as they are).",
-    ]
-    confused = _confusions(result)
-    if confused:
-        lines += ["", "Confused most: " + "; ".join(confused) + "."]
-    return "\n".join(lines) + "\n"
-
-
-def _confusions(result: Score, most: int = 8) -> list[str]:
-    true, named, counts = result.confusion
-    wrong = [
-        (int(counts[i, j]), f"{t} answered as {n} {counts[i, j]} of {counts[i].sum()}")
-        for i, t in enumerate(true)
-        for j, n in enumerate(named)
-        if counts[i, j] and n != t and (t, n) not in AGREE
-    ]
-    return [text for _, text in sorted(wrong, key=lambda w: -w[0])[:most]]
-
-
-def write_section(document: Path, result: Score, picture: str) -> None:
-    """Put the section of this set into the document, in the place of an older one of the same set."""
-    begin, end = f"<!-- set {result.name} -->", f"<!-- end of set {result.name} -->"
-    section = f"{begin}\n{markdown(result, picture)}{end}\n"
-    text = document.read_text(encoding="utf-8") if document.exists() else "# The blind bench\n\n"
-    before, found, rest = text.partition(begin)
-    after = rest.partition(end)[2].lstrip("\n")
-    kept = before if found else before.rstrip("\n") + "\n\n"
-    document.write_text(kept + section + after, encoding="utf-8")
 
 
 def draw(result: Score, path: Path) -> Path:

@@ -18,7 +18,7 @@ from lab.blind.intervals import bootstrap, share
 from lab.blind.make import make
 from lab.blind.metrics import Scored, best_temperature, calibration_error, flagged_at, metrics
 from lab.blind.score import score, write
-from lab.blind.sheet import draw, sheet, write_section
+from lab.blind.sheet import draw, sheet
 from lab.blind.sizes import SIZES, true_size, within_90
 from lab.blind.sweeps import BASE, MENU
 from lab.blind.truth import CLUTTER_SHARE, STAND_ONLY, Recipe
@@ -261,11 +261,6 @@ def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: 
     assert any(m.key == "top1" for m, _ in result.shortfalls)
     assert draw(result, tmp_path / "score.png").stat().st_size > 10_000
     assert sheet(result).row_count > 10
-    document = tmp_path / "blind.md"
-    write_section(document, result, "figures/x.png")
-    once = document.read_text()
-    write_section(document, result, "figures/x.png")
-    assert document.read_text() == once and "Shortfalls: " in once
     json.dumps(result.as_dict(), allow_nan=False)
     with pytest.raises(ConfigError, match="not blind"):
         bench.run(small_set, always_none, crew=QUIET)
