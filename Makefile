@@ -38,16 +38,13 @@ lint: $(READY_DEV)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# All benchmarks: tables on the screen, JSON in out/, figures in docs/images/. make bench PEERS=1: with the simulators of others
+# All benchmarks: tables on the screen, JSON in out/. make bench PEERS=1: with the simulators of others
 # beside the rod. make bench QUICK=1: fewer of everything, figures in out/.
 QUICKLY := $(if $(QUICK),--quick)
 bench: $(READY_DEV) $(if $(PEERS),$(READY_PEERS))
 	mkdir -p out
 	$(BIN)/python -m benchmarks.rod $(QUICKLY) --json out/rod.json
-	$(BIN)/python -m benchmarks.rod_growth $(QUICKLY) --json out/rod_growth.json
 	$(BIN)/python -m benchmarks.peers $(QUICKLY) --json out/peers.json
-	$(BIN)/python -m benchmarks.diagnosis_growth $(QUICKLY) --json out/diagnosis_growth.json
-	$(BIN)/python -m benchmarks.cost --measured out --out $(if $(QUICK),out,docs/images)
 	-$(BIN)/python -m benchmarks.recording $(QUICKLY) --json out/recording.json
 	$(BIN)/python -m benchmarks.watch $(if $(QUICK),--seconds 10) --json out/watch.json
 

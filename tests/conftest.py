@@ -57,12 +57,9 @@ GROUPS = {
     "test_blind_bench.py": RODS,
     "test_diagnose_verb.py": ANSWERED,
     "test_diagnosis_page.py": ANSWERED,
-    "test_drawn_worlds.py": RODS,
     "test_export.py": ANSWERED,
     "test_paper_findings.py": RODS,
     "test_sampled_evidence.py": RODS,
-    "test_use.py": RODS,
-    "test_residual.py": RODS,
 }
 """By folder or file. (The marks of pytest-xdist 3.8 for groups do nothing with pytest 9.2.)"""
 ORDER = (WHOLE, SAFETY, OWN, RODS, CALLS, "drivers", ANSWERED)
