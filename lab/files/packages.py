@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import os
 import sys
+import traceback
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,6 +119,14 @@ def _contested(name: str, entries: Collection[Entry]) -> str:
     packages = " and ".join(f"{e.package} {e.version}" for e in entries)
     each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(e.package for e in entries))
     return f"packages {packages} both register {name}, so neither is used; keep one: {each}"
+
+
+def told_at(error: BaseException, file: str | Path, hint: str = "") -> str:
+    """What went wrong in a Python file: its line, the function and the error, and below that the line's text."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == os.fspath(file)]
+    where = f"{file}:{frames[-1].lineno}: {frames[-1].name.strip('<>')}" if frames else str(file)
+    text = f"\n    {frames[-1].line}" if frames else ""
+    return f"{where}: {type(error).__name__}: {error}{hint}{text}"
 
 
 def python_file(path: Path) -> tuple[ModuleType, bytes]:
