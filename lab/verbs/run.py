@@ -504,6 +504,8 @@ def execute(
         bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, asked)
         trials = Trials(bench, j.plan, journal, finished)
         rig.record_to(recorder)
+        if page is not None:
+            screen.watched(page.address)
         try:
             j.experiment.run(bench, j.parameters, trials)
         except Stopped as e:
