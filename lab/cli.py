@@ -342,7 +342,9 @@ def parser() -> argparse.ArgumentParser:
         if name == "plan":
             p.add_argument("--keys", action="store_true", help="list what --set can change: unit, default, limits")
             p.add_argument("--all", action="store_true", help="list the steps of every repeat")
-            p.add_argument("--rehearse", action="store_true", help="do run too, with instruments that move nothing")
+            p.add_argument(
+                "--rehearse", action="store_true", help="execute its run as well, with instruments that move nothing"
+            )
         p.add_argument(
             "--set",
             action="append",

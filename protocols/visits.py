@@ -124,10 +124,6 @@ def in_one_jamming(bench: Bench, trials: Trials, repeat: int, sweep: Sweep, work
     vent(bench)
 
 
-def unjudged(row: TrialRow) -> None:
-    """Take a state as it was read."""
-
-
 @dataclass(frozen=True)
 class Walk:
     """The way of one trial from state to state, and back to it after a pause. Pressures are Pa by chamber."""
@@ -145,7 +141,7 @@ class Walk:
         branch: Branch,
         rules: Sequence[Settled | Window],
         highest: Sequence[float],
-        judge: Callable[[TrialRow], None] = unjudged,
+        judge: Callable[[TrialRow], None] | None = None,
     ) -> None:
         """Ramp there and read a state by each of the rules; after a pause those that are left.
 
@@ -158,7 +154,9 @@ class Walk:
             arrived = self.ramp(pressures)
             rate = signed(self.sweep.rate, change_of(before, setpoints(self.bench, pressures)))
             while left:
-                judge(self.read(left[0], pressures, branch, arrived, arrived, rate))
+                row = self.read(left[0], pressures, branch, arrived, arrived, rate)
+                if judge is not None:
+                    judge(row)
                 left.pop(0)
 
         self.bench.check_stop()
