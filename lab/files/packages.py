@@ -123,9 +123,11 @@ def _contested(name: str, entries: Collection[Entry]) -> str:
 
 def told_at(error: BaseException, file: str | Path, hint: str = "") -> str:
     """What went wrong in a Python file: its line, the function and the error, and below that the line's text."""
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == os.fspath(file)]
-    where = f"{file}:{frames[-1].lineno}: {frames[-1].name.strip('<>')}" if frames else str(file)
-    text = f"\n    {frames[-1].line}" if frames else ""
+    where, text = f"{file}: cannot be run", ""
+    for at in traceback.extract_tb(error.__traceback__):
+        if at.filename == os.fspath(file):
+            where = f"{file}:{at.lineno}: {'cannot be run' if at.name == '<module>' else at.name}"
+            text = f"\n    {at.line}"
     return f"{where}: {type(error).__name__}: {error}{hint}{text}"
 
 
@@ -145,7 +147,7 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
             compile(text, path, "exec"), module.__dict__
         )  # not by its loader, which would read it again, or an older one
     except (Exception, SystemExit) as error:
-        raise ConfigError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
+        raise ConfigError(told_at(error, path)) from error
     finally:
         del sys.modules[spec.name]
     return module, text

@@ -59,7 +59,7 @@ JUMP = 0.5
 LONGER = 10.0
 """Times the planned duration after which a rehearsal is given up; an hour at least."""
 SUPPLY = 80e3
-"""Pa below ambient, of the vacuum supply until a protocol asks for another."""
+"""Pa below ambient, of the vacuum supply where neither plan nor set-up names a vacuum."""
 STIFFNESS = 300.0
 """N/m of the specimen at the stand, from its axis on: touched in the first steps, and far below any limit in the last."""
 AT_DESK = "; at the desk set-points are reached at once, and the tip hangs straight"
@@ -164,7 +164,7 @@ class Desk:
         self.clock = Clock(max(LONGER * plan.seconds, 3600.0))
         self.chambers: ChamberMap = wiring(rig, rig.body)
         self.readings = Readings(streams(self.chambers.count, markers, sensors), self.clock)
-        self.supply = SUPPLY
+        self.supply = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or SUPPLY
         self.highest = 0.0
         self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump())
         self.places = bodies(rig, rig.body)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import socket
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -56,6 +58,15 @@ def run(bench, p, trials):
         through_pauses(bench, partial(visit, bench, trials, trial, pressure, branch))
     trials.end(trial)
 '''
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_connected(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*how: object, **more: object) -> None:
+        raise AssertionError("a rehearsal needs neither sockets nor processes")
+
+    monkeypatch.setattr(socket, "socket", refused)
+    monkeypatch.setattr(subprocess, "Popen", refused)
 
 
 def rehearsed(capsys: pytest.CaptureFixture[str], protocol: object, *words: str, rig: Path = RIG) -> dict[str, object]:
@@ -152,6 +163,7 @@ def run(bench, p, trials):
         ("    vent(bench)", "    while True: bench.pause(2.0)", "while True", "run has not ended after 1 h of rig time"),
         ("    vent(bench)", "    bench.spine.home()", "bench.spine.home()", "run: AttributeError"),
         ("    vent(bench)", "    raise SystemExit('enough')", "raise SystemExit", "run: SystemExit: enough"),
+        ("WAY = [(45e3", "WAY = [(fortyfive", "WAY = [(", "cannot be run: NameError: name 'fortyfive'"),
         ("    steps = [Step", "    steps = [Stp", "steps = [Stp", "NameError: name 'Stp'"),
     ],
 )  # fmt: skip
