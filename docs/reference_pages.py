@@ -33,7 +33,7 @@ from protocols import actions, suspension, visits
 from protocols.bench import Bench, Setup
 from protocols.experiment import Ask, Plan, Reading, Step, Trials
 from protocols.parameters import Jam, Settle, SpineMotion
-from protocols.visits import Sweep, Visit
+from protocols.visits import Sweep, Visit, Walk
 from recordings import trials
 from recordings.messages import STREAMS
 from recordings.states.rules import Crossing, Settled, Window
@@ -178,6 +178,7 @@ def protocol_calls() -> Iterator[str]:
     for kind in (
         Visit,
         Sweep,
+        Walk,
         Trials,
         Bench,
         Setup,
@@ -220,10 +221,13 @@ def _class(kind: type, title: str) -> Iterator[str]:
     """Fields and methods of a class, with their notes."""
     yield from (f"## {title}", "", *_prose(kind))
     notes = _notes(kind)
-    rows = [
-        (_code(name), _cell(notes.get(name, ""))) for name in inspect.get_annotations(kind) if not name.startswith("_")
+    fields = inspect.get_annotations(kind)
+    rows = [(_code(name), _cell(notes.get(name, ""))) for name in fields if not name.startswith("_")]
+    methods = [
+        (name, f)
+        for name, f in vars(kind).items()
+        if inspect.isfunction(f) and not name.startswith("_") and name not in fields
     ]
-    methods = [(name, f) for name, f in vars(kind).items() if inspect.isfunction(f) and not name.startswith("_")]
     rows += [(_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or "")) for name, f in methods]
     yield from _table(("name", "meaning"), rows)
 

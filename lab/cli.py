@@ -29,7 +29,7 @@ def _plan(a: argparse.Namespace) -> int:
         return keys(a.protocol, a.rig, a.json)
     if a.rig is None:
         raise _usage("--rig: give the rig.yaml of the rig, or --keys for what can be set of the protocol")
-    return plan(a.protocol, a.rig, a.set, a.all, a.json)
+    return plan(a.protocol, a.rig, a.set, a.all, a.json, a.rehearse)
 
 
 def _run(a: argparse.Namespace) -> int:
@@ -342,6 +342,9 @@ def parser() -> argparse.ArgumentParser:
         if name == "plan":
             p.add_argument("--keys", action="store_true", help="list what --set can change: unit, default, limits")
             p.add_argument("--all", action="store_true", help="list the steps of every repeat")
+            p.add_argument(
+                "--rehearse", action="store_true", help="execute its run as well, with instruments that move nothing"
+            )
         p.add_argument(
             "--set",
             action="append",

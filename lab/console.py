@@ -112,12 +112,15 @@ def note(texts: Iterable[str]) -> None:
 
 
 class _Bar(Progress):
-    """Progress, and below it a line that somebody is typing."""
+    """Progress, and below it where the run can be watched and a line that somebody is typing."""
 
+    address: str | None = None
     typed: str | None = None
 
     def get_renderables(self) -> Iterable[RenderableType]:
         yield from super().get_renderables()
+        if self.address is not None:
+            yield Text(plain(f"watch it at {self.address}"), overflow="fold")
         if self.typed is not None:
             yield Text(plain(f"note: {self.typed}_  (Enter writes it down, Esc does not)"), overflow="fold")
 
@@ -152,6 +155,12 @@ class Screen:
         """Something that has happened."""
         if not self.quiet:
             self._progress.console.print("  " + text.replace("\n", "\n    "))
+
+    def watched(self, address: str) -> None:
+        """Where the run can be watched: said once, and shown below the progress as long as that is."""
+        if self._progress.address != address:
+            self._progress.address = address
+            self.say(f"watch it at {address}")
 
     def typed(self, text: str | None) -> None:
         """A line that the person is typing, so far; None: none any more."""

@@ -47,8 +47,6 @@ class Jammed:
 Mount = Literal["robot", "body", "spine"]
 INSTRUMENTS = ("pressure", "spine", "valve", "gauge", "arm", "arm_state", "force", "mocap")
 """What a protocol may need, by its key in rig.yaml."""
-HOST_PATIENCE = 5.0
-"""s of host time that a condition is given at least: at a high speed of the rig's clock the wires need theirs."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +129,8 @@ class Bench:
     """What is done in it may be begun again: there alone a standstill of this computer raises StoodStill."""
     stood: Callable[[], float] = lambda: 0.0
     """Rig seconds for which this computer has stood still until now; no deadline counts them."""
+    patience: float = 5.0
+    """s of host time that a condition is given at least: at a high speed of the rig's clock the wires need theirs."""
     clipped: bool = False
     """The last ramp's set-points were clipped on their way by the rig's limits."""
     jammed: Jammed | None = None
@@ -149,9 +149,11 @@ class Bench:
             self.bodies = replace(self.bodies, since=self.clock.now())
 
     def need(self, instrument: T | None, name: str) -> T:
-        """The instrument, or MissingInstrument naming what rig.yaml lacks."""
+        """The instrument, or MissingInstrument naming what NEEDS or rig.yaml lacks."""
         if instrument is None:
-            raise MissingInstrument(f"this protocol needs {name}, and rig.yaml has none; add instruments.{name}")
+            raise MissingInstrument(
+                f"{name}: this protocol uses it, and it is not open; name it in NEEDS, and describe it in rig.yaml"
+            )
         return instrument
 
     def check_stop(self) -> None:
@@ -176,7 +178,7 @@ class Bench:
 
         NotReached after `within` seconds of rig time; WriteFailed when the recording fails meanwhile.
         """
-        deadline, patience = self.clock.now() - self.stood() + within, time.monotonic() + min(within, HOST_PATIENCE)
+        deadline, patience = self.clock.now() - self.stood() + within, time.monotonic() + min(within, self.patience)
         while True:
             self.recorder.check()
             result = done()

@@ -8,23 +8,23 @@ hold`, creep).
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
 from recordings.states.rules import Crossing, Settled, Window
+from recordings.trials import TrialRow
 
-from .actions import home, keep_jammed, ramp, set_spine, vent
+from .actions import home, vent
 from .bench import Bench, Setup
-from .errors import WrongWiring
-from .experiment import Ask, Plan, Reading, Step, Trial, Trials, settled
+from .experiment import Ask, Plan, Reading, Step, Trials, settled
 from .parameters import Chamber, Jam, Parameters, Pressure, RobotFacts, Settle, SpineLength, SpineMotion, Vacuum
 from .shapes import Shapes
-from .suspension import through_jams, through_pauses
+from .suspension import through_pauses
+from .visits import Branch, Sweep, Walk, around, in_one_jamming, planned_rest, setpoints, signed
 
 
 class Bending(Parameters):
@@ -90,7 +90,7 @@ class Level:
     """One state of a sweep: pressure of the group (Pa) and how it is reached."""
 
     pressure: float
-    branch: Literal["load", "unload"]
+    branch: Branch
 
 
 def levels(p: Bending) -> list[Level]:
@@ -132,12 +132,12 @@ def plan(p: Bending, name: str = "bending") -> Plan:
         for level in levels(p):
             climb = abs(level.pressure - before) / p.rate
             stay = {
-                "settled": p.settle.still + p.settle.average + 1.5,
+                "settled": planned_rest(p.settle) + p.settle.average,
                 "sweep": 0.0,
                 "hold": p.hold_times[-1] if p.hold_times else 0,
             }
             ask = Ask(pressures=tuple(_chambers(p, level.pressure)), pressure_rate=p.rate)
-            rate = _signed(p.rate, level.pressure - before)
+            rate = signed(p.rate, level.pressure - before)
             reads = tuple(Reading(level.branch, hold, rate, repeat) for hold in _holds(p, level))
             before = level.pressure
             label = f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}"
@@ -150,25 +150,13 @@ def plan(p: Bending, name: str = "bending") -> Plan:
 
 
 NEEDS = ("pressure", "spine", "valve", "gauge", "mocap")
-TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
-
-
-TO_REST = 2.25
-"""s from the ramp's end until the window of a settled state begins, about: regulators and silicone follow the ramp."""
 
 
 def _holds(p: Bending, level: Level) -> list[float]:
     """Planned s from the ramp's end to each reading of a level."""
     if p.reading == "hold":
         return p.hold_times
-    if p.reading == "sweep" and level.pressure > 0:
-        return [0.0]
-    return [TO_REST + max(p.settle.still, p.settle.average) / 2]
-
-
-def _signed(rate: float, way: float) -> float:
-    """Pa/s of a ramp that changes the pressure by `way` Pa; 0 where it changes nothing."""
-    return 0.0 if abs(way) < 1e3 else math.copysign(rate, way)
+    return [0.0] if p.reading == "sweep" and level.pressure > 0 else [planned_rest(p.settle)]
 
 
 def _setup(p: Bending, vacuum: float) -> Setup:
@@ -178,7 +166,8 @@ def _setup(p: Bending, vacuum: float) -> Setup:
 
 def run(bench: Bench, p: Bending, trials: Trials) -> None:
     """Do the sweep. Raises ProtocolError; the caller lands the rig safe whatever happens."""
-    _channels(bench, p, max(p.pressures))  # a pattern that the wiring cannot make fails before anything moves
+    # A pattern that the wiring cannot make fails before anything moves.
+    setpoints(bench, _chambers(p, max(p.pressures)))
     vent(bench)
     for vacuum, sweeps in itertools.groupby(trials.remaining(_sweeps(p), 1 + len(levels(p))), lambda s: s[1]):
         bench.operator.prepare(_setup(p, vacuum))
@@ -186,89 +175,46 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
         for repeat, _, spine in sweeps:
             bench.check_stop()
             bench.say(f"Repeat {repeat} of {p.repeats}: {_reach(spine, vacuum)}")
-            ambient = through_pauses(bench, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
-            trials.step_done()
-            trial = trials.begin(repeat=repeat, spine=spine, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
-            sweep = Sweep(bench, p, trial, trials, partial(set_spine, bench, spine, vacuum, p.spine, p.jam))
-            with trials.doing(trial):
-                through_jams(trials, trial, partial(_visit_all, sweep))
-            vent(bench)
+            sweep = Sweep(p.rate, p.repeats, spine, vacuum, p.tip_mass, p.roll_deg, p.settle, p.spine, p.jam)
+            in_one_jamming(bench, trials, repeat, sweep, partial(_visit_all, p, Shapes()))
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """One trial: what works for it, and what is known of its spine."""
-
-    bench: Bench
-    p: Bending
-    trial: Trial
-    trials: Trials
-    jam: Callable[[], object]
-    """Jams the spine anew."""
-    shapes: Shapes = field(default_factory=Shapes)
-
-
-def _visit_all(s: Sweep) -> None:
+def _visit_all(p: Bending, shapes: Shapes, walk: Walk) -> None:
     """Visit all levels once: stop and read at each, or read on the fly between the turning points."""
-    s.shapes.begin()
-    if s.p.reading != "sweep":
-        for level in levels(s.p):
-            _stop_and_read(s, [level])
-    else:
-        for branch, some in itertools.groupby(levels(s.p), key=lambda level: (level.branch, level.pressure > 0)):
-            (_read_on_the_fly if branch[1] else _stop_and_read)(s, list(some))
-    if s.shapes.seen:
-        s.trials.mark(s.trial.number, "soft", s.shapes.seen)
-        s.bench.say(f'Trial {s.trial.number} is marked (doubt "soft"): {s.shapes.seen}')
-
-
-def _stop_and_read(s: Sweep, at: list[Level]) -> None:
-    """Ramp to each level and read it when settled, or after the hold times."""
-    for level in at:
-        s.bench.check_stop()
-        rules = _rules(s.p)
-
-        def visit(level: Level = level, rules: list[Settled | Window] = rules) -> None:
-            before = max(s.bench.need(s.bench.pressure, "pressure").read().setpoint)
-            arrived = ramp(s.bench, _channels(s.bench, s.p, level.pressure), s.p.rate)
-            rate = _signed(s.p.rate, level.pressure - before)
-            while rules:
-                _read(s, level, rules[0], arrived, arrived, rate)
-                rules.pop(0)
-
-        through_pauses(s.bench, visit, partial(_climb_back, s, level.branch))
-        s.trials.step_done()
-
-
-def _climb_back(s: Sweep, branch: str) -> None:
-    """After a pause the chambers are empty: a spine that was soft is jammed anew, and a state of the unload branch is reached by
-    way of the highest again. Raises JamLost."""
-    keep_jammed(s.bench, s.jam)
-    if branch == "unload":
-        ramp(s.bench, _channels(s.bench, s.p, max(s.p.pressures)), s.p.rate)
-        s.bench.pause(s.p.settle.average)  # the chambers follow their set-points
+    shapes.begin()
+    for (branch, ramped), some in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
+        if ramped and p.reading == "sweep":
+            _read_on_the_fly(p, shapes, walk, list(some), branch)
+            continue
+        for level in some:
+            walk.visit(
+                _chambers(p, level.pressure), branch, _rules(p), _chambers(p, max(p.pressures)),
+                partial(_judge, shapes, walk, level),
+            )  # fmt: skip
+    if shapes.seen:
+        walk.trials.mark(walk.trial.number, "soft", shapes.seen)
+        walk.bench.say(f'Trial {walk.trial.number} is marked (doubt "soft"): {shapes.seen}')
 
 
 def _rules(p: Bending) -> list[Settled | Window]:
     if p.reading == "hold":
-        return [Window(max(0.0, h - p.settle.average / 2), p.settle.average, 1) for h in p.hold_times]
+        return [around(h, p.settle.average) for h in p.hold_times]
     return [settled(p.settle)]
 
 
-def _read_on_the_fly(s: Sweep, passed: list[Level]) -> None:
+def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, left: list[Level], branch: Branch) -> None:
     """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
-    s.bench.check_stop()
-    branch, left = passed[0].branch, list(passed)
-    through_pauses(s.bench, lambda: _pass(s, left), lambda: _climb_back(s, branch))
+    walk.bench.check_stop()
+    back = partial(walk.come_back, branch, _chambers(p, max(p.pressures)))
+    through_pauses(walk.bench, partial(_pass, p, shapes, walk, left), back)
 
 
-def _pass(s: Sweep, left: list[Level]) -> None:
+def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[Level]) -> None:
     """One ramp to the last level; takes those that were read off the list."""
-    p = s.p
     rising = left[0].branch == "load"
     end = left[-1].pressure
-    begin = s.bench.clock.now()
-    arrived = ramp(s.bench, _channels(s.bench, p, end), p.rate)
+    begin = walk.bench.clock.now()
+    arrived = walk.ramp(_chambers(p, end))
     while left:
         level = left[0]
         # The pressure approaches the ramp's end without crossing it: the last level is read just before.
@@ -277,34 +223,19 @@ def _pass(s: Sweep, left: list[Level]) -> None:
         rule = Crossing(
             at, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, arrived - begin + p.settle.within
         )
-        _read(s, level, rule, begin, arrived, p.rate if rising else -p.rate)
+        rate = p.rate if rising else -p.rate
+        _judge(shapes, walk, level, walk.read(rule, _chambers(p, level.pressure), level.branch, begin, arrived, rate))
         left.pop(0)
-        s.trials.step_done()
+        walk.trials.step_done()
 
 
-def _read(
-    s: Sweep, level: Level, rule: Settled | Window | Crossing, start: float, ramp_end: float, rate: float
-) -> None:
-    """Read one state. Raises Suspended where its shape shows that the jammed spine has gone soft, once a trial."""
-    p, shapes = s.p, s.shapes
-    last = p.hold_times[-1] if p.reading == "hold" else 0.0
-    row = s.trials.read(
-        s.trial, rule, branch=level.branch, t_start=start, ramp_end=ramp_end, rate=rate, targets=_chambers(p, level.pressure),
-        topics=TOPICS, wait=last + p.settle.average + p.settle.within + 10.0,
-    )  # fmt: skip
-    if s.bench.jammed is not None and shapes.take(level.branch, level.pressure, row) and not shapes.asked:
+def _judge(shapes: Shapes, walk: Walk, level: Level, row: TrialRow) -> None:
+    """Raises Suspended where a state's shape shows that the jammed spine has gone soft, once a trial."""
+    if walk.bench.jammed is not None and shapes.take(level.branch, level.pressure, row) and not shapes.asked:
         shapes.asked = True
-        raise s.trials.soft(s.trial, shapes.seen)
+        raise walk.trials.soft(walk.trial, shapes.seen)
 
 
 def _chambers(p: Bending, pressure: float) -> list[float]:
     """Target of each chamber up to the last of the group, Pa, with the group at one pressure."""
     return [pressure if c in p.chambers else 0.0 for c in range(1, max(p.chambers) + 1)]
-
-
-def _channels(bench: Bench, p: Bending, pressure: float) -> tuple[float, ...]:
-    """Channel set-points, Pa; ProtocolError when the wiring cannot make the group."""
-    try:
-        return bench.chambers.setpoints(dict(enumerate(_chambers(p, pressure), 1)))
-    except ValueError as e:
-        raise WrongWiring(f"chambers {p.chambers}: {e}") from e

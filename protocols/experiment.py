@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 from drivers.errors import DeviceFault
@@ -100,7 +100,7 @@ class Plan:
 
     protocol: str
     steps: Sequence[Step]
-    limits: dict[str, float]
+    limits: dict[str, float] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:
@@ -160,14 +160,14 @@ class Trials:
     def begin(
         self,
         *,
-        repeat: int,
-        spine: float,
+        repeat: int = 1,
+        spine: float = 0.0,
         tip_mass: float = 0.0,
         roll_deg: float = 0.0,
         ambient: float = AMBIENT,
         specimen: str | None = None,
     ) -> Trial:
-        """Start the next trial."""
+        """Start the next trial. The defaults are those of a robot without a spine; `ambient`: what `set_spine` returns."""
         self._trial += 1
         self._step, self._latest, self._void = 0, {}, set()
         self.bench.look_anew()
@@ -328,11 +328,13 @@ class Trials:
             self.bench.steering.check_skip()
             return conclude(self.bench.recorder.buffers, state)
 
-        return self.bench.wait(
-            f"trial {state.trial} state {state.step}, judged from {judged}",
-            look,
-            wait,
-        )
+        def stood() -> str:
+            newest = {SENSORS.get(topic, topic): self.bench.recorder.buffers.newest(topic) for topic in state.topics}
+            return "newest samples: " + ", ".join(
+                f"{name} {'none, is it in NEEDS?' if t == -math.inf else f'at {t:.2f} s'}" for name, t in newest.items()
+            )
+
+        return self.bench.wait(f"trial {state.trial} state {state.step}, judged from {judged}", look, wait, stood)
 
     def zero(self, zeros: Zeros, moved: Drift) -> None:
         """Record how the force sensor's zero moved during a trial; it is removed from the forces, or they are marked."""

@@ -5,11 +5,14 @@ The columns are those of `recordings.trials`, without what is measured: pressure
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from recordings.trials import TrialRow
 
 from .bench import Setup
 from .errors import BadProtocol
@@ -56,6 +59,26 @@ def planned_rows(plan: Plan, parameters: Parameters, chambers: int) -> list[dict
             )  # fmt: skip
         time += step.seconds
     return rows
+
+
+def unlike(planned: Sequence[Mapping[str, Any]], read: Sequence[TrialRow]) -> str:
+    """Where states that were read first differ from the planned rows, for people; empty where they do not.
+
+    Trial, repeat, branch, spine length and pressures count; no pressures where a state is read while ramping.
+    """
+    plan, run = [_state(row) for row in planned], [_state(row.cells()) for row in read]
+    for number, (wanted, found) in enumerate(zip(plan, run, strict=False), 1):
+        if wanted != found:
+            return f"state {number} is planned as {wanted}; run reads {found}"
+    return "" if len(plan) == len(run) else f"{len(plan)} states are planned; run reads {len(run)}"
+
+
+def _state(row: Mapping[str, Any]) -> str:
+    pressures = [f"{p / 1e3:.4g}" for name, p in row.items() if re.fullmatch(r"p\d+", name)]
+    return (
+        f"trial {row['trial']}, repeat {row['repeat']}, {row['branch']}, spine {row['spine_length'] * 100:.3g} cm, "
+        f"{', '.join(pressures) + ' kPa' if row['hold'] else 'while ramping'}"
+    )
 
 
 def _padded(plan: Plan, ask: Ask, chambers: int) -> NDArray[np.float64]:

@@ -1,31 +1,38 @@
 """A protocol that goes through pressures and reads a state at each, in a few lines of one's own.
 
 `plan_of` makes the plan, `go_through` carries it out: trials, pauses, a spine that is jammed anew, resuming. See
-examples/protocol/staircase.py.
+examples/protocol/staircase.py. A protocol that does more in a trial builds on `in_one_jamming` and `Walk`, as bending does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from recordings.states.rules import Settled, Window
+from recordings.states.rules import Crossing, Settled, Window
+from recordings.trials import TrialRow
 
 from .actions import home, keep_jammed, ramp, set_spine, vent
 from .bench import Bench, Setup
-from .bending import TOPICS
+from .errors import WrongWiring
 from .experiment import Ask, Plan, Reading, Step, Trial, Trials, settled
 from .parameters import Jam, Settle, SpineMotion
 from .suspension import through_jams, through_pauses
 
-TO_REST = 4.0
-"""s from the ramp's end until a robot has usually settled."""
+Branch = Literal["load", "unload"]
+TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
+TO_REST = 2.25
+"""s from the ramp's end until the window of a settled state begins, about: regulators and silicone follow the ramp."""
 AVERAGE, LEAST_AVERAGE = 0.2, 1.0
 """Share of its hold over which a state at a fixed time is averaged, and the shortest average, s."""
 LATE = 30.0
-"""s after which a reading at a fixed time is given up."""
+"""s after its last sample is due for which the end of a state is awaited."""
+UNCHANGED = 1e3
+"""Pa; a smaller change of the set-points is no ramp."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +42,6 @@ class Visit:
     pressures: Mapping[int, float]
     hold: float | None = None
     """s from the ramp's end to the reading; None: once the robot has settled."""
-
-    @property
-    def average(self) -> float:
-        """s over which it is averaged, at least."""
-        return max(LEAST_AVERAGE, AVERAGE * (self.hold or 0.0))
 
     @property
     def by_chamber(self) -> tuple[float, ...]:
@@ -60,6 +62,8 @@ class Sweep:
     tip_mass: float = 0.0
     roll_deg: float = 0.0
     settle: Settle = Settle()
+    spine: SpineMotion = SpineMotion()
+    jam: Jam = Jam()
 
     @property
     def setup(self) -> Setup:
@@ -70,23 +74,23 @@ class Sweep:
 def plan_of(protocol: str, visits: Sequence[Visit], sweep: Sweep | None = None) -> Plan:
     """The plan of a protocol of this name that visits these states in each repeat."""
     s = sweep or Sweep()
-    motion = SpineMotion()
     steps: list[Step] = []
     for repeat in range(1, s.repeats + 1):
         grown = Ask(
-            spine_length=s.spine_length, spine_speed=motion.speed if s.spine_length else None, vacuum=s.vacuum,
+            spine_length=s.spine_length, spine_speed=s.spine.speed if s.spine_length else None, vacuum=s.vacuum,
             setup=s.setup if repeat == 1 else None,
         )  # fmt: skip
-        steps.append(Step(f"vent and prepare, repeat {repeat}", 10.0 + s.spine_length / motion.speed, grown))
-        before = 0.0
+        steps.append(Step(f"vent and prepare, repeat {repeat}", 10.0 + s.spine_length / s.spine.speed, grown))
+        before: tuple[float, ...] = ()
         for visit, branch in zip(visits, _branches(visits), strict=True):
-            top = max(visit.by_chamber)
-            hold = TO_REST if visit.hold is None else visit.hold
-            change = abs(top - before)
-            reads = (Reading(branch, hold, s.rate if top >= before else -s.rate, repeat),)
-            label = f"{top / 1e3:g} kPa {branch}, repeat {repeat}"
-            steps.append(Step(label, change / s.rate + hold + visit.average, Ask(visit.by_chamber, s.rate), reads))
-            before = top
+            pressures = visit.by_chamber
+            change = change_of(before, pressures)
+            hold = planned_rest(s.settle) if visit.hold is None else visit.hold
+            average = s.settle.average if visit.hold is None else _average(visit.hold)
+            reads = (Reading(branch, hold, signed(s.rate, change), repeat),)
+            label = f"{max(pressures) / 1e3:g} kPa {branch}, repeat {repeat}"
+            steps.append(Step(label, abs(change) / s.rate + hold + average, Ask(pressures, s.rate), reads))
+            before = pressures
     highest = max((max(v.by_chamber) for v in visits), default=0.0)
     return Plan(protocol, steps, {"pressure_pa": highest, "spine_length_m": s.spine_length})
 
@@ -100,59 +104,132 @@ def go_through(bench: Bench, trials: Trials, visits: Sequence[Visit], sweep: Swe
     vent(bench)
     bench.operator.prepare(s.setup)
     home(bench)
-    grow = partial(set_spine, bench, s.spine_length, s.vacuum, SpineMotion(), Jam())
     for repeat in left:
         bench.check_stop()
         bench.say(f"Repeat {repeat} of {s.repeats}")
-        ambient = through_pauses(bench, grow)
-        trials.step_done()
-        trial = trials.begin(
-            repeat=repeat, spine=s.spine_length, ambient=ambient, tip_mass=s.tip_mass, roll_deg=s.roll_deg
-        )
-        with trials.doing(trial):
-            through_jams(trials, trial, partial(_visit_all, bench, trials, trial, visits, s, grow))
-        vent(bench)
+        in_one_jamming(bench, trials, repeat, s, partial(_visit_all, visits))
 
 
-def _visit_all(
-    bench: Bench, trials: Trials, trial: Trial, visits: Sequence[Visit], s: Sweep, grow: partial[float]
-) -> None:
-    branches = _branches(visits)
-    for k, visit in enumerate(visits):
-        bench.check_stop()
-        highest = max(visits[: k + 1], key=lambda v: max(v.by_chamber))
-
-        def back(highest: Visit = highest, branch: str = branches[k]) -> None:
-            keep_jammed(bench, grow)
-            if branch == "unload":  # an unloaded state is reached from the highest pressure before it
-                _ramp(bench, highest, s.rate)
-
-        through_pauses(bench, partial(_read, bench, trials, trial, visit, branches[k], s), back)
-        trials.step_done()
-
-
-def _read(
-    bench: Bench, trials: Trials, trial: Trial, visit: Visit, branch: Literal["load", "unload"], s: Sweep
-) -> None:
-    before = max(bench.need(bench.pressure, "pressure").read().setpoint)
-    arrived = _ramp(bench, visit, s.rate)
-    rule: Settled | Window = (
-        settled(s.settle) if visit.hold is None else Window(max(0.0, visit.hold - visit.average / 2), visit.average, 1)
+def in_one_jamming(bench: Bench, trials: Trials, repeat: int, sweep: Sweep, work: Callable[[Walk], None]) -> None:
+    """One trial: jam the spine, read the states, vent. `work` reads all of them; it is done again where the spine had to be
+    jammed anew."""
+    jam = partial(set_spine, bench, sweep.spine_length, sweep.vacuum, sweep.spine, sweep.jam)
+    ambient = through_pauses(bench, jam)
+    trials.step_done()
+    trial = trials.begin(
+        repeat=repeat, spine=sweep.spine_length, ambient=ambient, tip_mass=sweep.tip_mass, roll_deg=sweep.roll_deg
     )
-    trials.read(
-        trial, rule, branch=branch, t_start=arrived, ramp_end=arrived,
-        rate=s.rate if max(visit.by_chamber) >= before else -s.rate, targets=visit.by_chamber, topics=TOPICS,
-        wait=(s.settle.within if visit.hold is None else visit.hold + visit.average) + LATE,
-    )  # fmt: skip
+    with trials.doing(trial):
+        through_jams(trials, trial, partial(work, Walk(bench, trials, trial, sweep, jam)))
+    vent(bench)
 
 
-def _ramp(bench: Bench, visit: Visit, rate: float) -> float:
-    return ramp(bench, bench.chambers.setpoints(dict(enumerate(visit.by_chamber, 1))), rate)
+@dataclass(frozen=True)
+class Walk:
+    """The way of one trial from state to state, and back to it after a pause. Pressures are Pa by chamber."""
+
+    bench: Bench
+    trials: Trials
+    trial: Trial
+    sweep: Sweep
+    jam: Callable[[], object]
+    """Jams the spine anew."""
+
+    def visit(
+        self,
+        pressures: Sequence[float],
+        branch: Branch,
+        rules: Sequence[Settled | Window],
+        highest: Sequence[float],
+        judge: Callable[[TrialRow], None] | None = None,
+    ) -> None:
+        """Ramp there and read a state by each of the rules; after a pause those that are left.
+
+        `highest`: the pressures by way of which a state of the unload branch is reached again. `judge` is told each row.
+        """
+        left = list(rules)
+
+        def work() -> None:
+            before = self.bench.need(self.bench.pressure, "pressure").read().setpoint
+            arrived = self.ramp(pressures)
+            rate = signed(self.sweep.rate, change_of(before, setpoints(self.bench, pressures)))
+            while left:
+                row = self.read(left[0], pressures, branch, arrived, arrived, rate)
+                if judge is not None:
+                    judge(row)
+                left.pop(0)
+
+        self.bench.check_stop()
+        through_pauses(self.bench, work, partial(self.come_back, branch, highest))
+        self.trials.step_done()
+
+    def come_back(self, branch: Branch, highest: Sequence[float]) -> None:
+        """After a pause the chambers are empty: a spine that was soft is jammed anew, and a state of the unload branch is
+        reached by way of the highest pressures again. Raises JamLost."""
+        keep_jammed(self.bench, self.jam)
+        if branch == "unload":
+            self.ramp(highest)
+            self.bench.pause(self.sweep.settle.average)  # the chambers follow their set-points
+
+    def ramp(self, pressures: Sequence[float]) -> float:
+        """Ramp all chambers; returns the rig time (s) at which the set-point got there."""
+        return ramp(self.bench, setpoints(self.bench, pressures), self.sweep.rate)
+
+    def read(
+        self, rule: Settled | Window | Crossing, pressures: Sequence[float], branch: Branch, start: float, arrived: float,
+        rate: float,
+    ) -> TrialRow:  # fmt: skip
+        """Read one state. `start`: rig time (s) from which the rule looks; `arrived`: at which the ramp ended."""
+        due = rule.delay + rule.average if isinstance(rule, Window) else rule.timeout
+        return self.trials.read(
+            self.trial, rule, branch=branch, t_start=start, ramp_end=arrived, rate=rate, targets=pressures, topics=TOPICS,
+            wait=due + LATE,
+        )  # fmt: skip
 
 
-def _branches(visits: Sequence[Visit]) -> list[Literal["load", "unload"]]:
+def setpoints(bench: Bench, pressures: Sequence[float]) -> tuple[float, ...]:
+    """Set-point of each channel (Pa) for pressures by chamber; WrongWiring where the wiring cannot make them."""
+    try:
+        return bench.chambers.setpoints(dict(enumerate(pressures, 1)))
+    except ValueError as e:
+        raise WrongWiring(str(e)) from e
+
+
+def change_of(before: Sequence[float], after: Sequence[float]) -> float:
+    """The largest change of a pressure (Pa), with its sign; pressures that are not named are 0."""
+    return max((b - a for a, b in itertools.zip_longest(before, after, fillvalue=0.0)), key=abs, default=0.0)
+
+
+def signed(rate: float, change: float) -> float:
+    """Pa/s of a ramp that changes the pressure by `change` Pa; 0 where it changes nothing."""
+    return 0.0 if abs(change) < UNCHANGED else math.copysign(rate, change)
+
+
+def planned_rest(rules: Settle) -> float:
+    """s from the ramp's end to the middle of the window in which a robot has usually settled."""
+    return TO_REST + max(rules.still, rules.average) / 2
+
+
+def around(hold: float, average: float) -> Window:
+    """The window of `average` s around `hold` s after the ramp's end."""
+    return Window(max(0.0, hold - average / 2), average, 1)
+
+
+def _average(hold: float) -> float:
+    """s over which a state at a fixed time is averaged."""
+    return max(LEAST_AVERAGE, AVERAGE * hold)
+
+
+def _visit_all(visits: Sequence[Visit], walk: Walk) -> None:
+    for k, (visit, branch) in enumerate(zip(visits, _branches(visits), strict=True)):
+        highest = max((v.by_chamber for v in visits[: k + 1]), key=max)
+        rule = settled(walk.sweep.settle) if visit.hold is None else around(visit.hold, _average(visit.hold))
+        walk.visit(visit.by_chamber, branch, [rule], highest)
+
+
+def _branches(visits: Sequence[Visit]) -> list[Branch]:
     """Of each visit: unload where the pressures have fallen, and as long as they stay."""
-    found: list[Literal["load", "unload"]] = []
+    found: list[Branch] = []
     before = 0.0
     for visit in visits:
         total = sum(visit.by_chamber)

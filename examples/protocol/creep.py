@@ -44,7 +44,7 @@ def plan(p: Creep) -> Plan:
         Step(f"read after {t:g} s", wait, reads=(Reading("load", t, p.rate),))
         for t, wait in zip(p.times, waits, strict=True)
     ]
-    return Plan("creep", [first, *reads], {})
+    return Plan("creep", [first, *reads])
 
 
 def setup(p: Creep) -> Setup:

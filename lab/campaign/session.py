@@ -60,6 +60,10 @@ class PartOfScreen(Screen):
         """See Screen.say."""
         self._whole.say(text)
 
+    def watched(self, address: str) -> None:
+        """See Screen.watched."""
+        self._whole.watched(address)
+
     def typed(self, text: str | None) -> None:
         """See Screen.typed."""
         self._whole.typed(text)

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import os
 import sys
+import traceback
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,6 +121,16 @@ def _contested(name: str, entries: Collection[Entry]) -> str:
     return f"packages {packages} both register {name}, so neither is used; keep one: {each}"
 
 
+def told_at(error: BaseException, file: str | Path, hint: str = "") -> str:
+    """What went wrong in a Python file: its line, the function and the error, and below that the line's text."""
+    where, text = f"{file}: cannot be run", ""
+    for at in traceback.extract_tb(error.__traceback__):
+        if at.filename == os.fspath(file):
+            where = f"{file}:{at.lineno}: {'cannot be run' if at.name == '<module>' else at.name}"
+            text = f"\n    {at.line}"
+    return f"{where}: {type(error).__name__}: {error}{hint}{text}"
+
+
 def python_file(path: Path) -> tuple[ModuleType, bytes]:
     """A Python file, run, and its text as it was run; raises ConfigError when it cannot be.
 
@@ -135,7 +147,7 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
             compile(text, path, "exec"), module.__dict__
         )  # not by its loader, which would read it again, or an older one
     except (Exception, SystemExit) as error:
-        raise ConfigError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
+        raise ConfigError(told_at(error, path)) from error
     finally:
         del sys.modules[spec.name]
     return module, text

@@ -121,6 +121,8 @@ def run(w: Wanted, as_json: bool) -> int:
     weighing = _Weighing(as_json)
     try:
         with for_case(len(case.table), cores) as others, page_where(w.watched, say) as at.page:
+            if at.page is not None:
+                say(f"watch it at {at.page.address}")
             fits = Executor(progress=weighing.progress, remote_map=None if others is None else others.in_order)
             found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
     except (DiagnosisError, ModelError) as e:

@@ -102,13 +102,12 @@ class Page:
 
 @contextlib.contextmanager
 def page_where(wanted: bool, say: Callable[[str], None]) -> Iterator[Page | None]:
-    """A page while the block runs, where one is wanted and can be; `say` is told its address, or why there is none."""
+    """A page while the block runs, where one is wanted and can be; `say` is told why there is none."""
     with contextlib.ExitStack() as beside:
         page = None
         if wanted:
             try:
                 page = beside.enter_context(Page(browser=sys.stdout.isatty()))
-                say(f"watch it at {page.address}")
             except OSError as e:
                 say(f"no page: {e}")
         yield page

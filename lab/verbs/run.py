@@ -23,6 +23,7 @@ from model.robot import Robot
 from protocols.errors import BadProtocol, Stopped
 from protocols.experiment import Plan, Step, Trials
 from protocols.parameters import Parameters, RobotFacts
+from protocols.planned import planned_rows, unlike
 from protocols.registry import Experiment
 from protocols.steering import Steering
 from recordings.campaign.journal import Journal
@@ -38,6 +39,7 @@ from ..console import Screen, answer, clock, err, note, out
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
+from ..files.packages import told_at
 from ..files.protocol_keys import protocol_keys
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
@@ -48,10 +50,11 @@ from ..rig.checked import last
 from ..rig.current import announce
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
-from ..rig.limits import problems, wiring
+from ..rig.limits import SLACK, problems, wiring
 from ..rig.losses import newly_lost
 from ..rig.margins import ACTIVE, margins
 from ..rig.provenance import provenance
+from ..rig.rehearsal import rehearse
 
 LONGEST_PLAN = 30 * 86400.0
 """s of rig time; a plan beyond it is a mistake in its parameters, such as a rate that is far too low."""
@@ -178,7 +181,7 @@ def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
     except Exception as error:
         if experiment.source is None:
             raise
-        raise BadProtocol(f"{experiment.source}: plan: {type(error).__name__}: {error}") from error
+        raise BadProtocol(told_at(error, experiment.source)) from error
     if not isinstance(found, Plan):
         raise BadProtocol(f"{experiment.source or experiment.name}: plan returned {found!r:.80}, not a Plan")
     if found.protocol != experiment.name:
@@ -205,8 +208,11 @@ def _with(source: Source, settings: list[str]) -> Source:
     return Source(source.name, data, source.lines)
 
 
-def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_json: bool) -> int:
-    """Print limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number."""
+def plan(
+    protocol: str, rig_path: Path, settings: list[str], whole: bool, as_json: bool, rehearsing: bool = False
+) -> int:
+    """Print limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number;
+    `rehearsing`: do the protocol's `run` at the desk, too."""
     j = job(protocol, rig_path, settings)
     p = j.plan
     speed = j.rig.clock.speed
@@ -218,9 +224,11 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_jso
                 "chambers: `lab plan PROTOCOL --keys` lists them"
             ]
         )
+    done = _rehearsed(j) if rehearsing else None
     if as_json:
         told = [asdict(m) for m in asked]
-        answer({**plan_dict(p), "largest": told, "clock_speed": speed, "host_seconds": p.seconds / speed})
+        answer({**plan_dict(p), "largest": told, "clock_speed": speed, "host_seconds": p.seconds / speed,
+                          **({} if done is None else {"rehearsal": done})})  # fmt: skip
         return 0
     times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours"
     out.print(f"{p.protocol}: {len(p.steps)} steps, {times}", soft_wrap=True)
@@ -238,7 +246,29 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_jso
         out.print(f"{i:4d}  {clock(step.seconds):>8}  {label}", soft_wrap=True)
     if repeats > 1:
         out.print(f"x {repeats} repeats (--all lists every step)")
+    if done is not None:
+        out.print(f"rehearsal: run ends; states read: {done['states']}, trials: {done['trials']}", soft_wrap=True)
+        note(done["differs"])
     return 0
+
+
+def _rehearsed(j: Job) -> dict[str, Any]:
+    """Do `run` at the desk; returns what it read, and where that differs from the plan. Raises BadProtocol."""
+    done = rehearse(j.experiment, j.parameters, j.plan, j.rig)
+    differs = []
+    chambers = wiring(j.rig, j.rig.body).count
+    if any(step.reads for step in j.plan.steps):
+        differs.append(unlike(planned_rows(j.plan, j.parameters, chambers), done.rows))
+    elif done.rows:
+        differs.append("the plan's steps do not say which states they read: give each Step its reads")
+    planned = max((p for step in j.plan.steps for p in step.ask.pressures), default=0.0)
+    if done.highest > planned * SLACK:
+        differs.append(
+            f"run asks for {done.highest / 1e3:.4g} kPa, its plan for at most {planned / 1e3:.4g} kPa; only the plan is checked "
+            "against the limits"
+        )
+    differs = [f"{j.experiment.name}: {text}" for text in differs if text]
+    return {"states": len(done.rows), "trials": len({row.trial for row in done.rows}), "differs": differs}
 
 
 REPEAT = re.compile(r",? (?:repeat|cycle) \d+(?: of \d+)?")
@@ -474,6 +504,8 @@ def execute(
         bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, asked)
         trials = Trials(bench, j.plan, journal, finished)
         rig.record_to(recorder)
+        if page is not None:
+            screen.watched(page.address)
         try:
             j.experiment.run(bench, j.parameters, trials)
         except Stopped as e:

@@ -71,11 +71,11 @@ def _tell(file: Path, going_on: bool, at: Place, other: Foxglove | None, as_json
         print(json.dumps({"address": at.address, "file": str(file), "live": going_on, **there}), flush=True)
         return
     said = "shows the run that goes on" if going_on else f"plays {file}"
-    out.print(f"{at.address} {said}; Ctrl-C ends it", soft_wrap=True)
     if other is not None:
         when = "" if going_on else "; the recording is played from the first subscription on"
         out.print(f"{other.address} is for Foxglove and Lichtblick (Foxglove WebSocket){when}", soft_wrap=True)
         out.print(f"{LAYOUT} is a layout for both", soft_wrap=True)
+    out.print(f"{at.address} {said}; Ctrl-C ends it", soft_wrap=True)
 
 
 def _foxglove(bind: str, port: int) -> Foxglove:

@@ -54,15 +54,9 @@ def test_the_screen_says_text_plain_and_shows_that_it_goes_on(capsys: pytest.Cap
     assert "[/red] [bold]x[/] \\x1b[2J" in said and "\n    safe\n" in said
 
 
-def test_progress_on_a_terminal_shows_text_plain(tmp_path: Path) -> None:
+def on_terminal(program: str) -> str:
+    """What a program writes to a terminal."""
     ours, theirs = pty.openpty()
-    program = f"""
-        from lab.console import Screen, out
-        with Screen({HOSTILE!r}) as screen:
-            screen.progress(1.0, 2.0)
-            screen._progress.refresh()
-            screen.say({HOSTILE!r})
-    """
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "400"}
     command = [sys.executable, "-c", textwrap.dedent(program)]
     done = subprocess.run(
@@ -77,7 +71,32 @@ def test_progress_on_a_terminal_shows_text_plain(tmp_path: Path) -> None:
         pass  # all is read
     os.close(ours)
     assert done.returncode == 0, done.stderr.decode()
-    assert seen.decode().count(SHOWN) >= 2 and b"\x1b[2J" not in seen and b"\x07" not in seen
+    return seen.decode()
+
+
+def test_progress_on_a_terminal_shows_text_plain() -> None:
+    seen = on_terminal(f"""
+        from lab.console import Screen, out
+        with Screen({HOSTILE!r}) as screen:
+            screen.progress(1.0, 2.0)
+            screen._progress.refresh()
+            screen.say({HOSTILE!r})
+    """)
+    assert seen.count(SHOWN) >= 2 and "\x1b[2J" not in seen and "\x07" not in seen
+
+
+def test_the_address_of_the_page_stays_below_the_progress(capsys: pytest.CaptureFixture[str]) -> None:
+    seen = on_terminal("""
+        from lab.console import Screen
+        with Screen("a run") as screen:
+            screen.watched("http://127.0.0.1:1/x/")
+            screen.say("the last line")
+    """)
+    assert seen.rindex("watch it at http://127.0.0.1:1/x/") > seen.index("the last line")
+    with Screen("a campaign") as screen:
+        for _ in range(3):
+            screen.watched("http://127.0.0.1:2/y/")
+    assert capsys.readouterr().out.count("http://127.0.0.1:2/y/") == 1
 
 
 def test_the_table_of_lab_check_is_plain() -> None:

@@ -1,0 +1,319 @@
+"""A run at the desk: a protocol's own `run`, with instruments that answer at once and move nothing.
+
+Set-points are reached as they are set, time jumps where the protocol waits, the tip hangs straight, and the specimen of the
+stand pushes back like a spring. So nothing that a protocol does with values measured there is more than an example.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chambers import ChamberMap
+from drivers.errors import InstrumentError, NotReady
+from drivers.frames import rotation_from_vector
+from drivers.interfaces import (
+    ArmSample,
+    BodySample,
+    GaugeSample,
+    Identity,
+    PressureSample,
+    SpineSample,
+    ValveSample,
+    Vector3,
+    Vector6,
+    WrenchSample,
+)
+from protocols.bench import Bench, Setup, StandFrame
+from protocols.errors import BadProtocol, NotReached, Stopped
+from protocols.experiment import Plan, Trials
+from protocols.parameters import Parameters
+from protocols.registry import Experiment
+from recordings.file.writer import Recorder
+from recordings.messages import MessageType, sensor, streams
+from recordings.states.buffer import Buffers
+from recordings.states.rules import AMBIENT
+from recordings.trials import TrialRow
+
+from ..console import Screen
+from ..files.all_drivers import drivers
+from ..files.packages import told_at
+from ..files.rig_file import RigFile
+from .limits import bodies, wiring
+from .streams import TOPICS, recorded
+
+RATE = 100.0
+"""Samples of each stream in a rig second."""
+JUMP = 0.5
+"""Shortest rig seconds that pass where a protocol waits."""
+LONGER = 10.0
+"""Times the planned duration after which a rehearsal is given up; an hour at least."""
+SUPPLY = 80e3
+"""Pa below ambient, of the vacuum supply where neither plan nor set-up names a vacuum."""
+STIFFNESS = 300.0
+"""N/m of the specimen at the stand, from its axis on: touched in the first steps, and far below any limit in the last."""
+AT_DESK = "; at the desk set-points are reached at once, and the tip hangs straight"
+ZERO: Vector6 = (0.0,) * 6
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What a rehearsed `run` did."""
+
+    rows: tuple[TrialRow, ...]
+    """The states that it read."""
+    highest: float
+    """Pa, its largest set-point."""
+
+
+def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: RigFile) -> Rehearsal:
+    """Do a protocol's `run` at the desk of a rig. Raises BadProtocol, naming the line, for whatever it raises."""
+    markers = len(getattr(rig.instruments.mocap, "markers", ()) or ())
+    sensors = [sensor(name, drivers()[c.driver].quantities) for name, c in rig.instruments.sensors.items()]
+    desk = Desk(rig, plan, markers, sensors)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Recorder(
+            Path(folder) / "rehearsal.mcap", start_wall_ns=time.time_ns(), chambers=desk.chambers.count, markers=markers,
+            sensors=sensors,
+        ) as recorder,
+    ):  # fmt: skip
+        recorder.buffers = desk.readings
+        trials = Trials(desk.bench(recorder, experiment.needs), plan)
+        try:
+            experiment.run(trials.bench, parameters, trials)
+        except (Exception, SystemExit) as error:
+            of_run: Any = getattr(getattr(experiment.run, "__code__", None), "co_filename", experiment.name)
+            file = experiment.source or of_run
+            hint = AT_DESK if isinstance(error, NotReached) else ""
+            raise BadProtocol(told_at(error, file, hint)) from error
+    return Rehearsal(tuple(trials.rows), desk.highest)
+
+
+class Clock:
+    """Rig time that jumps where somebody waits; raises TimeoutError after `longest` s."""
+
+    def __init__(self, longest: float) -> None:
+        self._t, self._longest = 0.0, longest
+
+    def now(self) -> float:
+        """Rig time, s."""
+        return self._t
+
+    def sleep(self, duration: float) -> None:
+        """At least `duration` seconds pass."""
+        self._t += max(duration, JUMP)
+        if self._t > self._longest:
+            raise TimeoutError(
+                f"run has not ended after {self._longest / 3600:.3g} h of rig time; does it wait for ever?"
+            )
+
+
+class Readings(Buffers):
+    """The streams of instruments, made when somebody reads them: each goes on with what it showed last."""
+
+    def __init__(self, messages: dict[str, MessageType], clock: Clock) -> None:
+        super().__init__(messages)
+        self._clock = clock
+        self._shown: dict[str, tuple[list[float], list[NDArray[np.void]]]] = {}
+        """By topic, since when (s) which sample was shown."""
+
+    def show(self, topic: str, sample: object) -> None:
+        """From now on a stream shows this sample."""
+        message = self[topic].message
+        row = np.zeros((), message.dtype)
+        for name in message.value_names:
+            row[name] = np.reshape(getattr(sample, name), row[name].shape)
+        since, rows = self._shown.setdefault(topic, ([], []))
+        since.append(self._clock.now())
+        rows.append(row)
+
+    def newest(self, topic: str) -> float:
+        """See Buffers."""
+        return math.floor(self._clock.now() * RATE) / RATE if topic in self._shown else -math.inf
+
+    def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
+        """See Buffers."""
+        first, end = math.ceil(max(t0, 0.0) * RATE - 1e-6), math.floor(min(t1, self.newest(topic)) * RATE + 1e-6) + 1
+        message = self[topic].message
+        if end <= first:
+            return np.zeros(0, message.dtype)
+        t = np.arange(first, end) / RATE
+        since, rows = self._shown[topic]
+        some = slice(max(bisect_right(since, t[0]) - 1, 0), bisect_right(since, t[-1]))
+        found = np.array(rows[some], message.dtype)[np.searchsorted(since[some], t, side="right") - 1]
+        found["t"] = t
+        return found
+
+
+class Desk:
+    """Instruments, clock and person of a rehearsal."""
+
+    def __init__(self, rig: RigFile, plan: Plan, markers: int, sensors: Sequence[MessageType]) -> None:
+        self.rig, self.sensors = rig, sensors
+        self.clock = Clock(max(LONGER * plan.seconds, 3600.0))
+        self.chambers: ChamberMap = wiring(rig, rig.body)
+        self.readings = Readings(streams(self.chambers.count, markers, sensors), self.clock)
+        self.supply = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or SUPPLY
+        self.highest = 0.0
+        self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump())
+        self.places = bodies(rig, rig.body)
+        channels = (0.0,) * len(self.chambers.channels)
+        arcs = self.places.arcs[1:] or tuple(rig.body.length * (i + 1) / (markers + 1) for i in range(markers))
+        hanging = tuple((0.0, 0.0, arc) for arc in arcs)
+        self.pressure = Regulators(self, "pressure", PressureSample(0.0, channels, channels))
+        self.spine = Unit(self, "spine", SpineSample(0.0, 0.0, 0.0, 0.0, False, False))
+        self.valve = Valve(self, "valve", ValveSample(0.0, False))
+        self.gauge = Instrument(self, "gauge", GaugeSample(0.0, AMBIENT))
+        self.force = Force(self, "force", WrenchSample(0.0, ZERO, ZERO))
+        self.arm_state = Instrument(self, "arm_state", ArmSample(0.0, 0.0, ZERO, ZERO, ZERO, 0, True))
+        self.arm = Arm(self, "arm", None)
+        tip: Vector3 = (0.0, 0.0, rig.body.length)
+        self.mocap = Instrument(self, "mocap", BodySample(0.0, 0.0, 0, tip, (1.0, 0.0, 0.0, 0.0), 0.0, True, hanging))
+
+    def bench(self, recorder: Recorder, needs: Sequence[str]) -> Bench:
+        """What a protocol with these needs gets on the rig: the regulators in any case."""
+        has = {*needs, "pressure", *(("arm_state",) if "arm" in needs else ())}
+        opened = {
+            name: getattr(self, name)
+            for name in has
+            if getattr(self.rig.instruments, "arm" if name == "arm_state" else name) is not None
+        }
+        for instrument in opened.values():
+            instrument.open()
+        for message in self.sensors:
+            self.readings.show(message.topic, SimpleNamespace(**dict.fromkeys(message.value_names, 0.0)))
+        return Bench(
+            clock=self.clock, recorder=recorder, operator=self, narrator=Screen("rehearsal", quiet=True),
+            stopping=lambda: False, recoverable=lambda error: False, recover=_fail, chambers=self.chambers, stand=self.stand,
+            sensors=tuple(message.topic for message in self.sensors), patience=0.0,
+            bodies=self.places if "mocap" in opened else None, **opened,
+        )  # fmt: skip
+
+    def prepare(self, setup: Setup) -> None:
+        """See Operator."""
+        self.supply = setup.vacuum
+
+    def confirm(self, trouble: str) -> None:
+        """See Operator."""
+        raise Stopped(trouble)
+
+
+def _fail(error: InstrumentError, _: bool) -> None:
+    raise error
+
+
+class Instrument:
+    """One that answers at once, with its last sample."""
+
+    lost = 0
+
+    def __init__(self, desk: Desk, name: str, sample: Any) -> None:
+        self.desk, self.name, self.sample = desk, name, sample
+        self.channels = len(desk.chambers.channels)
+        self._open = False
+
+    def open(self) -> Identity:
+        """From now on it streams."""
+        self._open = True
+        self.show()
+        return Identity("", "")
+
+    def close(self) -> None:
+        """Nothing is to be landed."""
+
+    def show(self, **changes: object) -> None:
+        """From now on its sample has these values."""
+        self.sample = self.sample and replace(self.sample, **changes)
+        if self._open and self.name in TOPICS:
+            self.desk.readings.show(TOPICS[self.name], recorded(self.sample, self.desk.chambers))
+
+    def read(self) -> Any:
+        """The sample of now."""
+        return replace(self.sample, t=self.desk.clock.now())
+
+    latest = read
+
+
+class Regulators(Instrument):
+    """See PressureRegulators."""
+
+    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """Each chamber has its pressure at once."""
+        confirmed = tuple(map(float, pressures))
+        self.show(setpoint=confirmed, measured=confirmed)
+        self.desk.highest = max(self.desk.highest, *confirmed)
+        return confirmed
+
+    def vent(self) -> None:
+        """All at zero."""
+        self.set([0.0] * self.channels)
+
+
+class Unit(Instrument):
+    """See LengthUnit."""
+
+    def home(self) -> None:
+        """The zero is found at once."""
+        self.show(length=0.0, goal=0.0, homed=True)
+
+    def move_to(self, length: float, speed: float) -> float:
+        """The length is reached at once."""
+        if not self.sample.homed:
+            raise NotReady(self.name, "is not homed; call home(bench) first")
+        self.show(length=float(length), goal=float(length))
+        return float(length)
+
+    def stop(self) -> None:
+        """Nothing moves."""
+
+
+class Valve(Instrument):
+    """See JammingValve."""
+
+    def set(self, on: bool) -> bool:
+        """The gauge follows at once."""
+        self.show(on=on)
+        self.desk.gauge.show(absolute=AMBIENT - self.desk.supply * on)
+        return on
+
+
+class Arm(Instrument):
+    """See Arm of the interfaces."""
+
+    def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
+        """The pose is reached at once; beyond the specimen's axis it pushes back."""
+        x, y, z, *turn = map(float, pose)
+        self.desk.arm_state.show(tcp_pose=(x, y, z, *turn))
+        stand = self.desk.stand
+        if stand is not None:
+            depth = sum((a - o) * d for a, o, d in zip((x, y, z), stand.origin, stand.push, strict=True))
+            pushed = -STIFFNESS * max(0.0, depth) * np.array(stand.push) @ rotation_from_vector(turn)
+            self.desk.force.show(raw=(*pushed.tolist(), 0.0, 0.0, 0.0))
+
+    def moving(self) -> bool:
+        """It has arrived."""
+        return False
+
+    def stop(self) -> None:
+        """Nothing moves."""
+
+
+class Force(Instrument):
+    """See ForceSensor."""
+
+    def zero(self, samples: int) -> Vector6:
+        """What it shows now counts as nothing."""
+        self.show(zero=self.sample.raw)
+        found: Vector6 = self.sample.zero
+        return found
