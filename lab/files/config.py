@@ -274,7 +274,7 @@ def _inside(data: Any, step: str | int) -> object:
 def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     key = _dotted(loc)
-    field, siblings = _find(loc, data, model)
+    field, siblings = field_at(loc, data, model)
     unit = (unit_of(field) or "") if field is not None else ""
     number = f"{_short(error['input'])} {unit}".strip()
     if kind == "extra_forbidden":
@@ -311,7 +311,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     )
 
 
-def _find(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
+def field_at(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
     """The field at loc, and the keys that its table may have."""
     current: type[BaseModel] | None = model
     field: FieldInfo | None = None
