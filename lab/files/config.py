@@ -23,7 +23,7 @@ from pydantic_core import ErrorDetails
 from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
 from recordings.bounded import read_bounded
 
-from .units import UnitError, to_si
+from .units import UnitError, to_si, unit_text, written
 
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]
@@ -244,6 +244,27 @@ def _is_number(field: FieldInfo) -> bool:
     """Whether a field takes numbers, or lists of them, and nothing else."""
     kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
     return bool(kinds) and all(kind in (int, float) for kind in kinds)
+
+
+# ------------------------------------------------------------------ 250000.0 -> "250 kPa"
+def in_units(table: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:
+    """The values of a file with units behind its numbers, where the model states one; `check` reads the same values."""
+    fields = model.model_fields
+    return {key: _in_unit(value, fields[key]) if key in fields else value for key, value in table.items()}
+
+
+def _in_unit(value: Any, field: FieldInfo) -> Any:
+    if isinstance(value, Mapping):
+        inner = _models(field.annotation, value)
+        return {k: _in_unit(v, _inner(field)) for k, v in value.items()} if inner is None else in_units(value, inner)
+    several = isinstance(value, (list, tuple))
+    items = list(value) if several else [value]
+    unit = unit_text(unit_of(field) or "").strip()
+    if unit and all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in items):
+        items = list(written(items, unit))
+    elif several:
+        items = [_in_unit(item, field) for item in items]
+    return items if several else items[0]
 
 
 # ------------------------------------------------------------------ one problem, one sentence
