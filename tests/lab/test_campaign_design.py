@@ -150,11 +150,12 @@ def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allow
 
 def test_a_seed_that_the_file_does_not_give_is_drawn_and_kept(tmp_path: Path) -> None:
     assert campaign(tmp_path).file.seed == 1
-    drawn = campaign(tmp_path, seed=None)
+    drawn = campaign(tmp_path, seed=None, stop={"max_duration": 5400, "max_scatter": 0.004})
     assert drawn.file.seed == 99 and not drawn.seed_given
+    assert yaml.safe_load(drawn.yaml)["stop"]["max_scatter"] == "4 mm"
     (tmp_path / "again.yaml").write_text(drawn.yaml)
     again = campaign_of(tmp_path / "again.yaml", RIG, 5)
-    assert again.digest == drawn.digest and again.seed_given
+    assert again.digest == drawn.digest and again.seed_given and again.file == drawn.file
 
 
 def test_the_digest_follows_what_is_done_and_not_when_it_ends(tmp_path: Path) -> None:
