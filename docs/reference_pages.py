@@ -6,6 +6,7 @@ import argparse
 import ast
 import inspect
 import os
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -387,7 +388,7 @@ def _form(field: Mapping[str, Any], names: Mapping[str, str] = MappingProxyType(
     elif field.get("type") == "array":
         items = field.get("items") or (field.get("prefixItems") or [{}])[0]
         few = len(field["prefixItems"]) if "prefixItems" in field else 0
-        kind = _form(items, names).replace("number", "numbers", 1)
+        kind = re.sub(r"\b(list|number)\b", r"\1s", _form(items, names), count=1)
         words = f"{few} {kind}" if few else f"list of {kind}"
     else:
         words = WORDS.get(field.get("type", ""), "any")

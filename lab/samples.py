@@ -59,8 +59,13 @@ def _within(mean: Array, half: Array, limits: Array, rng: np.random.Generator) -
     return np.clip(value, low, high)
 
 
-def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path) -> Iterator[Path]:
-    """One robot.yaml each, and samples.csv with a line for each and a column for each parameter, in its unit."""
+def write_samples(
+    names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path, given: str = ""
+) -> Iterator[Path]:
+    """One robot.yaml each, and samples.csv with a line for each and a column for each parameter, in its unit.
+
+    `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["file", *names])
@@ -68,5 +73,5 @@ def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], fo
     for k, (row, robot) in enumerate(zip(values.tolist(), robots, strict=True), 1):
         file = f"robot-{k:0{width}d}.yaml"
         writer.writerow([file, *map(repr, row)])
-        yield write_robot(robot, folder / file)
+        yield write_robot(robot, folder / file, given)
     replaced(folder / "samples.csv", text.getvalue())

@@ -33,29 +33,32 @@ class Bending(Parameters):
     spine_lengths: list[SpineLength] = Field(
         [0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30], min_length=1, max_length=200, json_schema_extra={"unit": "m"}
     )
+    """Lengths to which the spine is grown, one sweep for each."""
     pressures: list[Pressure] = Field(
         [50e3, 100e3, 150e3, 200e3, 250e3], min_length=1, max_length=200, json_schema_extra={"unit": "Pa"}
     )
-    """Levels of the load branch, rising."""
+    """Pressures at which the tip is read on the way up, increasing."""
     chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=64)
-    """The group that is inflated: the paper's or, where that is not connected, the first channel's; all chambers together
-    make the robot longer."""
+    """Numbers of the chambers that are inflated together; by default the paper's group or, where that is not connected, the
+    first channel's."""
     unload: bool = True
-    """Read the same levels on the way down too."""
+    """Whether the same pressures are read on the way down, too."""
     zero_state: bool = True
-    """Read the state at zero pressure, first (and last, with the unload branch)."""
+    """Whether the vented state is read, first and, with `unload`, last."""
     repeats: int = Field(1, ge=1, le=100)
-    """How often the whole sweep is done; at least 3 for a noise floor."""
+    """How often all sweeps are done; at least 3 for a noise floor."""
     reading: Literal["settled", "sweep", "hold"] = "settled"
+    """When a state is read: once settled, on the fly while the pressure ramps, or at `hold_times` after the ramp."""
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
-    """Ramp between levels."""
+    """Rate at which the pressure ramps from one level to the next."""
     hold_times: list[float] = Field([2.0, 5.0, 10.0, 30.0], max_length=50, json_schema_extra={"unit": "s"})
-    """Readings after the ramp's end, for `reading: hold`."""
+    """Times of the readings after the ramp's end with `reading: hold`, above 0 and increasing."""
     tip_mass: float = Field(0.053, ge=0, le=1.0, json_schema_extra={"unit": "kg"})
+    """Mass that hangs at the tip; by default that of robot.yaml."""
     roll_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
-    """The chamber pattern turned about the robot's axis by the person who mounts it."""
+    """Angle about the robot's axis by which the person who mounts it turns the chambers."""
     vacuums: list[Vacuum] = Field([80e3], min_length=1, max_length=20, json_schema_extra={"unit": "Pa"})
-    """Levels of the vacuum supply, below ambient; more than one is a vacuum sweep."""
+    """Levels of the vacuum supply that jams the spine, below ambient, one sweep for each; 0: not jammed."""
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
     settle: Settle = Settle()

@@ -22,18 +22,21 @@ class Cycles(Parameters):
     """Parameters of pressure cycles."""
 
     chambers: list[list[Chamber]] = Field([[9, 1, 2]], min_length=1, max_length=64)
-    """Groups that are inflated, one after another; by default the chambers of each channel."""
+    """Groups of chambers that are inflated, one after another; by default the chambers of each channel."""
     pressures: list[Pressure] = Field([100e3], min_length=1, max_length=64, json_schema_extra={"unit": "Pa"})
-    """The highest pressure of each group; one value holds for all."""
+    """Highest pressure of each group; one value holds for all."""
     cycles: int = Field(3, ge=1, le=1000)
-    """Of each group."""
+    """Number of cycles of each group."""
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
+    """Rate at which the pressure rises and falls."""
     hold: float = Field(2.0, ge=0, le=600, json_schema_extra={"unit": "s"})
-    """At the highest pressure, and vented after it."""
+    """Pause at the highest pressure, and again when vented."""
     tip_mass: float = Field(0.053, ge=0, le=1.0, json_schema_extra={"unit": "kg"})
+    """Mass that hangs at the tip; by default that of robot.yaml."""
     roll_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
+    """Angle about the robot's axis by which the person who mounts it turns the chambers."""
     vacuum: float = Field(80e3, ge=0, le=95e3, json_schema_extra={"unit": "Pa"})
-    """Of the supply; the spine is not jammed."""
+    """Level of the vacuum supply, below ambient; the spine is not jammed."""
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
 

@@ -23,9 +23,11 @@ class Elongation(Bending):
     pressures: list[Pressure] = Field(
         [30e3, 60e3, 90e3, 120e3, 150e3], min_length=1, max_length=200, json_schema_extra={"unit": "Pa"}
     )
+    """Pressures at which the tip is read on the way up, increasing."""
     chambers: list[Chamber] = Field([1, 2, 3, 4, 5, 6, 7, 8, 9], min_length=1, max_length=64)
-    """By default all that are connected."""
+    """Numbers of the chambers that are inflated together; by default all that are connected."""
     unload: bool = False
+    """Whether the same pressures are read on the way down, too."""
 
     @classmethod
     def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:

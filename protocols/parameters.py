@@ -45,40 +45,44 @@ class Jam(Parameters):
     """When the spine counts as jammed and as released, judged from the gauge."""
 
     share: float = Field(0.9, gt=0.1, le=1.0, json_schema_extra={"unit": ""})
-    """Jammed at this share of the vacuum level set at the supply."""
+    """The spine counts as jammed at this share of the vacuum set at the supply, and as soft below it."""
     released_below: float = Field(5e3, gt=0, le=50e3, json_schema_extra={"unit": "Pa"})
-    """Released when the gauge rests to a fifth of this."""
+    """The spine counts as released when the gauge changes by less than a fifth of this over the time `rest`."""
     rest: float = Field(2.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Over this long; the mean is taken for ambient pressure."""
+    """How long the gauge must rest after the release; its mean over this time is taken for ambient pressure."""
     within: float = Field(30.0, gt=0, le=600, json_schema_extra={"unit": "s"})
+    """Longest time allowed for jamming or for releasing the spine."""
 
 
 class Settle(Parameters):
     """When a state counts as settled, and how long it is averaged."""
 
     band: float = Field(1.5e3, gt=0, le=20e3, json_schema_extra={"unit": "Pa"})
-    """Every chamber within this of its set-point."""
+    """Every chamber must be within this of its set-point."""
     still: float = Field(1.5, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """For this long."""
+    """How long chambers and tip must stay settled before the state is read."""
     still_distance: float = Field(0.6e-3, gt=0, le=0.05, json_schema_extra={"unit": "m"})
-    """While the smoothed tip moves by less than this."""
+    """The smoothed tip must move by less than this over the time `still`."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Then averaged over at least this long."""
+    """Shortest time over which a settled state is averaged."""
     min_samples: int = Field(10, ge=1, le=10_000)
-    """And at least so many samples of each stream."""
+    """Fewest samples of each stream in the average; the average takes longer until it has them."""
     smooth: int = Field(20, ge=1, le=1000)
     """Samples in the moving average of the tip: 0.3 mm of camera noise must not look like motion."""
     max_gap: float = Field(3.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """No stream may pause longer than this meanwhile."""
+    """Longest pause of a stream while a state settles and is averaged."""
     max_hidden: float = Field(0.5, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Nor may the tip be untracked for longer than this."""
+    """Longest time that the tip may be untracked meanwhile."""
     within: float = Field(120.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
+    """Longest time that a state may take to settle."""
 
 
 class SpineMotion(Parameters):
     """How the spine is grown."""
 
     speed: float = Field(0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
+    """Speed at which the spine grows and shrinks."""
     tolerance: float = Field(0.5e-3, gt=0, le=0.01, json_schema_extra={"unit": "m"})
-    """Arrived when the encoder is this close."""
+    """The spine has arrived when the encoder is this close to its goal."""
     settle: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
+    """Pause between the spine's arrival and jamming."""

@@ -33,20 +33,23 @@ class Probing(Parameters):
     """Parameters of the probe's motions and of the force sensor."""
 
     max_force: float = Field(25.0, gt=0, le=100, json_schema_extra={"unit": "N"})
-    """A trial ends early here."""
+    """Force at which a trial ends early."""
     contact_force: float = Field(0.3, gt=0, le=10, json_schema_extra={"unit": "N"})
-    """Contact counts as made above this."""
+    """Force above which the probe counts as in contact."""
     approach_step: float = Field(1e-3, gt=0, le=5e-3, json_schema_extra={"unit": "m"})
+    """Step of the approach, after each of which the force is read."""
     clearance: float = Field(5e-3, gt=0, le=0.1, json_schema_extra={"unit": "m"})
-    """The approach in steps begins so far from where the specimen is expected."""
+    """Distance from the expected surface of the specimen at which the approach in steps begins."""
     speed: float = Field(0.05, gt=0, le=0.25, json_schema_extra={"unit": "m/s"})
-    """Free moves."""
+    """Speed of moves away from the specimen."""
     push_speed: float = Field(5e-3, gt=0, le=0.05, json_schema_extra={"unit": "m/s"})
-    """Moves near and in contact."""
+    """Speed of moves near the specimen and in contact."""
     acceleration: float = Field(0.3, gt=0, le=2, json_schema_extra={"unit": "m/s^2"})
+    """Acceleration of every move of the arm."""
     min_samples: int = Field(50, ge=1, le=10_000)
-    """Force samples a reading holds at least; a sensor that sends slowly is averaged longer."""
+    """Fewest force samples in a reading; a sensor that sends slowly is averaged longer."""
     zero_samples: int = Field(100, ge=1, le=10_000)
+    """Force samples of which the mean without load is taken for the sensor's zero."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import yaml
 
 from .accidents import Accidents
 from .backdoor import BackDoor
@@ -230,10 +229,6 @@ class FakeRig:
                 "tool_rotation": [0.0, float(np.pi / 2), 0.0],
             },
         }
-
-    def rig_yaml(self, robot: str = "robot.yaml") -> str:
-        """rig.yaml as text."""
-        return yaml.safe_dump(self.rig_file(robot), sort_keys=False)
 
     # -- faults
     def set_faults(self, line: str, values: Mapping[str, Any]) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import secrets
 import shlex
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table as Sheet
 
+from protocols.experiment import Plan
 from protocols.planned import cycles, setups
 from recordings.campaign.labels import labels
 from recordings.errors import BadMessage
@@ -17,6 +19,9 @@ from recordings.errors import BadMessage
 from ..console import Screen, answer, clock, err, out
 from ..files.campaign_file import OWN_LABELS
 from ..files.config import ConfigError
+from ..files.units import shown
+from ..rig.margins import Margin, margins
+from ..rig.operator import preparations
 from .design import Campaign, campaign_of
 from .folder import FILE, demand_same, fill, folder_of
 from .journal import Journal
@@ -33,19 +38,17 @@ def plan(path: Path, rig_path: Path, as_json: bool) -> int:
     if as_json:
         answer(said)
         return 0
-    sheet = Sheet()
+    sheet = Sheet(box=None, pad_edge=False)
     for column in ("run", "block", "protocol", "condition", "about", "hands"):
         sheet.add_column(column)
+    tasks: list[str] = []
     for run in said["runs"]:
-        hands = "; ".join(f"{h['mount']}, {h['tip_mass_kg'] * 1e3:g} g, {h['roll_deg']:g} deg" for h in run["hands"])
-        sheet.add_row(
-            str(run["run"] or ""),
-            str(run["block"] or ""),
-            run["protocol"],
-            run["condition"],
-            clock(run["seconds"]),
-            hands,
-        )
+        before = f"run {run['run']}" if run["run"] else "the warm-up"
+        own = [f"before {before}: {hand['do']}" for hand in run["hands"]]
+        numbers = ", ".join(f"task {len(tasks) + i}" for i, _ in enumerate(own, 1))
+        tasks += own
+        run_number, block = (str(run[key] or "") for key in ("run", "block"))
+        sheet.add_row(run_number, block, run["protocol"], run["condition"], clock(run["seconds"]), numbers)
     out.print(sheet)
     rig_s, host_s = said["rig_seconds"], said["host_seconds"]
     fast = f", {clock(host_s)} on this rig" if host_s != rig_s else ""
@@ -56,14 +59,24 @@ def plan(path: Path, rig_path: Path, as_json: bool) -> int:
         f"seed {c.file.seed}{'' if said['seed_given'] else ' (drawn now; write it into the file to keep this order)'}"
     )
     out.print(f"hands are needed {c.hands} times, the first time included")
+    for number, task in enumerate(tasks, 1):
+        out.print(f"  task {number}, {task}", soft_wrap=True)
+    alike: dict[tuple[int, float], list[str]] = {}
     for chamber in said["chambers"]:
-        if chamber["cycles"]:
-            out.print(
-                f"  chamber {chamber['chamber']}: {chamber['cycles']} pressure cycles, up to {chamber['highest_pa'] / 1e3:g} kPa"
-            )
-    for key, value in said["limits"].items():
-        out.print(f"  at most {key} {value:g}")
+        alike.setdefault((chamber["cycles"], chamber["highest_pa"]), []).append(str(chamber["chamber"]))
+    for (count, highest), chambers in alike.items():
+        if count:
+            named = f"chamber{'s' if len(chambers) > 1 else ''} {', '.join(chambers)}"
+            out.print(f"  {named}: {count} pressure cycles, up to {shown(highest, 'Pa')}", soft_wrap=True)
+    for margin in _margins(c):
+        out.print(f"  {margin}", soft_wrap=True)
     return 0
+
+
+def _margins(c: Campaign) -> list[Margin]:
+    """Of all runs together."""
+    whole = Plan(c.file.campaign, [step for j in c.jobs for step in j.plan.steps], {})
+    return margins(whole, c.runs[0].job.rig, c.robot)
 
 
 def _checked(path: Path, rig_path: Path, as_json: bool) -> Campaign:
@@ -85,6 +98,7 @@ def plan_dict(c: Campaign) -> dict[str, Any]:
             if setup != stands:
                 hands.append(
                     {
+                        "do": preparations(setup, stands),
                         "mount": setup.mount,
                         "tip_mass_kg": setup.tip_mass,
                         "roll_deg": setup.roll_deg,
@@ -109,7 +123,7 @@ def plan_dict(c: Campaign) -> dict[str, Any]:
             {"chamber": i, "cycles": n, "highest_pa": p}
             for i, (n, p) in enumerate(zip(counts.tolist(), highest.tolist(), strict=True), 1)
         ],
-        "limits": limits, "runs": runs,
+        "limits": limits, "largest": [asdict(m) for m in _margins(c)], "runs": runs,
     }  # fmt: skip
 
 

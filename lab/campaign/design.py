@@ -20,7 +20,7 @@ from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.campaign_file import CampaignFile, Part, load_campaign
-from ..files.config import MOST_PROBLEMS, ConfigError, Loc, Source
+from ..files.config import MOST_PROBLEMS, ConfigError, Loc, Source, in_units
 from ..files.rig_file import RigFile, load_rig
 from ..verbs.run import Job, job
 from .order import changes, ordered
@@ -127,7 +127,7 @@ class Campaign:
     @property
     def yaml(self) -> str:
         """The campaign's file in full, with its seed."""
-        return yaml.safe_dump(self.file.model_dump(mode="json"), sort_keys=False)
+        return yaml.safe_dump(in_units(self.file.model_dump(mode="json"), CampaignFile), sort_keys=False)
 
 
 def _code(experiment: Experiment) -> str:

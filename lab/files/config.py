@@ -23,7 +23,7 @@ from pydantic_core import ErrorDetails
 from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
 from recordings.bounded import read_bounded
 
-from .units import UnitError, to_si
+from .units import UnitError, to_si, unit_text, written
 
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]
@@ -246,6 +246,27 @@ def _is_number(field: FieldInfo) -> bool:
     return bool(kinds) and all(kind in (int, float) for kind in kinds)
 
 
+# ------------------------------------------------------------------ 250000.0 -> "250 kPa"
+def in_units(table: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:
+    """The values of a file with units behind its numbers, where the model states one; `check` reads the same values."""
+    fields = model.model_fields
+    return {key: _in_unit(value, fields[key]) if key in fields else value for key, value in table.items()}
+
+
+def _in_unit(value: Any, field: FieldInfo) -> Any:
+    if isinstance(value, Mapping):
+        inner = _models(field.annotation, value)
+        return {k: _in_unit(v, _inner(field)) for k, v in value.items()} if inner is None else in_units(value, inner)
+    several = isinstance(value, (list, tuple))
+    items = list(value) if several else [value]
+    unit = unit_text(unit_of(field) or "").strip()
+    if unit and all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in items):
+        items = list(written(items, unit))
+    elif several:
+        items = [_in_unit(item, field) for item in items]
+    return items if several else items[0]
+
+
 # ------------------------------------------------------------------ one problem, one sentence
 def _own_loc(loc: Loc, data: object) -> Loc:
     """Drop what pydantic adds to a location for unions (tags, type names): keep the steps that lead through the data."""
@@ -274,7 +295,7 @@ def _inside(data: Any, step: str | int) -> object:
 def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     key = _dotted(loc)
-    field, siblings = _find(loc, data, model)
+    field, siblings = field_at(loc, data, model)
     unit = (unit_of(field) or "") if field is not None else ""
     number = f"{_short(error['input'])} {unit}".strip()
     if kind == "extra_forbidden":
@@ -311,7 +332,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     )
 
 
-def _find(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
+def field_at(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
     """The field at loc, and the keys that its table may have."""
     current: type[BaseModel] | None = model
     field: FieldInfo | None = None

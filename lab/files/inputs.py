@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from recordings.table_file import read_csv
 from recordings.trials import Table, TrialRow
 
 from ..console import note
-from .config import ConfigError, check, load, parse_yaml
+from .config import ConfigError, Source, check, parse_yaml, read_yaml
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class Case:
 
     robot: Robot
     table: Table
+    robot_text: str = field(default="", compare=False)
+    """robot.yaml as it was read, for one that is derived from it; empty where there is none."""
 
     def __repr__(self) -> str:
         return f"<Case: {self.robot.name}, {repr(self.table)[len('<Table: ') :]}"
@@ -67,7 +69,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 
     What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.data.plausible`).
     """
-    robots: list[tuple[str, Robot]] = []
+    robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
     for path in inputs:
@@ -77,18 +79,18 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
                     f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap"
                 )
             if robot_path is None:
-                robots.append((str(path), load(path / "robot.yaml", Robot)))
+                robots.append(_robot_in(read_yaml(path / "robot.yaml")))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
     parts += [(_names(group), table) for group, table in _in_time(campaigns(recordings))]
     if robot_path is None:
-        robots += [(str(recording.path), _robot_of(recording)) for recording in recordings]
+        robots += [_robot_in(_attached_robot(recording)) for recording in recordings]
     else:
-        robots = [(str(robot_path), load(robot_path, Robot))]
-    name, robot = robots[0]
+        robots = [_robot_in(read_yaml(robot_path))]
+    source, robot = robots[0]
     for other, its in robots[1:]:
         if _body(its) != _body(robot):
             raise ConfigError(
-                f"{other}: was recorded with a different robot.yaml than {name}; give one for all with --robot"
+                f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for all with --robot"
             )
     rows: list[TrialRow] = []
     for file, table in parts:
@@ -97,7 +99,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         rows += [replace(r, trial=r.trial + first) for r in table]
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
-    return Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units))
+    return Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units), source.text.decode())
 
 
 def without_torn(paths: Sequence[Path]) -> list[Path]:
@@ -214,7 +216,11 @@ def attached(recording: Recording, name: str) -> str:
         raise ConfigError(f"{recording.path}: the attached {name} is not a text file") from e
 
 
-def _robot_of(recording: Recording) -> Robot:
+def _attached_robot(recording: Recording) -> Source:
     if "robot.yaml" not in recording.attachments:
         raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
-    return check(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"), Robot)
+    return parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml")
+
+
+def _robot_in(source: Source) -> tuple[Source, Robot]:
+    return source, check(source, Robot)

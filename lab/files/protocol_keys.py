@@ -10,6 +10,7 @@ from protocols.parameters import Parameters
 
 from .units import usual
 
+REQUIRED = "required"
 BOUNDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to", "exclusiveMaximum": "below"}
 
 
@@ -23,6 +24,12 @@ class Key:
     default: str
     limits: str
     meaning: str
+
+    def __str__(self) -> str:
+        """The line that a person reads above the meaning."""
+        named = f"{self.name} ({self.unit})" if self.unit else self.name
+        default = self.default if self.default in ("", REQUIRED) else f"default {self.default}"
+        return f"{named}: {'; '.join(filter(None, (default, self.limits)))}".removesuffix(": ")
 
 
 def protocol_keys(model: type[Parameters], defaults: Mapping[str, Any]) -> list[Key]:
@@ -39,7 +46,7 @@ def _keys(node: Mapping[str, Any], defs: Mapping[str, Any], table: str, defaults
             yield from _keys(defs[field["$ref"].rpartition("/")[2]], defs, f"{table}{name}.", inner)
             continue
         factor, unit = usual(field.get("unit", ""))
-        told = "required" if name in node.get("required", ()) and default is None else _told(default, factor)
+        told = REQUIRED if name in node.get("required", ()) and default is None else _told(default, factor)
         meaning = " ".join(field.get("description", "").split())
         yield Key(f"{table}{name}", unit, told, _limits(field, factor), meaning)
 
@@ -59,5 +66,7 @@ def _limits(field: Mapping[str, Any], factor: float) -> str:
     """What is allowed: bounds in the usual unit, or the choices."""
     if "enum" in field:
         return " or ".join(map(str, field["enum"]))
-    inner = field.get("items") or next((one for one in field.get("anyOf", ()) if one.get("type") != "null"), field)
+    inner = next((one for one in field.get("anyOf", ()) if one.get("type") != "null"), field)
+    while "items" in inner:
+        inner = inner["items"]
     return " ".join(f"{word} {inner[key] / factor:.6g}" for key, word in BOUNDS.items() if key in inner)

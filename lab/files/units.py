@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 KINDS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
@@ -94,3 +95,17 @@ def shown(value: float, unit: str) -> str:
     """Return an SI value as people read it at a rig: `250 kPa`."""
     factor, name = (1e-3, "mm") if unit == "m" and 0 < abs(value) < 0.01 else usual(unit)
     return f"{value / factor:.4g}{unit_text(name)}"
+
+
+def written(values: Sequence[float], unit: str) -> list[str]:
+    """Return SI values as a person writes them in a file: in one unit, in which `to_si` reads the same to the last bit.
+
+    >>> written([400e3], "Pa"), written([0.5, 0.7], "m"), written([0.0, 0.006], "m"), written([math.pi / 2], "rad")
+    (['400 kPa'], ['0.5 m', '0.7 m'], ['0 mm', '6 mm'], ['90 deg'])
+    """
+    small = unit == "m" and 0 < max(map(abs, values), default=0) < 0.01
+    for name in ("mm" if small else usual(unit)[1], "deg" if unit == "rad" else unit):
+        texts = [f"{value / KINDS.get(unit, {}).get(name, 1.0):.15g} {name}" for value in values]
+        if all(to_si(text, unit) == value for text, value in zip(texts, values, strict=True)):
+            return texts
+    return [f"{value!r} {unit}" for value in values]

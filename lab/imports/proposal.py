@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files.inputs import UNCONFIRMED
+from ..files.robot_file import in_one_line
 
 
 @dataclass
@@ -32,19 +33,17 @@ class Guess:
 
 def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
     """The map as a file, with its reasons as comments."""
-    import yaml
-
     lines = [
         f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.",
         "",
     ]
     lines += [f"{UNCONFIRMED} {d}" for d in g.doubts] + ([""] if g.doubts else [])
-    lines.append(f"robot: {yaml.safe_dump(str(robot), default_flow_style=True).strip().removesuffix('...').strip()}")
+    lines.append(f"robot: {in_one_line(str(robot))}")
     for key, value in g.values.items():
         own = {k.partition(".")[2]: r for k, r in g.reasons.items() if k == key or k.startswith(f"{key}.")}
         lines.append("")
         if "" in own:
-            lines += [f"# {own['']}", f"{key}: {_flow(value)}"]
+            lines += [f"# {own['']}", f"{key}: {in_one_line(value)}"]
             continue
         lines.append(f"{key}:")
         said = ""
@@ -53,21 +52,10 @@ def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
             if nested and isinstance(inner, dict) and name not in own:
                 lines.append(f"  {name}:")
                 for k, v in inner.items():
-                    lines += [f"    # {own[f'{name}.{k}']}", f"    {k}: {_flow(v)}"]
+                    lines += [f"    # {own[f'{name}.{k}']}", f"    {k}: {in_one_line(v)}"]
                 continue
             if own.get(name, said) != said:
                 said = own[name]
                 lines.append(f"  # {said}")
-            lines.append(f"  {name}: {_flow(inner)}")
+            lines.append(f"  {name}: {in_one_line(inner)}")
     return "\n".join(lines) + "\n"
-
-
-def _flow(value: Any) -> str:
-    import yaml
-
-    return (
-        yaml.safe_dump(value, default_flow_style=True, width=10_000, allow_unicode=True, sort_keys=False)
-        .strip()
-        .removesuffix("...")
-        .strip()
-    )

@@ -28,6 +28,20 @@ MOUNTS = {
     "spine": "mount the bare spine at the stiffness stand",
 }
 
+
+def preparations(setup: Setup, before: Setup | None = None) -> str:
+    """What a person does for a set-up, where `before` stands; None: it is not known what stands."""
+    done = {
+        "mount": MOUNTS[setup.mount],
+        "tip_mass": f"hang {setup.tip_mass * 1e3:g} g at the tip" if setup.tip_mass else "no mass at the tip",
+        "roll_deg": f"turn the mount to {setup.roll_deg:g} deg",
+        "vacuum": f"set the vacuum supply to {setup.vacuum / 1e3:g} kPa below ambient",
+    }
+    return "; ".join(
+        text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name)
+    )
+
+
 LONGEST_ANSWER = 65536
 """Characters of one line that a program may answer."""
 
@@ -37,10 +51,7 @@ class Console:
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare."""
-        out.print(
-            f"Prepare: {MOUNTS[setup.mount]}; tip mass {setup.tip_mass * 1e3:g} g; "
-            f"chamber pattern turned by {setup.roll_deg:g} deg; vacuum supply at {setup.vacuum / 1e3:g} kPa below ambient."
-        )
+        out.print(f"Prepare: {preparations(setup)}.")
         if not sys.stdin.isatty():
             out.print("(not a terminal: assumed to be prepared)")
             return

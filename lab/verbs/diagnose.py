@@ -26,8 +26,9 @@ from recordings.own_files import replaced
 
 from ..cluster import cluster
 from ..console import Screen, note, out
+from ..files.all_protocols import found_protocols
 from ..files.baseline import from_simulator, from_table, simulator
-from ..files.config import ConfigError, demand_writable
+from ..files.config import ConfigError, demand_writable, in_units
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
 from ..processes import for_case
@@ -180,13 +181,16 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 
 
 def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
-    """One protocol file for each proposed experiment, as `lab run` takes it."""
+    """One protocol file for each proposed experiment, as `lab run` takes it, its numbers with units."""
     folder.mkdir(parents=True, exist_ok=True)
+    known = found_protocols().usable
     written = []
     for p in proposals:
         path = folder / f"{p.id}.yaml"
         head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
-        replaced(path, head + yaml.safe_dump(dict(p.protocol), sort_keys=False))
+        experiment = known.get(p.protocol.get("protocol", ""))
+        values = dict(p.protocol) if experiment is None else in_units(p.protocol, experiment.parameters)
+        replaced(path, head + yaml.safe_dump(values, sort_keys=False))
         written.append(path)
     return written
 

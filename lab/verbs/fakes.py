@@ -25,9 +25,10 @@ from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import note, out
 from ..files.all_drivers import drivers, found_drivers
-from ..files.config import ConfigError, load
+from ..files.config import ConfigError, in_units, load
 from ..files.example import paper_robot
 from ..files.packages import Found, Unusable, installed
+from ..files.rig_file import RigFile
 from ..files.units import to_si, unit_text
 
 PATIENT: dict[str, Any] = {
@@ -74,7 +75,7 @@ def serve(a: argparse.Namespace) -> int:
             write_rig(rig, a.rig, robot=a.robot)
             out.print(f"{a.rig} reaches the fakes; Ctrl-C stops them")
         else:
-            out.print(rig.rig_yaml(str(a.robot or paper_robot())), soft_wrap=True)
+            out.print(rig_yaml(rig, str(a.robot or paper_robot())), soft_wrap=True)
         ended.wait()
     return 0
 
@@ -210,7 +211,12 @@ def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None
     """Write rig.yaml, with `changes` to its tables, and beside it robot.yaml, the paper's unless given."""
     path.parent.mkdir(parents=True, exist_ok=True)
     copied(robot or paper_robot(), path.parent / "robot.yaml")
-    path.write_text(yaml.safe_dump(_merged(rig.rig_file("robot.yaml"), changes or {}), sort_keys=False))
+    path.write_text(rig_yaml(rig, "robot.yaml", changes))
+
+
+def rig_yaml(rig: FakeRig, robot: str, changes: Mapping[str, Any] | None = None) -> str:
+    """The rig.yaml that reaches the fakes, with `changes` to its tables; its numbers have units."""
+    return yaml.safe_dump(in_units(_merged(rig.rig_file(robot), changes or {}), RigFile), sort_keys=False)
 
 
 def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
         raise ConfigError(str(e)) from e
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        write_robot(result.robot, folder / "robot.yaml")
+        write_robot(result.robot, folder / "robot.yaml", case.robot_text)
     if as_json:
         print(json.dumps(result.as_dict(), indent=1))
     else:
@@ -93,11 +93,12 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
     written: list[Path] = []
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        written.append(write_robot(found.robot, folder / "robot.yaml"))
+        written.append(write_robot(found.robot, folder / "robot.yaml", case.robot_text))
         if asked.samples:
             names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
+            samples = write_samples(names, values, robots, folder_in(folder, "samples"), case.robot_text)
             with Screen("writing robots", quiet=as_json) as screen:
-                for k, _ in enumerate(write_samples(names, values, robots, folder_in(folder, "samples")), 1):
+                for k, _ in enumerate(samples, 1):
                     screen.progress(k, len(robots))
             written.append(folder / "samples" / "samples.csv")
     if as_json:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from rich.table import Table as Sheet
+from rich.padding import Padding
 
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
@@ -302,13 +302,11 @@ def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
     if as_json:
         answer({"protocol": experiment.name, "keys": [asdict(key) for key in found]})
         return 0
-    sheet = Sheet(title=f"Keys of {experiment.name}", title_justify="left")
-    sheet.add_column("key", no_wrap=True)
-    for column in ("unit", "default", "allowed", "meaning"):
-        sheet.add_column(column)
+    out.print(f"Keys of {experiment.name}: unit, default, what is allowed, meaning")
     for key in found:
-        sheet.add_row(key.name, key.unit, key.default, key.limits, key.meaning)
-    out.print(sheet)
+        out.print(str(key), soft_wrap=True)
+        if key.meaning:
+            out.print(Padding(key.meaning, (0, 0, 0, 4), expand=False))
     out.print(
         "Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True
     )

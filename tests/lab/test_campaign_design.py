@@ -114,13 +114,48 @@ def test_the_example_is_planned_with_its_cycles_and_hands(capsys: pytest.Capture
     assert "39 runs, 384 states" in text and "hands are needed 2 times" in text
 
 
+def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allowed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    push = {"protocol": "stiffness", "parameters": {"spine_lengths": ["8 cm"], "vacuum": "70 kPa"}}
+    bend = {"protocol": "bending", "parameters": {"pressures": ["90 kPa"], "roll_deg": 40, "vacuums": ["70 kPa"]},
+            "conditions": {"spine_lengths": ["5 cm"], "tip_mass": ["61 g", "122.5 g"]}}  # fmt: skip
+    file = written(tmp_path, protocols=[push, bend], blocks=2)
+    words = ["campaign", str(file), "--rig", str(RIG), "--plan"]
+    assert main([*words, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert main(words) == 0
+    text = capsys.readouterr().out.splitlines()
+    first = 1 + text.index(next(line for line in text if line.split()[:2] == ["run", "block"]))
+    rows = text[first : first + len(said["runs"])]
+    assert [row.split()[0] for row in rows if "warm-up" not in row] == [str(i) for i in range(1, 7)]
+    assert all(run["condition"] in row for run, row in zip(said["runs"], rows, strict=True))
+    assert text[first + len(rows)].startswith("6 runs")
+    tasks = [line.strip() for line in text if line.startswith("  task ")]
+    assert len(tasks) == said["hands"] == 3 and [f"task {i}" in "\n".join(rows) for i in (1, 2, 3, 4)] == [True] * 3 + [
+        False
+    ]
+    assert tasks[0] == (
+        "task 1, before run 1: mount the bare spine at the stiffness stand; no mass at the tip; turn the mount to 0 deg; "
+        "set the vacuum supply to 70 kPa below ambient"
+    )
+    assert tasks[1].startswith("task 2, before the warm-up: hang the robot in its frame, spine inside; hang ")
+    assert tasks[1].endswith(" g at the tip; turn the mount to 40 deg")
+    assert tasks[2] in [f"task 3, before run 5: hang {mass} g at the tip" for mass in ("61", "122.5")]
+    assert "  pressure 90 kPa of 250 kPa allowed: ok" in text and "  tip mass 122.5 g" in text
+    assert {m["name"]: m["value"] for m in said["largest"]}["total pressure"] == 270e3
+    (counted,) = [line for line in text if "pressure cycles" in line]
+    assert counted == "  chambers 1, 2, 9: 7 pressure cycles, up to 90 kPa"
+
+
 def test_a_seed_that_the_file_does_not_give_is_drawn_and_kept(tmp_path: Path) -> None:
     assert campaign(tmp_path).file.seed == 1
-    drawn = campaign(tmp_path, seed=None)
+    drawn = campaign(tmp_path, seed=None, stop={"max_duration": 5400, "max_scatter": 0.004})
     assert drawn.file.seed == 99 and not drawn.seed_given
+    assert yaml.safe_load(drawn.yaml)["stop"]["max_scatter"] == "4 mm"
     (tmp_path / "again.yaml").write_text(drawn.yaml)
     again = campaign_of(tmp_path / "again.yaml", RIG, 5)
-    assert again.digest == drawn.digest and again.seed_given
+    assert again.digest == drawn.digest and again.seed_given and again.file == drawn.file
 
 
 def test_the_digest_follows_what_is_done_and_not_when_it_ends(tmp_path: Path) -> None:

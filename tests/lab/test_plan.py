@@ -8,8 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from lab import console
 from lab.cli import main
+from lab.files.all_protocols import found_protocols
 from lab.files.example import paper_robot
+from lab.files.protocol_keys import protocol_keys
+from protocols.registry import OWN
 
 RIG = Path(__file__).parents[2] / "examples" / "rig" / "rig.yaml"
 LADDER = '''
@@ -113,10 +117,26 @@ def test_the_keys_of_a_protocol_are_listed(ladder: str, capsys: pytest.CaptureFi
     assert (bending["spine_lengths"]["limits"], bending["tip_mass"]["default"]) == ("from 0 to 35", "53")
     assert bending["reading"]["limits"] == "settled or sweep or hold"
     assert (bending["settle.band"]["unit"], bending["settle.band"]["default"]) == ("kPa", "1.5")
-    assert main(["plan", "bending", "--keys"]) == 0
-    assert "settle.max_hidden" in capsys.readouterr().out
+    assert keys("cycles")["chambers"]["limits"] == "from 1 to 64"
+    assert main(["plan", ladder, "--keys"]) == 0
+    assert "\nlevels (kPa): default [20, 40]\n    Visited in this order.\n" in capsys.readouterr().out
     assert main(["plan", "bending"]) == 2
     assert "--rig" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_every_key_of_the_protocols_has_a_meaning_and_fits_a_narrow_terminal(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = protocol_keys(found_protocols().usable[name].parameters, {})
+    assert [key.name for key in found if not key.meaning] == []
+    monkeypatch.setattr(console.out, "width", 80)
+    assert main(["plan", name, "--keys"]) == 0
+    told = capsys.readouterr().out.splitlines()[1:-1]
+    assert [line for line in told if len(line) > 80] == []
+    assert [line.split()[0].rstrip(":") for line in told if not line.startswith(" ")] == [key.name for key in found]
+    said = " ".join(line.strip() for line in told)
+    assert [key.name for key in found if key.meaning not in said] == []
 
 
 def test_a_key_under_its_earlier_name_is_taken_with_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

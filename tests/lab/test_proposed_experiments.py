@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from diagnosed_case import ROBOT, campaign
 from virtual_lab import VirtualLab
 
@@ -16,8 +17,11 @@ from diagnosis.answer.candidate_experiments import Experiment, candidate_experim
 from diagnosis.answer.result import Proposal
 from diagnosis.data.case import states
 from lab.cli import main
+from lab.files.all_protocols import found_protocols
 from lab.files.inputs import Case, read_case
 from lab.verbs.diagnose import write_protocols
+from lab.verbs.run import protocol_plan
+from protocols.parameters import RobotFacts
 from recordings.trials import Table
 
 MENU = {
@@ -49,6 +53,17 @@ def planned(path: Path, virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[s
 
 def test_the_whole_menu_is_tried() -> None:
     assert set(offered()) == MENU
+
+
+def test_a_proposal_is_written_with_units_and_reads_as_it_was_meant(tmp_path: Path) -> None:
+    for experiment in offered().values():
+        path = file(tmp_path, experiment)
+        written = yaml.safe_load(path.read_text())
+        assert all(str(p).endswith(" kPa") for p in written.get("pressures", []))
+        name = experiment.parameters["protocol"]
+        values = {key: value for key, value in experiment.parameters.items() if key != "protocol"}
+        meant = found_protocols().usable[name].parameters.model_validate(values)
+        assert protocol_plan(str(path), [], RobotFacts(9, (), meant.tip_mass, True))[1] == meant
 
 
 @pytest.mark.parametrize("id", sorted(MENU))
