@@ -29,9 +29,9 @@ from rich.progress import track
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.special import logsumexp
 
-from diagnosis.answer.verdict import SURE
 from diagnosis.criticism.stage_errors import smooth_functions
-from diagnosis.inference.posterior import PRIOR_SHARES, prior
+from diagnosis.inference.posterior import prior
+from diagnosis.judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
 from lab.blind.answers import Answer
 from lab.blind.intervals import counted
 from lab.blind.make import ATTEMPTS
@@ -331,7 +331,7 @@ def answer(
     best = max(right, key=lambda h: right[h])
     ways = [{o: 1.0} for o in outside] if listed else [{o: s**2} for o in outside for s in FREE]
     beyond = [evidence.log(variance((), way, level)) for way in ways for level in LEVELS]
-    without = logsumexp(beyond) - np.log(len(beyond)) + np.log(1 - sum(PRIOR_SHARES.values()))
+    without = logsumexp(beyond) - np.log(len(beyond)) + np.log(1 - sum(PRIOR_OF_NUMBER.values()))
     carriers = tuple(e for e in carry if right[(e,)] > 0.5)
     return Judged(best, right[best], float(without - within), carriers)
 
@@ -350,7 +350,7 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
         out[name] = {
             "right by mm, clean": counted([r for cluttered, _, r in right if not cluttered]),
             "right by mm, cluttered": counted([r for cluttered, _, r in right if cluttered]),
-            "stated with p > 0.9: right": counted([r for _, p, r in right if p > SURE]),
+            "stated with p > 0.9: right": counted([r for _, p, r in right if p > CAUSE_PROBABILITY]),
             "pairs of comparable mm, clean: both named": counted(
                 [c <= found for cluttered, c, found in both if not cluttered]
             ),

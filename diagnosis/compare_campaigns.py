@@ -29,8 +29,9 @@ from .inference.evidence import NONE, Hypothesis
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, Posterior, posterior, prior, with_unknown
 from .inference.prepare import Prepared, prepare
-from .inference.problem import LEAST_NAMED_SIZE, Parameters, Problem
+from .inference.problem import Parameters, Problem
 from .inference.search import Search
+from .judgement import LEAST_NAMED_SIZE, UNCHANGED
 
 Array = NDArray[np.float64]
 
@@ -44,8 +45,6 @@ ANOTHER_DAY = {
 """Tolerances that each campaign has for itself, beside trials, repeats and drift, and the effect that does the same: the robot
 was mounted and the cameras were calibrated anew, and silicone is as soft as the room is warm and as it has been worked. Such
 an effect has changed when it is named, and not a little besides."""
-LEAST_NOTHING = 0.05
-"""Probability that nothing changed from which no change is told: of so many alarms one may be false."""
 
 
 @one_thread
@@ -107,7 +106,7 @@ def _comparable(before: States, after: States) -> tuple[States, States]:
 
 def what_is_told(found: Posterior) -> Hypothesis:
     """The most probable change, where it is hardly possible that nothing changed."""
-    return found.ranking[0][0] if found.probability(NONE) < LEAST_NOTHING else NONE
+    return found.ranking[0][0] if found.probability(NONE) < UNCHANGED else NONE
 
 
 def sentence(found: Posterior, told: Hypothesis, sizes: Mapping[str, float]) -> str:

@@ -23,13 +23,13 @@ from .answer.result import Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import Facts, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
-from .criticism.probability_calibration import TYPICAL_EXCESS
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
+from .judgement import USUAL_EXCESS
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
 
 
 def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:
-    if excess_scatter < TYPICAL_EXCESS:
+    if excess_scatter < USUAL_EXCESS:
         return ()
     return (
         f"repeats of the same state scatter {excess_scatter:.1f} times more than instruments and re-grown spines usually do: "

@@ -26,15 +26,10 @@ from .data.case import CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
 from .inference.prepare import table_columns
+from .judgement import CERTAIN, LEAST_BITS, UNFORESEEN
 
 Array = NDArray[np.float64]
 
-SURE = 0.95
-"""Probability from which nothing more is asked."""
-LEAST_BITS = 0.05
-"""Expected information below which an experiment is not worth doing."""
-UNFORESEEN = 1e-3
-"""Probability of readings so far off below which a prediction has failed."""
 MM = 1e3
 
 
@@ -145,7 +140,7 @@ class Laboratory(Protocol):
 
 def settled(d: Diagnosis) -> bool:
     """Whether nothing more needs to be asked."""
-    return d.attribute.verdict != "unknown" and d.attribute.probability >= SURE
+    return d.attribute.verdict != "unknown" and d.attribute.probability >= CERTAIN
 
 
 def wanted(d: Diagnosis, refusal: Callable[[Proposal], str]) -> Iterator[tuple[Proposal, str]]:

@@ -16,10 +16,10 @@ from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.stiffness_trials import StiffnessTrials
+from ..judgement import TIED
 from . import locate
 from .attribute import Attribution
 from .confounding import confounded_shares
-from .distinguishability import TIED
 from .holdout import Holdout
 from .result import STAGES, Attribute, Calibration, Data, Locate, Ranked, Simulator
 from .shapes import worst_states

@@ -23,19 +23,12 @@ from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.search import AFTER_SEARCH, Search
+from ..judgement import COMPARED_DISCREPANCY, OUTSIDE_ON, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .verdict import Decision, decide
 
 Array = NDArray[np.float64]
 
-LEADING = 8
-"""Leading hypotheses to which a cause outside the catalogue is added."""
-LEAST_PROBABILITY = 0.01
-"""Effects less probable than this are not counted as rivals."""
-LEAST_DISCREPANCY = 0.25
-"""Least size of the discrepancy, in units of the noise floor, under which effects are compared."""
-LEAST_GAIN = 3.0
-"""Log evidence from which a stage's free-form error is told."""
 CALIBRATION_ROUNDS = 30
 """Iterations: the numbers of a robot.yaml may be far from the data, where a few are not enough."""
 
@@ -63,13 +56,13 @@ class Attribution:
     @property
     def asking(self) -> tuple[StageError, ...]:
         """Stages that ask for an error of their own."""
-        return tuple(e for e in self.stage_errors if e.gain > LEAST_GAIN)
+        return tuple(e for e in self.stage_errors if e.gain > STAGE_GAIN)
 
     @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
         """Groups of probable, detectable effects that these data cannot tell apart."""
         seen = [e for e in self.distinguishability.effects if self.distinguishability.detectable(e)]
-        probable = [e for e in seen if self.posterior.of_effect(e) > LEAST_PROBABILITY]
+        probable = [e for e in seen if self.posterior.of_effect(e) > RIVAL_PROBABILITY]
         groups = (
             tuple(e for e in probable if e == one or e in self.distinguishability.rivals(one)) for one in probable
         )
@@ -83,7 +76,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
-    weightiest = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:LEADING]
+    weightiest = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:OUTSIDE_ON]
     unknown = search.unknown(weightiest, [prior(c.named, effects) for c in weightiest], CALIBRATED.temperature)
     whole = posterior(candidates, effects, CALIBRATED.temperature)
     carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature, *standard())
@@ -124,9 +117,9 @@ def _distinguishability(
     parameters = p.problem.parameters
     size = np.ones(len(parameters.scale))
     for effect in parameters.ids:
-        if weighed.of_effect(effect) > LEAST_PROBABILITY:
+        if weighed.of_effect(effect) > RIVAL_PROBABILITY:
             mask = parameters.mask((effect,))
             size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
     linear = best.linear(p.problem)
-    reduced = linear.reduced(max(best.grid_point.size, LEAST_DISCREPANCY), best.grid_point.form_error)
+    reduced = linear.reduced(max(best.grid_point.size, COMPARED_DISCREPANCY), best.grid_point.form_error)
     return distinguishability(reduced, parameters, parameters.ids, size, best.grid_point.spike, linear.effect_size)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from ..judgement import PRESENT_FLOORS
 from .attribute import Attribution
 from .distinguishability import visible
 from .result import Carries
 
 MM = 1e3
 INTERVAL = (0.025, 0.5, 0.975)
-PRESENT = 0.5
-"""Noise floors that an effect must carry to be listed as present."""
 
 
 def carried(f: Attribution) -> tuple[Carries, ...]:
@@ -29,7 +28,7 @@ def carried(f: Attribution) -> tuple[Carries, ...]:
             out.append(Carries(effect, "named", middle, low, high))
         elif effect not in seen:
             out.append(Carries(effect, "unseen", middle, low, high))
-        elif middle > PRESENT * floor:
+        elif middle > PRESENT_FLOORS * floor:
             out.append(Carries(effect, "present", middle, low, high))
     order = ("named", "present", "unseen")
     return tuple(sorted(out, key=lambda x: (order.index(x.role), -x.mm)))

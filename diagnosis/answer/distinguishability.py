@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from ..inference.linear import Reduced
 from ..inference.problem import Parameters
+from ..judgement import TIED
 
 Array = NDArray[np.float64]
-
-TIED = 9.0
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from ..data.levels import SPINE_GAP, levels
 from ..data.states import States
 from ..errors import BadCase, BadHoldout
 from ..inference.prepare import Prepared, table_columns
+from ..judgement import CONFIRMED_SHARE
 from .attribute import Attribution
 from .result import LengthShrink
 from .shrink import by_length, closed_with_interval, rms
@@ -29,8 +30,6 @@ from .shrink import by_length, closed_with_interval, rms
 Array = NDArray[np.float64]
 
 MM = 1e3
-CONFIRMED_SHARE = 0.5
-"""Share of the gap that must be closed, at the interval's lower end, for a cause to be called confirmed."""
 
 HoldoutVerdict = Literal["confirmed", "contradicted", "open"]
 

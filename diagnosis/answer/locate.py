@@ -22,12 +22,12 @@ from model.section import rods_of
 
 from ..data.levels import SPINE_GAP, levels
 from ..data.states import States
+from ..judgement import FALSE_DISCOVERY_RATE
 from .result import Cell
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FALSE_DISCOVERY_RATE = 0.05
 DRAWS = 400
 SEED = 20240
 MM = 1e3

@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.posterior import Posterior
 from ..inference.prepare import Prepared
+from ..judgement import OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
 from .candidate_experiments import Experiment, candidate_experiments, columns
 from .result import Proposal
 from .rivals import Prediction, Rivals
@@ -27,12 +28,6 @@ PROPOSING = (0.85, 0.87)
 """Shares of a whole diagnosis that are done before and after."""
 DRAWS = 60
 SEED = 4711
-OVERHEAD = 5.0
-"""Minutes that every experiment costs besides its own."""
-POSSIBLE = 0.02
-"""Probability above which a candidate is a rival that is worth separating."""
-SEPARATED = 0.5
-"""Two candidates count as separated when outcomes of one are told from the other's by at least this many bits."""
 CHANNELS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -46,10 +41,12 @@ def propose(
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
     menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
-    possible = frozenset(" + ".join(h) or "none" for h, probability in weighed.ranking if probability > POSSIBLE)
+    possible = frozenset(
+        " + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING
+    )
     found = executor.map(partial(_proposal, p, rivals, possible), menu, *PROPOSING)
     return tuple(
-        sorted(filter(None, found), key=lambda x: (not x.separates, -x.expected_bits / (x.cost_min + OVERHEAD)))
+        sorted(filter(None, found), key=lambda x: (not x.separates, -x.expected_bits / (x.cost_min + OVERHEAD_MIN)))
     )
 
 
@@ -91,7 +88,7 @@ def _information(predictions: tuple[Prediction, ...], weight: Array) -> tuple[fl
         (i, j)
         for i in range(n)
         for j in range(i + 1, n)
-        if min(_pair_bits(density[i, i], density[i, j]), _pair_bits(density[j, j], density[j, i])) > SEPARATED
+        if min(_pair_bits(density[i, i], density[i, j]), _pair_bits(density[j, j], density[j, i])) > SEPARATED_BITS
     ]
     return max(bits, 0.0), separated
 

@@ -28,23 +28,20 @@ from model.errors import ModelError
 from ..inference.candidate import Candidate
 from ..inference.discrepancy import Settings, by_channel, settings
 from ..inference.discrepancy import columns as smooth_columns
-from ..inference.evidence import SPIKES, Hypothesis
+from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, Posterior
 from ..inference.prepare import Prepared
 from ..inference.reading_noise import OFFSET, noise_to_come
+from ..judgement import COMPARED_DISCREPANCY, RIVAL_LEAST_WEIGHT, TOLERATED_SIZES
 from .distinguishability import Distinguishability
 
 Array = NDArray[np.float64]
 
 MOST = 5
 """Rivals that are compared."""
-LEAST_WEIGHT = 0.05
-"""Least probability that a rival counts with, so that experiments also test what the data have nearly excluded."""
-LEAST_SPIKE = float(SPIKES[SPIKES > 0].min())
+LEAST_SPIKE = float(TOLERATED_SIZES[TOLERATED_SIZES > 0].min())
 MOUNTED = ("tilt", "frame_shift")
 """Tolerances that are drawn again where a robot may be mounted anew."""
-LEAST_SIZE = 0.25
-"""Of the discrepancy."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +98,7 @@ class Rivals:
         if len(ranked[0]) == 1:
             ranked[1:1] = [(e,) for e in separation.rivals(ranked[0][0]) if (e,) in weighed.candidates]
         kept = tuple(weighed.candidates[h] for h in dict.fromkeys(ranked))[:MOST]
-        weight = np.maximum([weighed.probability(c.named) for c in kept], LEAST_WEIGHT)
+        weight = np.maximum([weighed.probability(c.named) for c in kept], RIVAL_LEAST_WEIGHT)
         return cls(p, kept, weight / weight.sum())
 
     @property
@@ -136,7 +133,7 @@ class Rivals:
             total += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T
             # Done another time, the robot stands a little differently.
             total += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T
-            size = max(c.grid_point.size, LEAST_SIZE)
+            size = max(c.grid_point.size, COMPARED_DISCREPANCY)
             total += size**2 * smooth @ smooth.T
             offset = names.get(OFFSET)
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]

@@ -11,17 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..criticism.stage_errors import StageError
+from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
 from .result import Calibration, Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
 from .verdict import Decision, stage
-
-LEAST_TOLD = 0.01
-"""Probability of a cause outside the catalogue from which the answer states it apart."""
-EXPLAINS = 0.5
-"""Share of the reducible gap from which a hypothesis counts as explaining it."""
-LEAST_CHANGE = 0.01
-"""Share of the area factor above which the answer states what calibration changed."""
-ABSORBS = 0.7
-"""An area factor for each spine length that leaves less than this share of what one leaves hides a cause."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +55,9 @@ def _what(f: Facts) -> tuple[str, int]:
 
 def _sure(f: Facts) -> str:
     d = f.decision
-    given = "" if d.verdict == "unknown" or d.outside < LEAST_TOLD else f"; {d.within:.2f} if it is in the catalogue"
+    given = (
+        "" if d.verdict == "unknown" or d.outside < OUTSIDE_STATED else f"; {d.within:.2f} if it is in the catalogue"
+    )
     return f"p = {d.probability:.2f}{given}; {f.benchmark}"
 
 
@@ -124,7 +118,7 @@ def _calibrated(f: Facts) -> str:
 def _factor(f: Facts) -> str:
     """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
     c = f.calibration
-    if c is None or abs(c.stiffness - 1) < LEAST_CHANGE:
+    if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED:
         return ""
     how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
@@ -208,7 +202,7 @@ def _percent(share: float) -> str:
 
 def _absorbed(f: Facts) -> str:
     a = None if f.waterfall is None else f.waterfall.absorbed
-    if a is None or f.decision.verdict != "effect" or a.per_length_mm > ABSORBS * a.one_mm:
+    if a is None or f.decision.verdict != "effect" or a.per_length_mm > ABSORBED * a.one_mm:
         return ""
     left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
     return f"An area factor for each spine length would hide it: {left} ({a.how})."

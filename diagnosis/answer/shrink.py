@@ -19,6 +19,7 @@ from ..inference.cross_validation import CrossValidation, Model
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit
 from ..inference.prepare import Prepared
+from ..judgement import REDUCIBLE_RATIO
 from .result import LengthShrink, Shrink
 
 Array = NDArray[np.float64]
@@ -29,8 +30,6 @@ SHRINKING = (0.87, 0.88)
 """Shares of a whole diagnosis that are done before and after."""
 DRAWS = 500
 SEED = 31337
-LEAST_RATIO = 1.1
-"""Before must exceed the floor by this factor, or there is nothing to close."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthS
 
 def share_closed(before: float, after: float, floor: float) -> float | None:
     """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
-    if before <= LEAST_RATIO * floor:
+    if before <= REDUCIBLE_RATIO * floor:
         return None
     return 1 - (after**2 - floor**2) / (before**2 - floor**2)
 

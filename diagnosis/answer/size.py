@@ -15,12 +15,10 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
+from ..judgement import BOUND_SD
 from .result import Value
 
 Array = NDArray[np.float64]
-
-STANDARD_DEVIATIONS = 2.0
-"""Standard deviations beyond a bound from which on the data speak against the effect itself."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +42,7 @@ class Size:
     @property
     def impossible(self) -> bool:
         """The data ask for a value well beyond the bounds."""
-        return (
-            self.mean < self.low - STANDARD_DEVIATIONS * self.sd
-            or self.mean > self.high + STANDARD_DEVIATIONS * self.sd
-        )
+        return self.mean < self.low - BOUND_SD * self.sd or self.mean > self.high + BOUND_SD * self.sd
 
 
 def sizes(p: Prepared, c: Candidate, sd_factor: float) -> tuple[Size, ...]:

@@ -20,12 +20,8 @@ from ..criticism.probability_calibration import ProbabilityCalibration
 from ..criticism.stage_errors import StageError
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
+from ..judgement import CAUSE_PROBABILITY, STAGE_SHARE
 from .result import Conclusion, Verdict
-
-SURE = 0.9
-"""Probability from which a robot has a cause; below, it behaves like one that has."""
-STAGE_SHARE = 0.8
-"""Of the evidence for free-form errors that one stage must have to be named."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +56,7 @@ def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: boo
 
 def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
     """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
-    if d.verdict != "effect" or d.probability >= SURE:
+    if d.verdict != "effect" or d.probability >= CAUSE_PROBABILITY:
         return ()
     others = (h for h in posterior.credible_set if h not in (NONE, UNKNOWN, d.effects))
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
@@ -71,7 +67,7 @@ def conclude(d: Decision, gap: bool, asking: Sequence[StageError]) -> Conclusion
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
-        return "cause" if d.probability >= SURE else "one of several"
+        return "cause" if d.probability >= CAUSE_PROBABILITY else "one of several"
     if d.verdict == "none":
         return "none" if gap else "noise"
     return "stage" if stage(asking) else "outside"

@@ -29,6 +29,7 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import fit
 from ..inference.prepare import Prepared, prepare
+from ..judgement import SMOOTH_SIZES
 from .attribute import Attribution, calibrated
 from .result import Absorbed, Level, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms
@@ -37,8 +38,6 @@ Array = NDArray[np.float64]
 
 MM = 1e3
 INTERVAL = (0.025, 0.975)
-SMOOTH_SIZES = (0.35, 1.4)
-"""Sizes of the smooth function that are tried, in noise floors; the one that predicts best is taken, none where none helps."""
 FIT_ROUNDS = 4
 STEPS, ABSORBED = (0.93, 0.98), (0.98, 1.0)
 """Shares of a whole diagnosis that are done before and after."""

@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..inference.linear import Linear, Prior
+from ..judgement import INFORMED_SHARE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-
-LEAST_INFORMED = 0.05
-"""Directions in which the data take away less than this share of the prior's variance are left out of prior tension."""
 
 
 class Gaussian:
@@ -51,7 +49,7 @@ class Gaussian:
         chi-square with as many degrees of freedom as are returned besides."""
         mean = self._x[:, own].T @ self.residual
         value, vector = np.linalg.eigh(np.eye(own.size) - self._inverse[np.ix_(own, own)])
-        informed = value > LEAST_INFORMED
+        informed = value > INFORMED_SHARE
         along = vector[:, informed].T @ mean
         return float((along**2 / value[informed]).sum()), int(informed.sum())
 
@@ -59,7 +57,7 @@ class Gaussian:
         """The same distance (not squared) of each coefficient by itself."""
         spread = 1 - np.diag(self._inverse)
         mean = np.abs(self._x.T @ self.residual)
-        return np.asarray(np.where(spread > LEAST_INFORMED, mean / np.sqrt(np.maximum(spread, LEAST_INFORMED)), 0.0))
+        return np.asarray(np.where(spread > INFORMED_SHARE, mean / np.sqrt(np.maximum(spread, INFORMED_SHARE)), 0.0))
 
     def inner(self, columns: Array) -> Array:
         """C^T (I + X X^T)^-1 C (c, c) of columns (n, c)."""

@@ -19,6 +19,7 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, LARGE, weigh
 from ..inference.linear import Linear
 from ..inference.problem import Parameters, Problem
+from ..judgement import LARGE_DISCREPANCY_SHARE, PREDICTIVE_DISCREPANCY, TENSE_SD
 from .gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -26,14 +27,8 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-LEAST_DISCREPANCY = 0.1
-"""Size of the discrepancy that is always allowed for when values are predicted from others."""
-LARGE_SHARE = 0.1
-"""Prior share of a large discrepancy beside a named effect."""
 SPINE_SOURCES = ("spine_length", "spine_stiffness")
 """Parameters of each trial that describe its newly grown and jammed spine."""
-TENSE = 4.0
-"""Standard deviations from its prior from which a parameter is named."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +75,7 @@ def misfit_diagnostics(
     large = LARGE.part(best.with_tolerances)
     beside = weigh(linear, large, p, [best.named])[0]
     log_terms = [np.logaddexp.reduce(w.log_terms, axis=2) for w in (best.weighed, beside)]
-    both = np.concatenate([log_terms[0], log_terms[1] + np.log(LARGE_SHARE)], axis=1)
+    both = np.concatenate([log_terms[0], log_terms[1] + np.log(LARGE_DISCREPANCY_SHARE)], axis=1)
     weight = np.exp(both - both.max())
     sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
     expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
@@ -90,7 +85,7 @@ def misfit_diagnostics(
     prior_tension, furthest_from_prior, spine_outlier = _prior_tension(
         Gaussian(linear, prior, best.grid_point.size, form_error), p, best.named
     )
-    within = Gaussian(linear, prior, max(best.grid_point.size, LEAST_DISCREPANCY), form_error)
+    within = Gaussian(linear, prior, max(best.grid_point.size, PREDICTIVE_DISCREPANCY), form_error)
     surprise, numbers, probability = [], np.unique(trial), []
     for t in numbers:
         value, n = within.surprise(trial == t)
@@ -151,6 +146,6 @@ def _prior_tension(g: Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[
     furthest = int(np.argmax(tension))
     return (
         (squares - rank) / np.sqrt(2 * max(rank, 1.0)),
-        str(names[furthest]) if tension[furthest] > TENSE else "",
+        str(names[furthest]) if tension[furthest] > TENSE_SD else "",
         float(np.max(single[by_trial & np.isin(sources, SPINE_SOURCES)], initial=0.0)),
     )

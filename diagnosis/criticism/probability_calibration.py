@@ -12,22 +12,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..inference.posterior import PRIOR_SHARES
+from ..judgement import (
+    CROSS_PREDICTION_WEIGHT,
+    EXCESS_SCATTER_WEIGHT,
+    LARGEST_EXCESS,
+    LARGEST_LAW_ODDS,
+    LARGEST_ODDS,
+    MANY_EFFECTS_WEIGHT,
+    NO_SIGN,
+    OUTSIDE_PROBABILITY,
+    PRIOR_OF_NUMBER,
+    SIZE_SD_FACTOR,
+    TEMPERATURE,
+    USUAL_EFFECTS,
+    USUAL_EXCESS,
+    USUAL_STAGE_GAIN,
+)
 from .misfit import MisfitDiagnostics
-
-TYPICAL_EXCESS, MOST_EXCESS = 2.0, 10.0
-"""Factors of excess scatter: less than the first is chance, more than the second counts as the second."""
-NO_SIGN = 0.77
-"""How much rarer a cause outside the catalogue is where nothing asks for it: in seven unseen worlds at most 31 of 42 such causes
-gave no sign, and 227 of 238 robots without one."""
-USUAL_GAIN = 4.0
-"""Log evidence that free-form errors of the stages gain where the cause is known: slow errors of cameras, laws that differ."""
-MOST_LAW_ODDS = 2.0
-"""Log odds that laws far off add at most: a known cause may have a law that none of ours comes near."""
-FEW_EFFECTS = 2
-"""Up to this many effects at once are not unusual."""
-MOST_ODDS = 7.0
-"""Log odds above which no misfit makes a cause outside the catalogue more probable."""
 
 
 @dataclass(frozen=True)
@@ -58,16 +59,17 @@ class ProbabilityCalibration:
         """Probability of a cause outside the catalogue; `stage_gain` the log evidence that free-form errors of the stages
         gain."""
         odds = math.log(self.outside_without_sign / (1 - self.outside_without_sign))
-        odds += max(stage_gain - USUAL_GAIN, 0.0) / self.temperature
-        odds += min(max(s.law_error_gain, 0.0) / self.temperature, MOST_LAW_ODDS)
+        odds += max(stage_gain - USUAL_STAGE_GAIN, 0.0) / self.temperature
+        odds += min(max(s.law_error_gain, 0.0) / self.temperature, LARGEST_LAW_ODDS)
         odds += self.cross_prediction * math.log(max(s.cross_prediction or 1.0, 1.0))
-        odds += self.excess_scatter * max(math.log(min(s.excess_scatter, MOST_EXCESS) / TYPICAL_EXCESS), 0.0)
-        odds += self.many_effects * max(s.effects_named - FEW_EFFECTS, 0)
-        return 1 / (1 + math.exp(-min(odds, MOST_ODDS)))
+        odds += self.excess_scatter * max(math.log(min(s.excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS), 0.0)
+        odds += self.many_effects * max(s.effects_named - USUAL_EFFECTS, 0)
+        return 1 / (1 + math.exp(-min(odds, LARGEST_ODDS)))
 
 
 CALIBRATED = ProbabilityCalibration(
-    temperature=4.0, prior_outside=1 - sum(PRIOR_SHARES.values()), cross_prediction=1.0, excess_scatter=1.0,
-    many_effects=0.8, sd_factor=1.2, unknown_threshold=0.5,
+    temperature=TEMPERATURE, prior_outside=1 - sum(PRIOR_OF_NUMBER.values()), cross_prediction=CROSS_PREDICTION_WEIGHT,
+    excess_scatter=EXCESS_SCATTER_WEIGHT,
+    many_effects=MANY_EFFECTS_WEIGHT, sd_factor=SIZE_SD_FACTOR, unknown_threshold=OUTSIDE_PROBABILITY,
     benchmark="calibrated on the blind bench, docs/explanations/blind.md",
 )  # fmt: skip

@@ -29,8 +29,9 @@ from scipy.special import logsumexp
 
 from model.effects.spec import Stage
 
-from ..inference.discrepancy import BRANCH, LENGTH, PRESSURE, eigenfunctions
+from ..inference.discrepancy import eigenfunctions
 from ..inference.problem import Parameters
+from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, CORRELATION_TIME, STAGE_ERROR_SIZES
 from .gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -51,10 +52,6 @@ class StageError:
 
 WANDER = ("measurement", "time")
 """A free-form error that cameras of every rig have, slowly and a little."""
-SIZES = (0.1, 0.2, 0.4, 0.8)
-"""Standard deviations of the free functions, in plausible scales of the stage's effects."""
-TIME = 0.35
-"""Correlation length, in lengths of the campaign; the others are those of the discrepancy."""
 
 
 def stage_errors(
@@ -91,7 +88,9 @@ def _gain(g: Gaussian, columns: Array) -> float:
     value, vector = np.linalg.eigh(g.inner(columns))
     value = np.maximum(value, 0.0)
     along = (vector.T @ (columns.T @ g.residual)) ** 2
-    gains = [0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in SIZES]
+    gains = [
+        0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in STAGE_ERROR_SIZES
+    ]
     return float(logsumexp(gains) - np.log(len(gains)))
 
 
@@ -100,14 +99,14 @@ def smooth_functions(
 ) -> dict[Dependence, Array]:
     """(n, m) draws of size 1 of smooth functions of n states: spine length m, highest pressure Pa, branch -1 or 1, time s (NaN
     where it is not known, then none of it)."""
-    pressure = pressure / max(float(pressure.max(initial=0.0)), 1.0) / PRESSURE
-    branch = BRANCH * branch
-    length = spine_length / (LENGTH * robot_length)
+    pressure = pressure / max(float(pressure.max(initial=0.0)), 1.0) / CORRELATION_PRESSURE
+    branch = BRANCH_DISTANCE * branch
+    length = spine_length / (CORRELATION_LENGTH * robot_length)
     place: dict[Dependence, tuple[Array, ...]] = {
         "pressure": (pressure, branch),
         "spine length": (length,),
         "pressure and spine length": (pressure, branch, length),
     }
     if np.isfinite(time).all() and np.ptp(time) > 0:
-        place["time"] = ((time - time.min()) / np.ptp(time) / TIME,)
+        place["time"] = ((time - time.min()) / np.ptp(time) / CORRELATION_TIME,)
     return {dependence: eigenfunctions(np.column_stack(own)) for dependence, own in place.items()}

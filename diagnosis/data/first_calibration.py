@@ -27,33 +27,28 @@ from model.rods import FINE, solve
 from model.section import rods_of
 from recordings.trials import TrialRow
 
+from ..judgement import (
+    FIRST_AT_BOUND,
+    FIRST_CONVERGED,
+    FIRST_GAIN,
+    FIRST_LOSS_SCALE,
+    FIRST_NEAR_BOUND,
+    FIRST_SD,
+    FIRST_USUAL,
+    FIRST_WIDEST,
+    UPSIDE_DOWN_GAIN,
+)
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
 from .states import States
 
 Array = NDArray[np.float64]
 
 NAMES = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
-WIDTH = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])
-"""Prior standard deviations: logarithms, rad, and robot lengths."""
-USUAL = np.array([np.log(20), np.log(1.6), np.radians(12), np.radians(4), np.radians(4), 0.03, 0.03, 0.03])
-"""As far as the diagnosis follows by itself."""
-MOST = np.array([np.log(20), np.log(5), np.radians(180), np.radians(25), np.radians(25), 0.3, 0.3, 0.3])
-FAR, AT_BOUND = 0.75, 0.98
-"""Shares of the bounds: from which on it is looked beyond the usual ones, and where a number would go beyond."""
-SCALE = 0.01
-"""Robot lengths, of the robust loss."""
-LOWERED = 0.3
-"""Of the robust rms, below which numbers are taken over: what laws of another form do may look like a modulus or an origin, but
-is not taken away by one."""
 ORIGIN, STEP = 5, 1.5e-8
 """The first parameter of the origin, which moves every tip alike, and the step of differences by the others, relative."""
 MOST_STATES = 60
 """That the fit looks at; the others lie between them."""
-SIMPLER = 0.5
-"""Of what is left by a robot the right way up, below which it counts as upside down."""
 FEWEST_STATES = 6
-NEAR = 3e-3
-"""Robot lengths: next to nothing."""
 QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
 """Azimuths by which chambers may be counted from another one."""
 
@@ -140,26 +135,26 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     own = own.take(seen)
     # one area factor, as the diagnosis has it
     told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))
-    near = _fitted(robot, own, USUAL, 0.0)
+    near = _fitted(robot, own, FIRST_USUAL, 0.0)
     if near is None:
         return FirstCalibration(told, states)
     missed = _rms(robot, own, near)
-    if missed < SCALE * robot.length and not (np.abs(near) > FAR * USUAL)[1:].any():
+    if missed < FIRST_LOSS_SCALE * robot.length and not (np.abs(near) > FIRST_NEAR_BOUND * FIRST_USUAL)[1:].any():
         return FirstCalibration(told, states)
     far, senses, least = None, (1.0, 1.0), np.inf
     for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, own), (0.0, -1.0, 1.0))):
-        if least < NEAR * robot.length:
+        if least < FIRST_CONVERGED * robot.length:
             break
         there = _sensed(robot, gravity, counting)
-        found = _fitted(there, own, MOST, turn)
+        found = _fitted(there, own, FIRST_WIDEST, turn)
         left = np.inf if found is None else _rms(there, own, found)
-        if left < (least if min(gravity, counting) > 0 else SIMPLER * least):
+        if left < (least if min(gravity, counting) > 0 else UPSIDE_DOWN_GAIN * least):
             far, senses, least = found, (gravity, counting), left
     if far is None:
         return FirstCalibration(told, states)
     before, after = missed, _rms(_sensed(robot, *senses), own, far)
-    beyond = np.abs(far) > USUAL
-    if not (beyond.any() or min(senses) < 0) or after > LOWERED * before:
+    beyond = np.abs(far) > FIRST_USUAL
+    if not (beyond.any() or min(senses) < 0) or after > FIRST_GAIN * before:
         return FirstCalibration(told, states)
     turned = _with(_sensed(told, *senses), far * (np.array(NAMES) == "azimuth")).actuators.azimuths_deg
     place = exchanged(told, turned) if can_name_order(told, states, effects) else None
@@ -204,7 +199,7 @@ def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None
     misfit = _Misfit(robot, own)
     try:
         found = least_squares(
-            misfit.residual, begin, misfit.slope, bounds=(-most, most), x_scale=np.minimum(WIDTH, 0.3), loss="soft_l1",
+            misfit.residual, begin, misfit.slope, bounds=(-most, most), x_scale=np.minimum(FIRST_SD, 0.3), loss="soft_l1",
             max_nfev=25, ftol=1e-4, xtol=1e-4,
         )  # fmt: skip
     except (ModelError, ValueError):
@@ -221,7 +216,7 @@ class _Misfit:
 
     def residual(self, theta: Array) -> Array:
         """(3 n + 7,) distances in units of `SCALE`, and parameters in their prior's."""
-        return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / WIDTH[1:]])
+        return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / FIRST_SD[1:]])
 
     def slope(self, theta: Array) -> Array:
         """(3 n + 7, 8) its derivatives."""
@@ -235,12 +230,12 @@ class _Misfit:
         stands = (missed != self._robot.length).any(axis=1)
         tip[..., ORIGIN:] = self._robot.length * stands[:, None, None] * np.eye(3)
         tip /= self._unit
-        out[missed.size :, 1:] = np.diag(1 / WIDTH[1:])
+        out[missed.size :, 1:] = np.diag(1 / FIRST_SD[1:])
         return out
 
     @property
     def _unit(self) -> float:
-        return SCALE * self._robot.length
+        return FIRST_LOSS_SCALE * self._robot.length
 
     def _missed(self, theta: Array) -> Array:
         if not np.array_equal(theta, self._last[0]):
@@ -257,7 +252,7 @@ def _missed(robot: Robot, own: States, theta: Array) -> Array:
 
 def _rms(robot: Robot, own: States, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
-    scale = SCALE * robot.length
+    scale = FIRST_LOSS_SCALE * robot.length
     squared = (_missed(robot, own, theta) ** 2).sum(axis=1) / scale**2
     return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
@@ -277,7 +272,7 @@ def _with(robot: Robot, theta: Array) -> Robot:
 def _told(
     robot: Robot, made: Robot, theta: Array, shift: Array, beyond: NDArray[np.bool_], senses: tuple[float, float]
 ) -> tuple[Adjusted, ...]:
-    at_bound = np.abs(theta) > AT_BOUND * MOST
+    at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
     out = []
     if senses[0] < 0:
         out.append(Adjusted("gravity z", robot.gravity[2], made.gravity[2], "m/s^2", False))

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..judgement import MEMORY_S
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-USUAL_MEMORY = 20.0
-"""s over which errors that last are usually forgotten."""
 PRESSURE = "pressure"
 """What lasts of the pressure readings."""
 
@@ -75,7 +75,7 @@ class NoiseComponents:
     """Largest factor by which the pressure reading or a parameter of the trials scatters more than its default."""
     lasting: Mapping[str, float] = field(default_factory=dict)
     """Kind of channel, and `pressure` -> share of its variance that lasts from reading to reading; of others nothing does."""
-    memory: float = USUAL_MEMORY
+    memory: float = MEMORY_S
     """s over which that is forgotten."""
 
 

@@ -31,21 +31,20 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from ..judgement import (
+    COMPONENT_LOG_SD,
+    DRIFT_SD,
+    LASTING_LOGIT_SD,
+    LASTING_SHARE,
+    LEAST_COMPONENT_SHARE,
+    LONGEST_MEMORY_S,
+    MEMORY_LOG_SD,
+)
 from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LOG_PRIOR_SD = 0.7
-"""Prior standard deviation of the logarithm of each component, a factor of two either way."""
-WIDE = 1.0
-"""Standard deviation of what drifts, relative: far more than it ever does."""
-LEAST_SHARE = 0.05
-"""Least value of a component, as a share of its default."""
-USUAL_LASTING, LOGIT_SD = 0.3, 1.5
-"""Share of a variance that lasts, and prior standard deviation of its logit."""
-LOG_MEMORY_SD, LONGEST_MEMORY = 1.0, 600.0
-"""Prior standard deviation of the logarithm of the memory, and the longest, s: more is drift."""
 MOST_CONTRASTS = 150
 """Contrasts whose errors are taken to go together at most."""
 
@@ -72,16 +71,18 @@ class Loss:
         self.centre = np.concatenate(
             [
                 np.log([*default.channel.values(), default.pressure, default.rest, *trial]),
-                np.full(g + 1, np.log(USUAL_LASTING / (1 - USUAL_LASTING))),
+                np.full(g + 1, np.log(LASTING_SHARE / (1 - LASTING_SHARE))),
                 [np.log(default.memory)],
             ]
         )
-        self._prior_sd = np.concatenate([np.full(count, LOG_PRIOR_SD), np.full(g + 1, LOGIT_SD), [LOG_MEMORY_SD]])
+        self._prior_sd = np.concatenate(
+            [np.full(count, COMPONENT_LOG_SD), np.full(g + 1, LASTING_LOGIT_SD), [MEMORY_LOG_SD]]
+        )
         lasts = bool((data.block >= 0).any())
         self._lasts = float(lasts)
-        most = float(np.log(LONGEST_MEMORY / default.memory))
+        most = float(np.log(LONGEST_MEMORY_S / default.memory))
         bounds = [
-            *[(np.log(LEAST_SHARE), 3.0)] * count, *[(-6.0, 6.0) if lasts else (0.0, 0.0)] * (g + 1),
+            *[(np.log(LEAST_COMPONENT_SHARE), 3.0)] * count, *[(-6.0, 6.0) if lasts else (0.0, 0.0)] * (g + 1),
             (-3.0, most) if lasts else (0.0, 0.0),
         ]  # fmt: skip
         self.low, self.high = np.array(bounds).T
@@ -89,7 +90,7 @@ class Loss:
         self._member = np.array([self._kinds.index(kind) for kind in data.group])
         order, parts = _together(contrast, data.block)
         contrast = contrast[order]
-        drift = WIDE * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
+        drift = DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
         trials = [_parted(contrast, data.scatter[name]) for name in self._names]
         columns, self._of = _side_by_side([*trials, drift])
         self._named = self._of[None, :] == np.arange(len(self._names))[:, None]

@@ -27,21 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .fit import Fit
 from .posterior import Posterior, shares
-from .prepare import LEAST_CARRIED, Prepared
+from .prepare import Prepared
 from .problem import Problem
 
 Array = NDArray[np.float64]
 
-COMPARABLE = 0.5
-"""Share of what the largest carrier does that an effect must carry to be named."""
-LEAST_TOLERATED = 2.0
-"""Noise floors that an effect must carry that stands out among the tolerances though no hypothesis names it."""
-TOGETHER = 2 / 3
-"""Probability from which effects are named together."""
 DEVIATES = ndtri((np.arange(15) + 0.5) / 15)
 """Standard normal deviates, each as probable, of the logarithm of what another form of a law carries."""
 DRAWS, SEED = 256, 11
@@ -206,9 +201,9 @@ def _answer(b: Budget) -> Hypothesis:
 def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
     """What is named when the effects carry so many noise floors (e,)."""
     largest = int(floors.argmax())
-    if floors[largest] < (LEAST_CARRIED if effects[largest] in hypothesis else LEAST_TOLERATED):
+    if floors[largest] < (LEAST_NAMED_FLOORS if effects[largest] in hypothesis else OUTSTANDING_FLOORS):
         return NONE
-    enough = np.flatnonzero(floors >= max(LEAST_CARRIED, COMPARABLE * float(floors[largest])))
+    enough = np.flatnonzero(floors >= max(LEAST_NAMED_FLOORS, COMPARABLE * float(floors[largest])))
     return tuple(effects[int(i)] for i in enough if i == largest or effects[int(i)] in hypothesis)
 
 
@@ -254,7 +249,7 @@ class _Carrying:
         again: dict[str, Array] = {}
         for effect in p.ids:
             if effect not in done and any(
-                m[effect][-1, -1] > (LEAST_CARRIED * part.floor) ** 2
+                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2
                 for m, part in zip(found, self._parts, strict=True)
             ):
                 # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
+
 Array = NDArray[np.float64]
 
 LEAST_EIGENVALUE = 2e-3
 """Eigenvalues below this share of the largest are left out."""
-LENGTH, PRESSURE, BRANCH = 0.35, 0.45, 0.5
-"""Correlation lengths, in lengths of the robot and highest pressures; half the distance between the branches."""
-AT_REST = 0.3
-"""Size at zero pressure, of that at the highest."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,15 @@ def settings(
     different = np.unique(kind, return_inverse=True)[1]
     # Two kinds of experiment lie 1.5 apart whichever they are: one axis each.
     kinds = 1.5 / np.sqrt(2) * np.eye(different.max(initial=0) + 1)[different]
-    place = np.column_stack([spine_length / (LENGTH * robot_length), share / PRESSURE, BRANCH * branch, kinds])
-    return Settings(place, AT_REST + (1 - AT_REST) * np.abs(share))
+    place = np.column_stack(
+        [
+            spine_length / (CORRELATION_LENGTH * robot_length),
+            share / CORRELATION_PRESSURE,
+            BRANCH_DISTANCE * branch,
+            kinds,
+        ]
+    )
+    return Settings(place, DISCREPANCY_AT_REST + (1 - DISCREPANCY_AT_REST) * np.abs(share))
 
 
 def columns(where: Settings) -> Array:

@@ -15,6 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
+from ..judgement import (
+    DISCREPANCY_SIZES,
+    DISCREPANCY_WEIGHTS,
+    LARGE_DISCREPANCY_SIZES,
+    LARGEST_TOLERATED_SIZE,
+    LAW_ERRORS,
+    TOLERATED_SIZES,
+)
 from .linear import Linear, Prior
 from .problem import Parameters
 
@@ -64,23 +72,20 @@ class GridPoint:
     form_error: float
 
 
-SPIKES = np.array([0.0, 0.08, 0.16])
-SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
-FORM_ERRORS, FORM_ERROR_WEIGHTS = np.array([0.03, 0.1, 0.3]), np.array([1, 1, 1]) / 3
-"""No law is exact, be its effect named or tolerated: one that could be would let a second effect take up what is wrong with the
-first (decisions 057, 062)."""
+def _equal(values: Array) -> Array:
+    """Equal weights, of sum 1."""
+    return np.full(len(values), 1 / len(values))
+
+
 KNOWN = Grid(
-    SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2]), FORM_ERRORS, FORM_ERROR_WEIGHTS
+    TOLERATED_SIZES, _equal(TOLERATED_SIZES), DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS, _equal(LAW_ERRORS)
 )
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
 LARGE = Grid(
-    SPIKES, SPIKE_WEIGHTS, np.array([0.35, 0.7, 1.4, 2.8]), np.array([1, 1, 1, 1]) / 4, np.array([0.0]), np.array([1.0])
-)
+    TOLERATED_SIZES, _equal(TOLERATED_SIZES), LARGE_DISCREPANCY_SIZES, _equal(LARGE_DISCREPANCY_SIZES),
+    np.array([0.0]), np.array([1.0]),
+)  # fmt: skip
 """For the hypothesis that something outside the catalogue is at work."""
-
-
-MOST_TOLERATED_SIZE = 0.5
-"""Largest size of an effect that is not named, as a share of its scale."""
 LEAST = 1e-12
 """Share below which a normal counts as lying wholly among the small sizes."""
 
@@ -155,7 +160,10 @@ def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: P
     all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
     outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
     named = (prior.wide @ parameters.members) > 0
-    below, above = np.where(low < 0, -MOST_TOLERATED_SIZE, -np.inf), np.where(high > 0, MOST_TOLERATED_SIZE, np.inf)
+    below, above = (
+        np.where(low < 0, -LARGEST_TOLERATED_SIZE, -np.inf),
+        np.where(high > 0, LARGEST_TOLERATED_SIZE, np.inf),
+    )
     tolerated = np.where(parameters.sizes, log_mass(mean, sd, below, above), within)
     total += np.where(~prior.wide & (prior.variance > 0), tolerated, 0.0).sum(axis=1)
     return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))

@@ -14,6 +14,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..judgement import CREDIBLE_SHARE, PRIOR_OF_NUMBER
 from .candidate import Candidate
 from .evidence import Hypothesis
 
@@ -21,9 +22,6 @@ Array = NDArray[np.float64]
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
-PRIOR_SHARES = {0: 0.12, 1: 0.66, 2: 0.16, 3: 0.012}
-"""Prior share of hypotheses by the number of effects they name."""
-CREDIBLE_SHARE = 0.95
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class Posterior:
 
 def prior(named: Hypothesis, effects: int) -> float:
     """Prior probability of a hypothesis of a catalogue of that many effects."""
-    return PRIOR_SHARES.get(len(named), 0.0) / comb(effects, len(named))
+    return PRIOR_OF_NUMBER.get(len(named), 0.0) / comb(effects, len(named))
 
 
 def shares(candidates: Sequence[Candidate], effects: int, temperature: float) -> Array:

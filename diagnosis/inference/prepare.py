@@ -24,20 +24,19 @@ from ..data.chamber_sides import leave_out
 from ..data.noise_components import NoiseComponents
 from ..data.states import States
 from ..errors import BadCase
+from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
-from .problem import LEAST_NAMED_SIZE, Forward, Parameters, Problem
+from .problem import Forward, Parameters, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
 from .stiffness_trials import StiffnessTrials, stiffness_trials
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LEAST_CARRIED, TINY = 1.0, 1e-12
-"""Noise floors that a named effect must carry; m."""
-LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT = 0.2e-3, 2e-3
-"""m, between which the unit of the discrepancy is kept."""
+TINY = 1e-12
+"""m."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +186,7 @@ def prepare(
         known = beside_model = pushes.noise_floor
     else:
         known = min(repeated, beside_model)
-    unit = float(np.clip(beside_model / np.sqrt(3), LEAST_DISCREPANCY_UNIT, MOST_DISCREPANCY_UNIT))
+    unit = float(np.clip(beside_model / np.sqrt(3), *DISCREPANCY_UNIT_RANGE))
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
@@ -261,7 +260,7 @@ def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tupl
     slope = np.nan_to_num(slope[tips])
     left = made.beyond_calibration(slope * made.sd, slope)
     carried = np.sqrt((left**2).sum(axis=0) / len(np.unique(labels.state[tips])))
-    return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_CARRIED * floor / np.maximum(carried, TINY)).tolist())
+    return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY)).tolist())
 
 
 def _with_trial_scatter(

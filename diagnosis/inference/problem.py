@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.noise import Noise
+from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE
 from .columns import Columns
 from .linear import Linear, Prior
 
@@ -25,14 +26,8 @@ LEAST_COLUMN = 2.0
 """Columns of model-form error below this many standard deviations of the noise are left out."""
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
-LEAST_NAMED_SIZE = 0.35
-"""Least size of a named effect, as a share of its scale, where nothing else is known: twice the widest spike."""
-GEOMETRY = 0.1
-"""Share of a law's error that is left where the law is geometry: what turns is not turned about the very point."""
 ROUNDING = 1e-12
 """Share of the largest eigenvalue below which one is rounding."""
-LEAKAGE = 0.3
-"""Leakage: share of a model-form error that may lie where the effect itself does nothing."""
 
 
 class Forward(Protocol):
@@ -141,7 +136,7 @@ class Parameters:
     def law_error(self) -> dict[str, float]:
         """By effect, the share of a law's error that it has: less where its law is geometry."""
         exact = self.exact or (False,) * len(self.names)
-        return {e: GEOMETRY if known else 1.0 for e, known in zip(self.effects, exact, strict=True) if e}
+        return {e: GEOMETRY_LAW_ERROR if known else 1.0 for e, known in zip(self.effects, exact, strict=True) if e}
 
     @cached_property
     def members(self) -> Array:

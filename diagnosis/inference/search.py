@@ -19,6 +19,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from ..judgement import (
+    COSTLY,
+    DOMINATED,
+    FEWEST_REFINED,
+    FIRST_POINT_GAIN,
+    FIT_DISCREPANCY_SIZE,
+    FIT_TOLERATED_SIZE,
+    FOLLOWED_MARGINS,
+    NEGLIGIBLE,
+    NONE_MARGIN,
+    PROMISE_MARGIN,
+    REFINED_FIRST,
+    TRUSTED_DECREASE,
+    UNCONVERGED,
+)
 from .candidate import (
     AMONG_AT_ONCE,
     AMONG_AT_STARTS,
@@ -39,24 +54,7 @@ from .starts import Starts
 
 Array = NDArray[np.float64]
 
-FIT_SPIKE, START_SIZE = 0.1, 0.25
-"""Spike of fits with tolerances, and size of the discrepancy in the first fits."""
 
-
-UNFINISHED = 0.5
-"""A search that predicts a larger decrease of the cost is not at its end."""
-
-
-GLANCED = 0.2
-SURPASSED = 200.0
-"""Log evidence by which hypotheses without tolerances, or with them, are behind, from which none of them is followed."""
-MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 150.0))
-"""Of singles: up to a predicted decrease of the cost, how far their log evidence may be behind the best and still be followed."""
-LEAST_FOLLOWED = 2
-AHEAD, NONE_BEHIND, BEHIND, TRUSTED = 4, 25.0, 60.0, 1e5
-"""Singles that are followed before the others. Where none is that much log evidence behind what they reach (else an effect of no
-size would do), one whose linear problem promises that much less than they reach is not followed; but if it predicts a larger
-decrease of the cost than the last of these, it says too little of where the search ends."""
 HALF_WAY = 0.4
 SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
 PRUNING, FINISHING, AFTER_SEARCH = (0.77, 0.81), (0.81, 0.85), 0.85
@@ -65,11 +63,6 @@ AT_ONCE = 4
 """Hypotheses that are searched to the end beside each other."""
 FULL_ROUNDS = 30
 """Of a hypothesis that is searched by itself."""
-LEFT_BEHIND = 20.0
-"""Log evidence behind the best from which a fit's derivatives are not kept; so far behind, it has no part in the answer."""
-HOPELESS = 40.0
-"""Of the points that a search reaches from several starts, one that costs so much more is not weighed: evidence does not make up
-for it."""
 
 
 @dataclass(frozen=True)
@@ -114,11 +107,11 @@ class Search:
         self._begin, self._best = Starts(problem), -np.inf
         self._references: References = {}
         self._none: dict[bool, Candidate] = {}
-        calibrated = self._fit(NONE, False, START_SIZE, problem.parameters.mean, 4)
+        calibrated = self._fit(NONE, False, FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
         self._begin_at(self._with_all_derivatives(calibrated), False)
         at_once = self._weigh_around(self._none[False].fit, self._single, False)
         executor.first_look(first_look(at_once.values(), AMONG_AT_ONCE))
-        fitted = self._weigh(NONE, self._fit(NONE, True, START_SIZE, self._none[False].fit, 3), True)
+        fitted = self._weigh(NONE, self._fit(NONE, True, FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
         self._begin_at(self._fit(NONE, True, fitted.grid_point.size, fitted.fit, 5), True)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -230,15 +223,15 @@ class Search:
         }
         leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[: extent.screen]}
         alone = [h for h in singles if h in own_start]
-        glances = self._map(self._glanced, [Task(h) for h in alone], SINGLES[0], GLANCED)
+        glances = self._map(self._glanced, [Task(h) for h in alone], SINGLES[0], FIRST_POINT_GAIN)
         first = {(h, w): c for w in here for h, c in here[w].items()}
         first |= {(h, c.with_tolerances): c for h, both in zip(alone, glances, strict=True) for c in both}
         for c in first.values():
             self._keep(c)
         self._executor.first_look(first_look(first.values(), AMONG_AT_STARTS))
         followed = self._worth_following({k: c for k, c in first.items() if k[0] in own_start | leading})
-        self._follow(followed[:AHEAD], GLANCED, HALF_WAY)
-        self._follow(self._not_surpassed(followed[AHEAD:], first), HALF_WAY, SINGLES[1])
+        self._follow(followed[:REFINED_FIRST], FIRST_POINT_GAIN, HALF_WAY)
+        self._follow(self._not_surpassed(followed[REFINED_FIRST:], first), HALF_WAY, SINGLES[1])
         best: list[Candidate] = []
         for with_tolerances in (False, True):
             own = sorted(
@@ -280,12 +273,12 @@ class Search:
         kept: dict[Hypothesis, tuple[bool, ...]] = {}
         for with_tolerances in (False, True):
             own = {h: c for (h, w), c in first.items() if w == with_tolerances}
-            if max(c.laplace_log_evidence for c in own.values()) < top - SURPASSED:
+            if max(c.laplace_log_evidence for c in own.values()) < top - DOMINATED:
                 continue
             ranked = sorted(own, key=lambda h: -own[h].laplace_log_evidence)
             for place, h in enumerate(ranked):
-                margin = next(m for decrease, m in MARGINS if own[h].fit.predicted_decrease < decrease)
-                if place < LEAST_FOLLOWED or own[h].laplace_log_evidence > top - margin:
+                margin = next(m for decrease, m in FOLLOWED_MARGINS if own[h].fit.predicted_decrease < decrease)
+                if place < FEWEST_REFINED or own[h].laplace_log_evidence > top - margin:
                     kept[h] = (*kept.get(h, ()), with_tolerances)
         leading_first = sorted(kept, key=lambda h: -max(first[h, w].laplace_log_evidence for w in kept[h]))
         return [Task(h, kept[h]) for h in leading_first]
@@ -297,11 +290,11 @@ class Search:
 
     def _not_surpassed(self, tasks: Sequence[Task], first: Mapping[tuple[Hypothesis, bool], Candidate]) -> list[Task]:
         """Those whose linear problem promises at least nearly what others have reached, or says little."""
-        if max(map(_evidence, self._none.values())) > self._best - NONE_BEHIND:
+        if max(map(_evidence, self._none.values())) > self._best - NONE_MARGIN:
             return list(tasks)
 
         def could_win(c: Candidate) -> bool:
-            return c.laplace_log_evidence > self._best - BEHIND or c.fit.predicted_decrease > TRUSTED
+            return c.laplace_log_evidence > self._best - PROMISE_MARGIN or c.fit.predicted_decrease > TRUSTED_DECREASE
 
         # A search with tolerances begins at what the one without them finds, too: both are done or none.
         return [t for t in tasks if any(could_win(first[t.named, w]) for w in t.with_tolerances)]
@@ -328,11 +321,11 @@ class Search:
             else:
                 far.append(start)
         tried = [follow(start, 2, reference) for start in close]
-        if not (more and tried and min(tried, key=_promised).predicted_decrease <= UNFINISHED):
+        if not (more and tried and min(tried, key=_promised).predicted_decrease <= UNCONVERGED):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             tried += [follow(self._begin.recalibrated(start), 4) for start in far]
         least = min(map(_promised, tried))
-        could_be_best = [f for f in tried if _promised(f) <= least + HOPELESS]
+        could_be_best = [f for f in tried if _promised(f) <= least + COSTLY]
         return max((self._weigh(named, f, with_tolerances) for f in could_be_best), key=_evidence)
 
     def _refined(self, c: Candidate, rounds: int) -> Candidate:
@@ -431,7 +424,7 @@ class Search:
             cut = [
                 c
                 for c in self._tried.values()
-                if c.laplace_log_evidence > best - self.extent.within and c.fit.predicted_decrease > UNFINISHED
+                if c.laplace_log_evidence > best - self.extent.within and c.fit.predicted_decrease > UNCONVERGED
             ]
             if not cut:
                 return
@@ -457,7 +450,9 @@ class Search:
         frozen: Reference | None = None,
     ) -> Fit:
         p = self.problem.parameters
-        return fit(self.problem, p.prior(p.mask(named), FIT_SPIKE * with_tolerances), size, start, rounds, frozen)
+        return fit(
+            self.problem, p.prior(p.mask(named), FIT_TOLERATED_SIZE * with_tolerances), size, start, rounds, frozen
+        )
 
     def _with_all_derivatives(self, f: Fit) -> Fit:
         """The same fit with the derivatives by all parameters."""
@@ -479,5 +474,5 @@ class Search:
     def _keep(self, c: Candidate) -> None:
         """What is far behind is kept without derivatives: of a large campaign they take most memory."""
         self._best = max(self._best, c.log_evidence)
-        kept = c if c.log_evidence > self._best - LEFT_BEHIND else without_derivatives(c)
+        kept = c if c.log_evidence > self._best - NEGLIGIBLE else without_derivatives(c)
         self._tried[c.named, c.with_tolerances] = kept

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..answer.verdict import SURE
-from ..inference.posterior import PRIOR_SHARES
+from ..judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
 from .worlds import CAUSE, CLUTTER, Planned, drawn, probabilities
 
 SIZES = ("small", "medium", "large")
@@ -72,7 +71,9 @@ def power(
     first = p.argmax(axis=1)
     told = ["".join(named[k]) for k in first]
     right = np.array([w.cause == t for w, t in zip(worlds, told, strict=True)])
-    weight = np.array([PRIOR_SHARES[0] if not w.cause else (1 - PRIOR_SHARES[0]) / len(d.effects) for w in worlds])
+    weight = np.array(
+        [PRIOR_OF_NUMBER[0] if not w.cause else (1 - PRIOR_OF_NUMBER[0]) / len(d.effects) for w in worlds]
+    )
     weight /= weight.sum()
     share, spread = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
     effects = []
@@ -83,7 +84,7 @@ def power(
         third = np.clip(np.digitize(size, edges) - 1, 0, len(SIZES) - 1)
         others = [t for t, o, r in zip(told, own, right, strict=True) if o and not r]
         taken = {t or "none": float(others.count(t) / own.sum()) for t in others}
-        sure = float(np.mean(right[own] & (p.max(axis=1)[own] > SURE)))
+        sure = float(np.mean(right[own] & (p.max(axis=1)[own] > CAUSE_PROBABILITY)))
         carries = float(
             np.median([d.floors(done[effect]) / w.size for (w, done), o in zip(made, own, strict=True) if o])
         )

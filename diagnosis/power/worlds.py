@@ -26,12 +26,12 @@ from scipy.special import logsumexp
 from ..criticism.probability_calibration import CALIBRATED
 from ..inference.budget import Part, after_calibration, parts
 from ..inference.candidate import Candidate
-from ..inference.evidence import KNOWN, NONE, SPIKES, Hypothesis, log_mass
+from ..inference.evidence import KNOWN, NONE, Hypothesis, log_mass
 from ..inference.linear import Linear
-from ..inference.posterior import PRIOR_SHARES
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem, leading
 from ..inference.search import Search
+from ..judgement import PRIOR_OF_NUMBER, TOLERATED_SIZES
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ CLUTTER = (0.0, 0.05, 0.1, 0.2)
 """Standard deviation of every other effect, plausible scales; one of them in each world."""
 FREEDOM = 3
 """Degrees of freedom of Student's t, of the clutter."""
-TOLERATED = float(SPIKES[SPIKES > 0].mean())
+TOLERATED = float(TOLERATED_SIZES[TOLERATED_SIZES > 0].mean())
 LEAST = 1.0
 """Length of a whitened response below which an effect cannot be drawn."""
 BASE_ROUNDING = 1e-9
@@ -116,7 +116,7 @@ def drawn(
     size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
     y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
     if cause is None:
-        cause = "" if rng.random() < PRIOR_SHARES[0] else str(rng.choice(d.effects))
+        cause = "" if rng.random() < PRIOR_OF_NUMBER[0] else str(rng.choice(d.effects))
     about, amount, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
     basis = d.problem.form_error_basis
     for effect in d.effects:
@@ -163,7 +163,7 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
                     log_p = log_p + _cut(d, h, prior.mean, prior.variance, effects, factor, pulled)
                     terms.append(log_p + KNOWN.log_weights[s, g, f])
         evidence[i] = logsumexp(terms, axis=0)
-    shares = np.array([PRIOR_SHARES[len(h)] / (len(d.effects) if h else 1) for h in named])
+    shares = np.array([PRIOR_OF_NUMBER[len(h)] / (len(d.effects) if h else 1) for h in named])
     score = evidence.T / CALIBRATED.temperature + np.log(shares)
     weight = np.exp(score - score.max(axis=1, keepdims=True))
     return named, weight / weight.sum(axis=1, keepdims=True) * (1 - CALIBRATED.outside_without_sign)

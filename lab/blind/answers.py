@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from diagnosis.investigate import SURE
+from diagnosis.judgement import CERTAIN
 
 from ..files.config import ConfigError
 from .folder import read_table
@@ -51,7 +51,7 @@ class Answer:
     @property
     def settled(self) -> bool:
         """Whether `lab investigate` would ask for nothing more."""
-        return self.verdict in ("effect", "none") and self.probability >= SURE
+        return self.verdict in ("effect", "none") and self.probability >= CERTAIN
 
     @property
     def best(self) -> Effects:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.answer.verdict import SURE
+from diagnosis.judgement import CAUSE_PROBABILITY
 
 from .answers import Answer, Effects
 from .intervals import Interval, bootstrap, share
@@ -88,7 +88,7 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
     of = {k: [c for c in cases if c.kind == k] for k in ("single", "pair", "none", "outside")}
     single, pair, none, outside = of["single"], of["pair"], of["none"], of["outside"]
     known = single + none
-    sure = [c for c in single if c.answer.verdict == "effect" and c.answer.probability > SURE]
+    sure = [c for c in single if c.answer.verdict == "effect" and c.answer.probability > CAUSE_PROBABILITY]
     right = [c for c in single if c.right]
     intervals = [hit for c in right if (hit := _size_hit(c)) is not None]
     closed = [c.answer.share_closed for c in right if math.isfinite(c.answer.share_closed)]
@@ -105,8 +105,8 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
         Metric("named", "single: verdict names exactly the true one", shared(single, lambda c: c.right)),
         Metric("detected", "single: not called none", shared(single, lambda c: c.answer.verdict in ("effect", "unknown"))),
         Metric("p_truth", "single: mean probability on the true one", mean([c.probability_on_truth for c in single])),
-        Metric("sure_right", f"single: right when p > {SURE}", shared(sure, lambda c: c.right)),
-        Metric("sure_share", f"single: share answered with p > {SURE}", shared(single, lambda c: c in sure)),
+        Metric("sure_right", f"single: right when p > {CAUSE_PROBABILITY}", shared(sure, lambda c: c.right)),
+        Metric("sure_share", f"single: share answered with p > {CAUSE_PROBABILITY}", shared(single, lambda c: c in sure)),
         Metric("coverage", "single and none: truth in the 95 % set", shared(known, lambda c: c.covered)),
         Metric("set_size", "single: mean size of the 95 % set", mean([len(c.answer.credible) for c in single])),
         Metric("pair_both", "pair: both named", shared(pair, lambda c: c.truth <= c.answer.effects)),
@@ -117,8 +117,8 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
                shared(known + pair, lambda c: c.answer.verdict == "unknown")),
         Metric("flagged", "outside: verdict unknown", shared(outside, lambda c: c.answer.verdict == "unknown")),
         Metric("flagged_at_10", "outside: flagged at 10 % false flags", flagged_at(known + pair, outside)),
-        Metric("outside_named", f"outside: an effect named with p > {SURE}",
-               shared(outside, lambda c: c.answer.verdict == "effect" and c.answer.probability > SURE)),
+        Metric("outside_named", f"outside: an effect named with p > {CAUSE_PROBABILITY}",
+               shared(outside, lambda c: c.answer.verdict == "effect" and c.answer.probability > CAUSE_PROBABILITY)),
         Metric("ece", "calibration error of the verdict's probability", bootstrap(confidence(cases), calibration_error)),
         Metric("log_score", "single and none: mean -log p of the truth",
                mean([-math.log(max(c.probability_on_truth, LEAST_PROBABILITY)) for c in known])),

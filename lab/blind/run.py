@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from diagnosis.investigate import LEAST_BITS
+from diagnosis.judgement import LEAST_BITS
 from recordings.own_files import replaced
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table

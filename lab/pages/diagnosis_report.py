@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from diagnosis.answer.headline import for_people, stated
-from diagnosis.answer.next_experiment import POSSIBLE
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
+from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
@@ -510,7 +510,9 @@ def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
 
 def _rivals(d: Diagnosis) -> str:
     """Which hypotheses remain that no experiment separates."""
-    others = [r for r in d.attribute.ranking if r.effects != d.attribute.effects and r.probability > POSSIBLE]
+    others = [
+        r for r in d.attribute.ranking if r.effects != d.attribute.effects and r.probability > RIVAL_WORTH_SEPARATING
+    ]
     if not others:
         return "No other hypothesis is probable."
     named = ", ".join(f"{' + '.join(r.effects) or 'none'} (p = {r.probability:.2f})" for r in others[:3])

@@ -10,7 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from benchmarks.sampled import Hypothetical, hypothetical
-from diagnosis.inference.problem import LEAST_NAMED_SIZE, Problem
+from diagnosis.inference.problem import Problem
+from diagnosis.judgement import LEAST_NAMED_SIZE
 from tests.diagnosis.toy import toy_problem
 
 POINTS = 120

@@ -10,9 +10,10 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, uniform
 
 from diagnosis.inference.columns import Columns
-from diagnosis.inference.evidence import MOST_TOLERATED_SIZE, Grid, weigh
+from diagnosis.inference.evidence import Grid, weigh
 from diagnosis.inference.linear import Linear, Prior
-from diagnosis.inference.problem import LEAST_NAMED_SIZE, Parameters
+from diagnosis.inference.problem import Parameters
+from diagnosis.judgement import LARGEST_TOLERATED_SIZE, LEAST_NAMED_SIZE
 
 WIDE = np.ones(3, bool)
 RNG = np.random.default_rng(7)
@@ -138,8 +139,8 @@ def test_a_tolerated_size_is_below_the_one_at_which_it_must_be_named() -> None:
     def joint(theta: float) -> float:
         return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta, scale=0.3))
 
-    prior = norm.cdf(MOST_TOLERATED_SIZE / 0.3) - norm.cdf(-MOST_TOLERATED_SIZE / 0.3)
-    exact = np.log(quad(joint, -MOST_TOLERATED_SIZE, MOST_TOLERATED_SIZE)[0] / prior)
+    prior = norm.cdf(LARGEST_TOLERATED_SIZE / 0.3) - norm.cdf(-LARGEST_TOLERATED_SIZE / 0.3)
+    exact = np.log(quad(joint, -LARGEST_TOLERATED_SIZE, LARGEST_TOLERATED_SIZE)[0] / prior)
     assert weigh(linear, spiked, parameters(1), [()])[0].log_evidence == pytest.approx(exact, abs=1e-6)
 
 

@@ -12,14 +12,15 @@ import pytest
 from diagnosis.answer.candidate_experiments import columns
 from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.diagnose import Options
-from diagnosis.investigate import SURE, Foretold, Limits, NotDone, Round, bits_gained, investigate, settled
+from diagnosis.investigate import Foretold, Limits, NotDone, Round, bits_gained, investigate, settled
+from diagnosis.judgement import CERTAIN
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from recordings.trials import TrialRow
 from tests.diagnosis.small_campaigns import FEW, SOME, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case
 
-CAUSE = "chamber_ballooning"
+CAUSE_PROBABILITY = "chamber_ballooning"
 SIZE = 0.3
 TIED = ("chamber_ballooning", "pressure_offset", "body_modulus", "base_tilt")
 OPTIONS = Options(quantify=False, catalogue={e: SOME[e] for e in TIED})
@@ -56,7 +57,7 @@ class Made:
         table = columns(proposal.protocol, 9, ("x", "y", "z"))
         forward = ForwardModel(ROBOT, design_from_columns(ROBOT, table), "one", OPTIONS.catalogue)
         theta = np.zeros(len(forward.parameters))
-        theta[forward.index(CAUSE)[0]] = SIZE
+        theta[forward.index(CAUSE_PROBABILITY)[0]] = SIZE
         values = forward.predict(theta)
         rng = np.random.default_rng(len(self.rows))
         before = max(r.trial for r in [*self.start.table.rows, *self.rows])
@@ -78,13 +79,13 @@ def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None
     laboratory = Made(start)
     found = investigate(start, laboratory, OPTIONS, Limits(120.0, 3), rounds.append)
     assert not settled(rounds[0].diagnosis) and len(laboratory.asked) >= 1
-    assert found.answer.attribute.effects == (CAUSE,) and found.answer.attribute.probability > 0.8
+    assert found.answer.attribute.effects == (CAUSE_PROBABILITY,) and found.answer.attribute.probability > 0.8
     for r, foretold in zip(found.rounds, laboratory.asked, strict=False):
         assert r.foretold is foretold and foretold.proposal in r.diagnosis.next_experiment
         states = len(columns(foretold.proposal.protocol, 9, ())["trial"])
         assert foretold.rivals and all(len(x.tip_mm) == len(x.sd_mm) == states for x in foretold.rivals)
         assert foretold.telling in range(states)
-        right = [j for j in r.judged if j.effects == (CAUSE,)]
+        right = [j for j in r.judged if j.effects == (CAUSE_PROBABILITY,)]
         assert not r.unforeseen and all(not j.failed and j.rms_mm < 2.0 for j in right)
         assert max(j.bits for j in r.judged) == 0.0 and r.bits >= 0.0
     assert [r.minutes for r in found.rounds] == sorted(r.minutes for r in found.rounds)
@@ -129,7 +130,7 @@ def test_what_no_rival_foretold_is_told() -> None:
 
 
 @pytest.mark.parametrize(("verdict", "p", "is_settled"), [
-    ("effect", SURE, True), ("none", 0.99, True), ("effect", 0.94, False), ("unknown", 0.99, False),
+    ("effect", CERTAIN, True), ("none", 0.99, True), ("effect", 0.94, False), ("unknown", 0.99, False),
 ])  # fmt: skip
 def test_settled_is_a_known_answer_of_high_probability(verdict: str, p: float, is_settled: bool) -> None:
     d = _answer()

@@ -9,9 +9,9 @@ import pytest
 
 from diagnosis.criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from diagnosis.criticism.probability_calibration import CALIBRATED
-from diagnosis.inference.posterior import PRIOR_SHARES
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
+from diagnosis.judgement import PRIOR_OF_NUMBER
 from tests.diagnosis.toy import Grid, toy_problem
 
 GRID = Grid()
@@ -65,7 +65,7 @@ def test_what_is_far_from_its_prior_is_no_sign_of_a_cause_outside_the_catalogue(
     calm = MisfitDiagnostics(-20.0, 0.0, 1.0, 0.0, "", 1.0, 1, 2.0, 1.0, None, 1.0, 0.0)
     heavy_tailed = replace(calm, prior_tension=10.0, spine_outlier=7.0)
     assert CALIBRATED.probability_outside(heavy_tailed) == CALIBRATED.probability_outside(calm)
-    prior = 1 - sum(PRIOR_SHARES.values())
+    prior = 1 - sum(PRIOR_OF_NUMBER.values())
     assert CALIBRATED.probability_outside(calm) == pytest.approx(CALIBRATED.outside_without_sign)
     assert 0.7 * prior < CALIBRATED.outside_without_sign < prior
 

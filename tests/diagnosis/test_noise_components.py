@@ -13,8 +13,9 @@ from diagnosis.data.case import states
 from diagnosis.data.noise import blocks
 from diagnosis.data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts, reading_rms
 from diagnosis.data.noise_estimate import estimate_noise, lowest
-from diagnosis.data.noise_likelihood import LOG_MEMORY_SD, LOG_PRIOR_SD, LOGIT_SD, WIDE, Loss
+from diagnosis.data.noise_likelihood import Loss
 from diagnosis.inference.prepare import prepare
+from diagnosis.judgement import COMPONENT_LOG_SD, DRIFT_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD
 from tests.diagnosis.small_campaigns import FEW, measured
 from tests.diagnosis.test_case import case
 
@@ -163,7 +164,7 @@ def covariance(data: Repeated, found: NoiseComponents) -> Array:
     for i, kind in enumerate(data.group):
         own = found.lasting[kind]
         out[:, i, :, i] += found.channel[kind] ** 2 * (own * lasts + (1 - own) * quiet)
-    wide = [WIDE * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)]
+    wide = [DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)]
     for name, scatter in data.scatter.items():
         own = (scatter.part[:, None] == np.unique(scatter.part)).astype(float)
         wide.append(
@@ -179,7 +180,7 @@ def test_the_loss_is_that_of_the_covariance_of_all_contrasts() -> None:
     value = (contrasts(data.condition) @ data.residual).ravel()
     x = 0.1 * np.array([1.0, -2, 3, 1, -1, 2, 1])
     here, dense = loss(x), covariance(data, loss.components(x))
-    prior = np.array([*[LOG_PRIOR_SD] * 4, *[LOGIT_SD] * 2, LOG_MEMORY_SD])
+    prior = np.array([*[COMPONENT_LOG_SD] * 4, *[LASTING_LOGIT_SD] * 2, MEMORY_LOG_SD])
     solved = np.linalg.solve(dense, value)
     said = 0.5 * float(np.linalg.slogdet(dense)[1] + value @ solved + (x / prior) @ (x / prior))
     assert here.value == pytest.approx(said, abs=1e-8 * abs(said))

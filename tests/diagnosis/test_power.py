@@ -10,7 +10,7 @@ import pytest
 from diagnosis.answer.candidate_experiments import columns
 from diagnosis.criticism.probability_calibration import CALIBRATED
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
-from diagnosis.inference.posterior import PRIOR_SHARES
+from diagnosis.judgement import PRIOR_OF_NUMBER
 from diagnosis.power.foreseen import PlannedCase, additions, foreseen, of_case
 from diagnosis.power.rates import power
 from diagnosis.power.worlds import Planned, drawn, probabilities
@@ -52,7 +52,7 @@ def test_many_worlds_at_once_are_weighed_as_one_is(design: Planned) -> None:
         for h in named:
             linear = replace(design.linear, observed=w.readings, form_error=design.form_errors(h))
             log.append(weigh(linear, KNOWN, design.problem.parameters, [h])[0].log_evidence)
-        shares = [PRIOR_SHARES[len(h)] / (len(design.effects) if h != NONE else 1) for h in named]
+        shares = [PRIOR_OF_NUMBER[len(h)] / (len(design.effects) if h != NONE else 1) for h in named]
         score = np.array(log) / CALIBRATED.temperature + np.log(shares)
         p = np.exp(score - score.max())
         p *= (1 - CALIBRATED.outside_without_sign) / p.sum()

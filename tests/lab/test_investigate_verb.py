@@ -13,7 +13,8 @@ from diagnosed_case import ROBOT, campaign, folder
 from virtual_lab import VirtualLab
 
 from diagnosis.answer.result import Diagnosis, Ranked
-from diagnosis.investigate import SURE, Investigation, Round
+from diagnosis.investigate import Investigation, Round
+from diagnosis.judgement import CERTAIN
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.pages import investigation_page
@@ -120,7 +121,7 @@ def test_where_nothing_is_left_to_ask_nothing_moves(
     )
     assert code == 0 and len(found["rounds"]) == 1 and not list((tmp_path / "why").glob("*/*.mcap"))
     last = found["rounds"][-1]
-    assert last["probability"] >= SURE or all("min" in why for why in last["not_done"].values())
+    assert last["probability"] >= CERTAIN or all("min" in why for why in last["not_done"].values())
 
 
 def test_another_robot_s_campaign_is_refused(

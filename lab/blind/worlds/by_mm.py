@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.answer.verdict import SURE
+from diagnosis.judgement import CAUSE_PROBABILITY
 
 from ..answers import Answer
 from ..intervals import Interval, bootstrap, share
@@ -108,7 +108,7 @@ def mm_metrics(cases: Sequence[Weighed]) -> list[Metric]:
 
 
 def _known(name: str, own: Sequence[Weighed]) -> list[Metric]:
-    sure = [c for c in own if c.answer.verdict == "effect" and c.answer.probability > SURE]
+    sure = [c for c in own if c.answer.verdict == "effect" and c.answer.probability > CAUSE_PROBABILITY]
     largest = [c for c in own if c.largest in c.causes]
     figures = [
         ("right", "right by mm", _share(own, lambda c: c.right)),
@@ -116,8 +116,8 @@ def _known(name: str, own: Sequence[Weighed]) -> list[Metric]:
         ("unknown", "called unknown", _share(own, lambda c: c.answer.verdict == "unknown")),
         ("covered", "drawn causes in the 95 % set", _share(own, lambda c: c.covered)),
         ("set", "mean size of the 95 % set", bootstrap(np.array([len(c.answer.credible) for c in own], float), _mean)),
-        ("sure_right", f"right by mm when p > {SURE}", _share(sure, lambda c: c.right)),
-        ("sure_share", f"share answered with p > {SURE}", _share(own, lambda c: c in sure)),
+        ("sure_right", f"right by mm when p > {CAUSE_PROBABILITY}", _share(sure, lambda c: c.right)),
+        ("sure_share", f"share answered with p > {CAUSE_PROBABILITY}", _share(own, lambda c: c in sure)),
         ("inside", "mm of the largest carrier inside its interval",
          _share([c for c in own if c.inside is not None], lambda c: bool(c.inside))),
     ]  # fmt: skip
@@ -150,8 +150,8 @@ def _outside(name: str, own: Sequence[Weighed], known: Sequence[Weighed]) -> lis
          _share(apart if comparable else [], lambda c: c.answer.unknown_probability > limit)),
         ("stage", "the right stage asks for an error, of those called unknown",
          _share([c for c in own if c.stage and c.answer.verdict == "unknown"], lambda c: c.answer.stage == c.stage)),
-        ("named", f"an effect named with p > {SURE}",
-         _share(own, lambda c: c.answer.verdict == "effect" and c.answer.probability > SURE)),
+        ("named", f"an effect named with p > {CAUSE_PROBABILITY}",
+         _share(own, lambda c: c.answer.verdict == "effect" and c.answer.probability > CAUSE_PROBABILITY)),
         ("nearest", "named after the nearest effect where it leaves less",
          _share([c for c in own if c not in apart and c.nearest is not None],
                 lambda c: c.nearest is not None and c.nearest["effect"] in c.answer.effects)),

@@ -1,0 +1,200 @@
+"""Every number that decides an answer: its meaning, its reason, and how it was chosen.
+
+*Chosen on the practice robots* means on robots with known causes whose laws the catalogue does not contain, none of which
+counts in a published score. Unless a line says so, a number is a convention, or the number at which a test of its own purpose
+still passes. Numbers that only buy speed stand next to the loop they bound, those of an instrument come from robot.yaml,
+rig.yaml or the defaults of `data.noise_estimate` and `inference.reading_noise`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# ------------------------------------------------------------------ prior
+PRIOR_OF_NUMBER = {0: 0.12, 1: 0.66, 2: 0.16, 3: 0.012}
+"""Prior share of hypotheses that name this many effects; the remainder, 0.048, is a cause outside the catalogue. One cause is
+the usual case; chosen before any score was taken."""
+TOLERATED_SIZES = np.array([0.0, 0.08, 0.16])
+"""Standard deviation of every effect that a hypothesis does not name, plausible sizes; equally probable. Small effects act on
+every robot."""
+LAW_ERRORS = np.array([0.03, 0.1, 0.3])
+"""Share of an effect by which its law may be wrong; equally probable. An exact law would let a second effect absorb the error of
+the first."""
+DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS = np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2])
+"""Standard deviation of the smooth discrepancy next to effects of the catalogue, noise floors, and its prior."""
+LARGE_DISCREPANCY_SIZES = np.array([0.35, 0.7, 1.4, 2.8])
+"""The same of a cause outside the catalogue; equally probable."""
+LARGE_DISCREPANCY_SHARE = 0.1
+"""Prior share of such a large discrepancy next to a named effect."""
+DISCREPANCY_UNIT_RANGE = (0.2e-3, 2e-3)
+"""m; the noise floor in which the discrepancy is counted is kept within this range, so that neither very good nor very bad
+cameras decide how wrong laws are."""
+CORRELATION_LENGTH, CORRELATION_PRESSURE, BRANCH_DISTANCE = 0.35, 0.45, 0.5
+"""Correlation lengths of the discrepancy: robot lengths of spine, highest pressures, and half the distance between loading and
+unloading, in correlation lengths. About a third of the range, as smooth functions of so few states need."""
+CORRELATION_TIME = 0.35
+"""Correlation time of a stage's free-form error, durations of the campaign."""
+DISCREPANCY_AT_REST = 0.3
+"""Size of the discrepancy at zero pressure, of that at the highest."""
+LEAST_NAMED_SIZE = 0.35
+"""Smallest size of a named effect, plausible sizes, where its mm are not known: twice the largest tolerated size."""
+LEAST_NAMED_FLOORS = 1.0
+"""Noise floors that a named effect must carry to first order: less is nobody's cause."""
+LARGEST_TOLERATED_SIZE = 0.5
+"""Largest size of an effect that is not named, plausible sizes."""
+GEOMETRY_LAW_ERROR = 0.1
+"""Share of a law's error that remains where the law is geometry, such as a turned mount."""
+LEAKAGE = 0.3
+"""Share of a law's error that may act where the effect itself does nothing."""
+
+# ------------------------------------------------------------------ noise
+COMPONENT_LOG_SD = 0.7
+"""Prior standard deviation of the logarithm of each noise component: a factor of two about its default."""
+LEAST_COMPONENT_SHARE = 0.05
+"""Smallest value of a noise component, as a share of its default."""
+DRIFT_SD = 1.0
+"""Prior standard deviation of drift, relative: far more than any robot has."""
+LASTING_SHARE, LASTING_LOGIT_SD = 0.3, 1.5
+"""Share of a variance that lasts over several readings, and prior standard deviation of its logit."""
+MEMORY_S, MEMORY_LOG_SD, LONGEST_MEMORY_S = 20.0, 1.0, 600.0
+"""Time over which lasting errors are forgotten, prior standard deviation of its logarithm, and the longest: beyond is drift."""
+
+# ------------------------------------------------------------------ calibration before the diagnosis
+FIRST_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])
+"""Prior standard deviations of the first calibration: logarithms of area factor and modulus, rad of azimuth and of gravity's
+direction, robot lengths of the origin."""
+FIRST_USUAL = np.array([np.log(20), np.log(1.6), np.radians(12), np.radians(4), np.radians(4), 0.03, 0.03, 0.03])
+"""Bounds within which the diagnosis' own fit converges; only numbers beyond them are taken over."""
+FIRST_WIDEST = np.array([np.log(20), np.log(5), np.radians(180), np.radians(25), np.radians(25), 0.3, 0.3, 0.3])
+"""Bounds of the wide fit."""
+FIRST_NEAR_BOUND, FIRST_AT_BOUND = 0.75, 0.98
+"""Shares of a bound: above the first the wide fit is tried, above the second the answer says that another number is wrong too."""
+FIRST_LOSS_SCALE = 0.01
+"""Scale of the robust loss, robot lengths."""
+FIRST_GAIN = 0.3
+"""Share of the robust rms below which numbers are taken over. Laws of another form can look like a modulus or an origin, but do
+not reduce the gap this far. Chosen on the practice robots."""
+UPSIDE_DOWN_GAIN = 0.5
+"""Share of what an upright robot leaves below which the robot counts as hanging upside down."""
+FIRST_CONVERGED = 3e-3
+"""Robot lengths of robust rms below which no other pose is tried."""
+
+# ------------------------------------------------------------------ search: what is followed
+FIT_TOLERATED_SIZE, FIT_DISCREPANCY_SIZE = 0.1, 0.25
+"""Tolerated size and discrepancy in the fits: the middle of their priors."""
+FIRST_POINT_GAIN = 0.2
+"""Share of the predicted decrease that decides between starts before a search."""
+DOMINATED = 200.0
+"""Log evidence behind the best beyond which no hypothesis is refined."""
+FOLLOWED_MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 150.0))
+"""Single effects: up to a predicted decrease of the cost, log evidence behind the best within which they are refined. Wider where
+a linear problem says less about the end of a search. Chosen on the practice robots."""
+FEWEST_REFINED = 2
+"""Single effects that are refined whatever the margins say."""
+REFINED_FIRST, NONE_MARGIN, PROMISE_MARGIN, TRUSTED_DECREASE = 4, 25.0, 60.0, 1e5
+"""Single effects refined before the others; where each of them beats "none" by the second number (log evidence), another one
+whose linear problem promises the third less than they reach is not refined, unless it predicts a larger decrease of the cost
+than the fourth. Chosen on the practice robots."""
+UNCONVERGED = 0.5
+"""Predicted decrease of the cost above which a search has not converged."""
+NEGLIGIBLE = 20.0
+"""Log evidence behind the best beyond which a hypothesis does not affect the answer."""
+COSTLY = 40.0
+"""Cost above the best of several starts beyond which a point is not weighed: evidence cannot make up for it."""
+
+# ------------------------------------------------------------------ posterior and budget
+TEMPERATURE = 4.0
+"""Divisor of log evidence: laws of another form make readings less independent than the likelihood says. Chosen on the practice
+robots."""
+SIZE_SD_FACTOR = 1.2
+"""Factor on the standard deviation of a size in the linear problem. Chosen on the practice robots."""
+CREDIBLE_SHARE = 0.95
+"""Probability of the credible set of hypotheses."""
+COMPARABLE = 0.5
+"""Share of what the largest effect carries that another must carry to be named with it; the definition of right in a score."""
+OUTSTANDING_FLOORS = 2.0
+"""Noise floors that an effect must carry to be named although no hypothesis names it; the definition of "none" in a score."""
+TOGETHER = 2 / 3
+"""Probability above which effects are named together: naming one too few then costs as much as one too many."""
+RIVAL_PROBABILITY = 0.01
+"""Probability below which an effect is no rival."""
+COMPARED_DISCREPANCY = 0.25
+"""Smallest discrepancy, noise floors, under which effects are compared with each other and experiments are judged."""
+TIED = 9.0
+"""Chi-square below which two effects cannot be distinguished: three standard deviations."""
+BOUND_SD = 2.0
+"""Standard deviations beyond a physical bound at which the data speak against the effect itself."""
+
+# ------------------------------------------------------------------ criticism: outside the catalogue
+PREDICTIVE_DISCREPANCY = 0.1
+"""Discrepancy, noise floors, that is allowed when readings are predicted from the others."""
+TENSE_SD = 4.0
+"""Standard deviations from its prior at which a parameter is named as tense."""
+INFORMED_SHARE = 0.05
+"""Share of the prior's variance that data must remove for a direction to count in the prior tension."""
+OUTSIDE_PROBABILITY = 0.5
+"""Probability of a cause outside the catalogue above which the verdict is "unknown"."""
+CROSS_PREDICTION_WEIGHT, EXCESS_SCATTER_WEIGHT, MANY_EFFECTS_WEIGHT = 1.0, 1.0, 0.8
+"""Log odds of a cause outside the catalogue per unit of the logarithm of cross-prediction, of the logarithm of excess scatter,
+and per effect beyond the usual number. Chosen on the practice robots."""
+USUAL_EXCESS, LARGEST_EXCESS = 2.0, 10.0
+"""Factors of excess scatter of repeats: less than the first is chance, more than the second counts as the second."""
+NO_SIGN = 0.77
+"""Likelihood ratio of a cause outside the catalogue where no diagnostic asks for it. From seven worlds opened for it: at most 31
+of 42 such causes gave no sign, 227 of 238 robots without one."""
+USUAL_STAGE_GAIN = 4.0
+"""Log evidence that free-form errors gain where the cause is known: slow errors of cameras, laws that differ."""
+LARGEST_LAW_ODDS = 2.0
+"""Log odds that implausible law errors add at most: a known cause may have a law unlike any of the catalogue."""
+USUAL_EFFECTS = 2
+"""Effects at once that are not unusual."""
+LARGEST_ODDS = 7.0
+"""Log odds beyond which no misfit makes a cause outside the catalogue more probable."""
+STAGE_ERROR_SIZES = (0.1, 0.2, 0.4, 0.8)
+"""Standard deviations of a stage's free-form error that are tried, plausible sizes of its effects."""
+STAGE_GAIN = 3.0
+"""Log evidence above which a stage's free-form error is reported."""
+STAGE_SHARE = 0.8
+"""Share of the evidence for free-form errors that one stage must have to be named."""
+OUTSIDE_ON = 8
+"""Leading hypotheses to which a cause outside the catalogue is added."""
+
+# ------------------------------------------------------------------ verdict and sentences
+CAUSE_PROBABILITY = 0.9
+"""Probability above which the answer says "Cause"; below, the robot "behaves most like" one."""
+OUTSIDE_STATED = 0.01
+"""Probability of a cause outside the catalogue above which the statement gives the probability within the catalogue too."""
+EXPLAINS = 0.5
+"""Share of the reducible gap above which a hypothesis explains it."""
+CALIBRATION_STATED = 0.01
+"""Relative change of the area factor above which the statement says what calibration changed."""
+ABSORBED = 0.7
+"""An area factor for each spine length that leaves less than this share of what one area factor leaves hides a cause."""
+PRESENT_FLOORS = 0.5
+"""Noise floors that an effect must carry to be listed as present."""
+CONFIRMED_SHARE = 0.5
+"""Share of the gap, at the lower end of its interval, that must close on held-out data for a cause to be confirmed."""
+REDUCIBLE_RATIO = 1.1
+"""Ratio of gap to noise floor below which there is nothing to close."""
+FALSE_DISCOVERY_RATE = 0.05
+"""Expected share of false alarms among the cells above the noise floor (Benjamini and Hochberg 1995)."""
+SMOOTH_SIZES = (0.35, 1.4)
+"""Sizes of the smooth function of the step "systematic", noise floors; the one that predicts best is taken."""
+UNCHANGED = 0.05
+"""Probability that nothing changed above which no change is reported."""
+
+# ------------------------------------------------------------------ experiments
+RIVAL_WORTH_SEPARATING = 0.02
+"""Probability above which an experiment is asked to separate a candidate."""
+RIVAL_LEAST_WEIGHT = 0.05
+"""Smallest weight of a rival in the expected information, so that experiments also test what the data nearly exclude."""
+SEPARATED_BITS = 0.5
+"""Expected information above which an experiment separates two candidates."""
+OVERHEAD_MIN = 5.0
+"""Minutes that each experiment costs besides its own, in bits per minute."""
+CERTAIN = 0.95
+"""Probability above which `lab investigate` asks for no further experiment."""
+LEAST_BITS = 0.05
+"""Expected information below which an experiment is not worth doing."""
+UNFORESEEN = 1e-3
+"""Probability of readings this far off below which a prediction has failed."""
