@@ -68,7 +68,7 @@ SPIKES = np.array([0.0, 0.08, 0.16])
 SPIKE_WEIGHTS = np.array([1, 1, 1]) / 3
 FORM_ERRORS, FORM_ERROR_WEIGHTS = np.array([0.03, 0.1, 0.3]), np.array([1, 1, 1]) / 3
 """No law is exact, be its effect named or tolerated: one that could be would let a second effect take up what is wrong with the
-first (decisions 057, 062)."""
+first (decision 062)."""
 KNOWN = Grid(
     SPIKES, SPIKE_WEIGHTS, np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2]), FORM_ERRORS, FORM_ERROR_WEIGHTS
 )
