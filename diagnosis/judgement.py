@@ -19,7 +19,7 @@ TOLERATED_SIZES = np.array([0.0, 0.08, 0.16])
 every robot."""
 LAW_ERRORS = np.array([0.03, 0.1, 0.3])
 """Share of an effect by which its law may be wrong; equally probable. An exact law would let a second effect absorb the error of
-the first."""
+the first (decision 062)."""
 DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS = np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2])
 """Standard deviation of the smooth discrepancy next to effects of the catalogue, noise floors, and its prior."""
 LARGE_DISCREPANCY_SIZES = np.array([0.35, 0.7, 1.4, 2.8])

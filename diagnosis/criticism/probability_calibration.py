@@ -3,8 +3,8 @@
 Evidence is overconfident, because no model is exact. Log evidence is divided by a temperature, so that the stated
 probabilities match how often they were right on the benchmark. The probability of a cause outside the catalogue begins at the
 share that the prior leaves to it, less what it tells against one that nothing asks for it. It follows from what free-form errors
-of the stages and large errors of the laws gain, which is evidence like any other, and from three misfit diagnostics (decisions
-059, 066, 089).
+of the stages and large errors of the laws gain, which is evidence like any other, and from three misfit diagnostics
+(decision 059).
 """
 
 from __future__ import annotations

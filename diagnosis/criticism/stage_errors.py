@@ -75,7 +75,7 @@ def stage_errors(
 def total_gain(errors: Sequence[StageError]) -> float:
     """Log evidence that any of them gains, each as probable as the others beforehand; 0 where there are none.
 
-    What the readings do over time counts for nothing here: every camera wanders (decision 064).
+    What the readings do over time counts for nothing here: every camera wanders (decision 059).
     """
     counted = [e.gain for e in errors if (e.stage, e.dependence) != WANDER]
     return float(logsumexp(counted) - np.log(len(counted))) if counted else 0.0

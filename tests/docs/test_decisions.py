@@ -1,0 +1,78 @@
+"""Every decision that is referred to stands in docs/decisions.md, and each there is short."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.docs.blocks import ROOT
+
+PAGE = ROOT / "docs/decisions.md"
+MOST_WORDS = 90
+"""Of the paragraph of one decision."""
+HEADING = re.compile(r"^## (\d{3}) (.+)$", re.M)
+REFERENCE = re.compile(r"\bdecisions?[\s#]+(\d{3}\b(?:(?:,|\s+and|,\s+and)[\s#]+\d{3}\b)*)", re.IGNORECASE)
+"""One number or several, also across the end of a line or of a comment's line."""
+ANCHOR = re.compile(r"decisions\.md#([\w-]*)")
+
+
+def decisions() -> dict[str, str]:
+    """Number -> title."""
+    return dict(HEADING.findall(PAGE.read_text(encoding="utf-8")))
+
+
+def anchor(number: str, title: str) -> str:
+    """The anchor that GitHub and the site give a heading."""
+    return re.sub(r"[^\w -]", "", f"{number} {title}".lower()).replace(" ", "-")
+
+
+def referred(text: str) -> list[str]:
+    """The numbers of all decisions that a text refers to."""
+    return [number for found in REFERENCE.findall(text) for number in re.findall(r"\d{3}", found)]
+
+
+def texts() -> dict[str, str]:
+    """The project's own files, by name, but those that this test reads by other means."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    if not listed:
+        pytest.skip("not a git checkout: there is no list of the project's own files")
+    me = Path(__file__).relative_to(ROOT).as_posix()
+    names = [n for n in listed if n != me and not n.endswith((".png", ".mcap")) and (ROOT / n).is_file()]
+    return {name: (ROOT / name).read_text(encoding="utf-8", errors="replace") for name in names}
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("see decision 072.", ["072"]),
+        ("(decisions 003, 010 and 012)", ["003", "010", "012"]),
+        ("    # as decided (decision\n    # 034)", ["034"]),
+        ("Decision 1000 and a decision of 300 words", []),
+    ],
+)
+def test_references_are_found_however_they_are_written(text: str, numbers: list[str]) -> None:
+    assert referred(text) == numbers
+
+
+def test_every_decision_that_is_referred_to_exists() -> None:
+    known = decisions()
+    found = [f"{name}: decision {n}" for name, text in texts().items() for n in referred(text) if n not in known]
+    assert found == []
+
+
+def test_every_link_to_a_decision_meets_its_heading() -> None:
+    known = {anchor(*each) for each in decisions().items()}
+    found = [f"{name}#{a}" for name, text in texts().items() for a in ANCHOR.findall(text) if a not in known]
+    assert found == []
+
+
+def test_decisions_are_in_order_and_short() -> None:
+    _, *parts = HEADING.split(PAGE.read_text(encoding="utf-8"))
+    numbers, paragraphs = parts[::3], parts[2::3]
+    assert numbers == sorted(set(numbers))
+    long = {n: len(p.split()) for n, p in zip(numbers, paragraphs, strict=True) if len(p.split()) > MOST_WORDS}
+    assert long == {}
+    assert [n for n, p in zip(numbers, paragraphs, strict=True) if "\n\n" in p.strip()] == []
