@@ -44,7 +44,7 @@ def named_without_millimetres(a: Answer) -> bool:
 def unseen_and_told(a: Answer) -> bool:
     """An effect that cannot be seen in the data is said to be present."""
     _, _, told = a["statement"].partition("Also present: ")
-    return any(c["role"] == "unseen" and f"{c['effect']} " in told for c in a["budget"] or ())
+    return any(c["role"] == "unseen" and f"[{c['effect']}]" in told for c in a["budget"] or ())
 
 
 def closed_and_worse(a: Answer) -> bool:
@@ -60,7 +60,7 @@ def unexplained_and_closed(a: Answer) -> bool:
 
 
 def steps_that_do_not_add_up(a: Answer) -> bool:
-    """The steps of the gap do not sum to the gap as given."""
+    """The steps of the gap do not sum to the uncalibrated gap."""
     w = a["waterfall"]
     return bool(w) and abs(sum(s["mm"] for s in w["steps"]) - w["given_mm"]) > SAME
 

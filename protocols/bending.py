@@ -1,7 +1,7 @@
 """Bending sweep: grow the spine, inflate a group of chambers step by step and let off again, and read the tip at each state.
 
 The defaults are the paper's: spine 0..30 cm by 5 cm, three adjacent chambers at 50..250 kPa by 50 kPa. States are read
-when settled, or on the fly while ramping (`reading: sweep`), or after given hold times at each pressure (`reading:
+when settled, or without stopping while ramping (`reading: sweep`), or after given hold times at each pressure (`reading:
 hold`, creep).
 """
 
@@ -209,7 +209,7 @@ class Sweep:
 
 
 def _visit_all(s: Sweep) -> None:
-    """Visit all levels once: stop and read at each, or read on the fly between the turning points."""
+    """Visit all levels once: stop and read at each, or read without stopping between the turning points."""
     s.shapes.begin()
     if s.p.reading != "sweep":
         for level in levels(s.p):

@@ -13,7 +13,7 @@ from benchmarks.contradictions import RULES, main
 
 SOUND: dict[str, Any] = {
     "statement": "Cause: contact (p = 0.97). With it, 1.00 mm remain on unseen states: 80 % of the reducible gap is closed. "
-    "Also present: self_weight 0.70 mm.",
+    "Also present: weight of the body [self_weight] 0.70 mm.",
     "attribute": {
         "verdict": "effect",
         "effects": ["contact"],
@@ -33,7 +33,7 @@ BROKEN: dict[str, list[tuple[str, Any]]] = {
     "named_and_doubted": [("statement", "Behaves most like contact; the data do not exclude self_weight.")],
     "conclusion_and_verdict": [("attribute.verdict", "unknown"), ("attribute.probability", 0.6)],
     "named_without_millimetres": [("budget", [{"effect": "self_weight", "role": "named"}])],
-    "unseen_and_told": [("statement", "Cause: contact. Also present: time_offset 0.10 mm.")],
+    "unseen_and_told": [("statement", "Cause: contact. Also present: delay [time_offset] 0.10 mm.")],
     "closed_and_worse": [("shrink.after_mm", 4.5)],
     "unexplained_and_closed": [("statement", "Closest: contact, which does not explain the gap.")],
     "steps_that_do_not_add_up": [("waterfall.given_mm", 9.5)],
