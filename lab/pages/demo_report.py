@@ -55,7 +55,9 @@ def write(
     before, after = compared
     report = opened("A day in the lab, without hardware", answer, case, files, folder / "next")
     found = report.section("What was withheld, and what was found")
-    found.text(f"On was {with_id(seal.effect, names(answer))} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
+    found.text(
+        f"The effect that was on: {with_id(seal.effect, names(answer))} = {seal.size:.4g} {seal.unit}: {seal.physics}."
+    )
     found.text(f"Replayed from the files alone, {'every number is the same' if equal else 'numbers DIFFER'}.")
     found.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
     fill(report, answer, case, folder / "next")
@@ -89,7 +91,7 @@ def write(
         ],
     )
     said, head, rows = losses(files)
-    report.section("What was recorded, and what was lost", folded=True).text(said).table(head, rows)
+    report.section("What was recorded, and what was lost", folded=True, terms=False).text(said).table(head, rows)
     return report.write(folder / "report.html")
 
 

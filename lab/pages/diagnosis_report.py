@@ -109,7 +109,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         if against:
             section = report.section("What speaks against the answer")
             for line in against:
-                section.text(line)
+                section.text(line[:1].upper() + line[1:])
         if d.detail["sizes"]:
             _sizes(report.section("How large the cause is", folded=True), d, folder)
         factors = f"{'spine length, ' if spine else ''}pressure, branch and time"
@@ -303,14 +303,14 @@ def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
             str(c.n),
             f"{c.rmse_mm:.2f}",
             f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
-            "yes" if c.significant else "",
+            "*" if c.significant else "",
         ]
         for name, cells in d.locate.by.items()
         for c in cells
         if spine or name != "spine_length"
     ]
-    s.table(("where", "n", f"{CALIBRATED}, in-sample, mm rms", "95 %", "significant"), rows)
-    s.text("Significant: above the noise floor, with false alarms held to 5 % of all rows.")
+    s.table(("where", "n", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
+    s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
     if d.locate.of != "tip" or "baseline" in d.detail:
         return
     s.text(
@@ -423,7 +423,7 @@ def _sizes(s: Section, d: Diagnosis, folder: Path) -> None:
         "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
-    s.table(("size", "median", "90 %", "physically possible"), [_size(x, names(d)) for x in sizes])
+    s.table(("size", "median", "90 %", "bounds"), [_size(x, names(d)) for x in sizes])
 
 
 def _size(x: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:

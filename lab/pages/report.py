@@ -23,9 +23,11 @@ from .glossary import TERMS, Term
 IMAGES = {".svg": "image/svg+xml", ".png": "image/png"}
 NUMBER = re.compile(r"|none|[-+]?\d\S*( \.\. ([-+]?\d\S*|unbounded))?( \S+)?")
 """A cell of a column of numbers: empty, a number or a range, with or without a unit."""
+BEGINS = re.compile(r"\(?[-+]?\d|$")
 _TERM = {word.lower(): term for term in TERMS for word in term.words}
 _ANY = re.compile(
-    rf"(?<![\w./-])({'|'.join(map(re.escape, sorted(_TERM, key=len, reverse=True)))})(s?)(?![\w/-]|\.\w)", re.IGNORECASE
+    rf"(?<![\w./\"-])({'|'.join(map(re.escape, sorted(_TERM, key=len, reverse=True)))})(s?)(?![\w/\"-]|\.\w)",
+    re.IGNORECASE,
 )
 _IDENTIFIER = re.compile(r"\[(\w+)(\.\w+)?\]")
 
@@ -42,9 +44,9 @@ class Marks:
         self._met: set[Term] = set()
         self.used: set[Term] = set()
 
-    def begin(self) -> str:
-        """Start a section, in which each term is new."""
-        self._met.clear()
+    def begin(self, terms: bool) -> str:
+        """Start a section, in which each term is new; `terms` whether it has any."""
+        self._met = set() if terms else set(TERMS)
         return ""
 
     def __call__(self, text: str) -> Markup:
@@ -95,8 +97,14 @@ class Item:
     data: Sequence[str] = ()
     head: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
-    numeric: Sequence[bool] = ()
-    """Which columns hold numbers."""
+    kinds: Sequence[str] = ()
+    """Class of each column: `n` numbers, `v` what begins with a number, empty: words."""
+
+
+def _kind(column: Sequence[str]) -> str:
+    if all(NUMBER.fullmatch(cell) for cell in column):
+        return "n"
+    return "v" if all(BEGINS.match(cell) for cell in column) else ""
 
 
 @dataclass
@@ -106,6 +114,8 @@ class Section:
     title: str
     folded: bool = False
     """Shown as its heading alone until it is opened."""
+    terms: bool = True
+    """Its words mean what the glossary says."""
     items: list[Item] = field(default_factory=list)
 
     def text(self, text: str) -> Section:
@@ -127,8 +137,8 @@ class Section:
         """Add a table; one without rows is left out."""
         if not rows:
             return self
-        numeric = [all(NUMBER.fullmatch(cell) for cell in column) for column in zip(*rows, strict=True)]
-        self.items.append(Item("table", head=head, rows=rows, numeric=numeric))
+        kinds = ["", *map(_kind, list(zip(*rows, strict=True))[1:])]
+        self.items.append(Item("table", head=head, rows=rows, kinds=kinds))
         return self
 
 
@@ -150,9 +160,9 @@ class Report:
     """Identifiers that texts have in square brackets, after the plain name."""
     sections: list[Section] = field(default_factory=list)
 
-    def section(self, title: str, folded: bool = False) -> Section:
+    def section(self, title: str, folded: bool = False, terms: bool = True) -> Section:
         """Start the next section."""
-        self.sections.append(Section(title, folded))
+        self.sections.append(Section(title, folded, terms))
         return self.sections[-1]
 
     def write(self, path: Path) -> Path:
