@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
+from .answer.headline import for_people
 from .answer.result import Change
+from .answer.sentences import OUTSIDE, plain_name, with_id
 from .criticism.misfit import misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
 from .data.case import CaseLike, states
@@ -45,6 +47,8 @@ ANOTHER_DAY = {
 """Tolerances that each campaign has for itself, beside trials, repeats and drift, and the effect that does the same: the robot
 was mounted and the cameras were calibrated anew, and silicone is as soft as the room is warm and as it has been worked. Such
 an effect has changed when it is named, and not a little besides."""
+CHANGE = " (change)"
+"""End of the name of a parameter that may differ between the campaigns."""
 
 
 @one_thread
@@ -89,7 +93,7 @@ def compare_campaigns(
         if parameters.effects[i] in named and named != UNKNOWN
     }
     told = what_is_told(found)
-    return Change(sentence(found, told, sizes), found.ranking[:10], sizes, told)
+    return Change(sentence(found, told, sizes, catalogue), found.ranking[:10], sizes, told)
 
 
 def _comparable(before: States, after: States) -> tuple[States, States]:
@@ -109,21 +113,30 @@ def what_is_told(found: Posterior) -> Hypothesis:
     return found.ranking[0][0] if found.probability(NONE) < UNCHANGED else NONE
 
 
-def sentence(found: Posterior, told: Hypothesis, sizes: Mapping[str, float]) -> str:
+def sentence(
+    found: Posterior, told: Hypothesis, sizes: Mapping[str, float], catalogue: Mapping[str, EffectSpec]
+) -> str:
     """What changed, in words; `sizes` of the most probable change's parameters."""
     (named, p), benchmark = found.ranking[0], CALIBRATED.benchmark
+    names = {e: spec.name for e, spec in catalogue.items()}
+    effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
         return f"No change since the reference stands out from the noise (p = {p:.2f}, {benchmark})."
     if told == NONE:
-        other = "a cause outside the catalogue" if named == UNKNOWN else " and ".join(named)
         return (
             f"No change since the reference is certain: that nothing changed has p = {found.probability(NONE):.2f}; most "
-            f"probable otherwise: {other} (p = {p:.2f}, {benchmark})."
+            f"probable otherwise: {effects} (p = {p:.2f}, {benchmark})."
         )
     if named == UNKNOWN:
         return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {benchmark})."
-    by = ", ".join(f"{name} by {value:.3g}" for name, value in sizes.items())
-    return f"Since the reference {' and '.join(named)} changed ({by}; p = {p:.2f}, {benchmark})."
+    units = {f"{e}.{q.name}": q.unit for e in named for q in catalogue[e].parameters}
+    by = "; ".join(_changed(name.removesuffix(CHANGE), value, units, names) for name, value in sizes.items())
+    return f"Since the reference {effects} changed ({by}; p = {p:.2f}, {benchmark})."
+
+
+def _changed(name: str, value: float, units: Mapping[str, str], names: Mapping[str, str]) -> str:
+    number, unit = for_people(value, units[name])
+    return f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip()
 
 
 class _JointForward:
@@ -151,7 +164,7 @@ class _JointForward:
             return np.concatenate([getattr(p, name)[rows] for p, rows, _ in order])
 
         return Parameters(
-            names=tuple(p.names[i] + (" (change)" if c else "") for p, rows, c in order for i in rows),
+            names=tuple(p.names[i] + (CHANGE if c else "") for p, rows, c in order for i in rows),
             effects=tuple(p.effects[i] if c else "" for p, rows, c in order for i in rows),
             mean=column("mean"), sd=column("sd"), lower=column("lower"), upper=column("upper"),
             units=tuple(p.units[i] for p, rows, _ in order for i in rows),

@@ -103,7 +103,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
     held_out = predicting()
-    detail = assemble.detail_section(found, held_out.errors, tested)
+    names = {e: spec.name for e, spec in wanted.catalogue.items()}
+    detail = {**assemble.detail_section(found, held_out.errors, tested, names), "names": names}
     if first.changed:
         detail["first_calibration"] = first.detail()
     budget = carried(found)
@@ -113,7 +114,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         held_out.waterfall, which.rivals,
         next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
         found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),
-        calibration := assemble.calibration_section(found),
+        calibration := assemble.calibration_section(found), names,
     )  # fmt: skip
     wanted.executor.progress(1.0)
     text = statement(facts)
@@ -124,7 +125,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if first.order:
         which = assemble.beside(which, ORDER)
     answer = Diagnosis(
-        statement=text + (f" {tested.statement}" if tested is not None else ""),
+        statement=text + (f" {detail['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
         attribute=which,

@@ -1,4 +1,4 @@
-"""The reference pages, made from the code: command, files, protocols, effects, instruments, streams, Python."""
+"""The reference pages and the glossary, made from the code: command, files, protocols, effects, instruments, streams, Python."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from lab.files.all_protocols import found_protocols
 from lab.files.campaign_file import CampaignFile
 from lab.files.rig_file import RigFile
 from lab.imports.map_file import Map
+from lab.pages.glossary import TERMS
 from model.effects import CATALOGUE
 from model.effects.history import History
 from model.effects.quantities import Quantities
@@ -71,12 +72,22 @@ def write_all(folder: Path) -> None:
         "streams": streams(),
         "python": python(),
     }
-    folder.mkdir(exist_ok=True)
+    pages["../glossary"] = glossary()
+    folder.mkdir(parents=True, exist_ok=True)
     for name, lines in pages.items():
         text = "\n".join(lines) + "\n"
         page = folder / f"{name}.md"
         if not page.exists() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")
+
+
+def glossary() -> Iterator[str]:
+    """Terms of the reports, as their pages explain them."""
+    yield "# Glossary"
+    yield "The terms that the code, the command line and the reports use. Units are in brackets; symbols are those of"
+    yield "[the rod model](explanations/model.md)."
+    yield from _table(("term", "meaning"), ((term.heading, _cell(term.meaning)) for term in TERMS))
+    yield MADE
 
 
 def command() -> Iterator[str]:
@@ -276,6 +287,8 @@ def effects() -> Iterator[str]:
         for e in (e for e in CATALOGUE.values() if e.stage == stage):
             yield from (
                 f"### {e.id}",
+                "",
+                _sentence(e.name),
                 "",
                 _code(e.equation),
                 "",

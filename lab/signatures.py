@@ -34,7 +34,7 @@ class Signature:
 
     effect: EffectSpec
     how: str
-    """How the states were read: settled, on the fly, stiffness, or none: this robot shows it in no kind of experiment."""
+    """How the states were read: settled, while ramping, stiffness, or none: this robot shows it in no kind of experiment."""
     spine_length: Array
     """(l,) m."""
     x: Array
@@ -65,7 +65,7 @@ class Signature:
 def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> list[Signature]:
     """The signature of every effect, on the first kind of experiment that shows it."""
     spines = robot.length * np.array([0.0, 0.375, 0.75]) if robot.spine is not None else np.zeros(1)
-    tried = [(how, _columns(robot, spines, how)) for how in ("settled", "on the fly", "stiffness")]
+    tried = [(how, _columns(robot, spines, how)) for how in ("settled", "while ramping", "stiffness")]
     models = [
         (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", effects))
         for how, columns in tried

@@ -1,7 +1,7 @@
 """Bending sweep: grow the spine, inflate a group of chambers step by step and let off again, and read the tip at each state.
 
 The defaults are the paper's: spine 0..30 cm by 5 cm, three adjacent chambers at 50..250 kPa by 50 kPa. States are read
-when settled, or on the fly while ramping (`reading: sweep`), or after given hold times at each pressure (`reading:
+when settled, or while ramping (`reading: sweep`), or after given hold times at each pressure (`reading:
 hold`, creep).
 """
 
@@ -48,7 +48,7 @@ class Bending(Parameters):
     repeats: int = Field(1, ge=1, le=100)
     """How often all sweeps are done; at least 3 for a noise floor."""
     reading: Literal["settled", "sweep", "hold"] = "settled"
-    """When a state is read: once settled, on the fly while the pressure ramps, or at `hold_times` after the ramp."""
+    """When a state is read: once settled, while the pressure ramps, or at `hold_times` after the ramp."""
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
     """Rate at which the pressure ramps from one level to the next."""
     hold_times: list[float] = Field([2.0, 5.0, 10.0, 30.0], max_length=50, json_schema_extra={"unit": "s"})
@@ -183,7 +183,7 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
 
 
 def _visit_all(p: Bending, shapes: Shapes, walk: Walk) -> None:
-    """Visit all levels once: stop and read at each, or read on the fly between the turning points."""
+    """Visit all levels once: stop and read at each, or read without stopping between the turning points."""
     shapes.begin()
     for (branch, ramped), some in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
         if ramped and p.reading == "sweep":

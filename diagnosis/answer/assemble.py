@@ -128,7 +128,9 @@ def beside(a: Attribute, certain: str) -> Attribute:
     )
 
 
-def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None) -> dict[str, Any]:
+def detail_section(
+    f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]
+) -> dict[str, Any]:
     """The section `detail`: what the figures show. Tips in m, base frame; states are those with a tip."""
     p = f.prepared
     of_robot = p.states.take(~p.states.pushed)
@@ -191,7 +193,7 @@ def detail_section(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdou
             pairs = (("unseen: calibrated", unseen.pushes_before), ("unseen: explained", unseen.pushes_after))
             made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}
     if holdout is not None:
-        made["holdout"] = asdict(holdout) | {"statement": holdout.statement}
+        made["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
     return made
 
 

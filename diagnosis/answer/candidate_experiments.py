@@ -95,7 +95,7 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
         Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
         Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", heavy, 3.0),
         Experiment("hold", "hold each pressure and read again and again", hold, 0.0),
-        Experiment("rate", "read on the fly on a fast ramp, up and down", fast, 0.0),
+        Experiment("rate", "ramp fast up and down, and read without stopping", fast, 0.0),
     ]
     if others:
         named = ", ".join(map(str, others))

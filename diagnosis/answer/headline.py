@@ -90,7 +90,7 @@ def _sizes(a: Attribute) -> Mapping[str, Value]:
 def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value]) -> str:
     spec = catalogue.get(effect)
     if spec is None or not spec.says:
-        return f"{effect.replace('_', ' ')} is at work"
+        return f"{effect.replace('_', ' ') if spec is None else spec.name} is at work"
     parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
     if not parts:
         return re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says).replace("{}", "some amount")

@@ -8,6 +8,7 @@ spine length.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,6 +26,7 @@ from ..inference.prepare import Prepared, table_columns
 from ..judgement import CONFIRMED_SHARE
 from .attribute import Attribution
 from .result import LengthShrink
+from .sentences import with_id
 from .shrink import by_length, closed_with_interval, rms
 
 Array = NDArray[np.float64]
@@ -56,9 +58,8 @@ class Holdout:
     verdict: HoldoutVerdict
     """confirmed: at least half of the gap is closed, surely; contradicted: it surely grows; open: neither."""
 
-    @property
-    def statement(self) -> str:
-        """The finding in a sentence."""
+    def statement(self, names: Mapping[str, str]) -> str:
+        """The finding in a sentence; `names` effect -> plain name."""
         errors = f"{self.before_mm:.2f} mm rms before, {self.after_mm:.2f} mm after"
         lost = f", {self.unsolved} more without equilibrium" if self.unsolved else ""
         head = f"On the held-out campaign ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
@@ -66,9 +67,9 @@ class Holdout:
             return f"{head}; no effect leads, so nothing is tested."
         if self.share_closed is None:
             return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so there is no gap to close."
-        sure = "" if self.ci95 is None else f" (95 %: {round(100 * self.ci95[0])} .. {round(100 * self.ci95[1])} %)"
-        named = " and ".join(self.hypothesis)
-        closed = f"{head}: {round(100 * self.share_closed)} % of the reducible gap is closed{sure}"
+        sure = "" if self.ci95 is None else f" (95 %: {_percent(self.ci95[0])} .. {_percent(self.ci95[1])} %)"
+        named = " and ".join(with_id(e, names) for e in self.hypothesis)
+        closed = f"{head}: {_percent(self.share_closed)} % of the reducible gap is closed{sure}"
         if not self.named:
             return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
         word = {
@@ -77,6 +78,11 @@ class Holdout:
             "open": f"this neither confirms nor contradicts {named}",
         }[self.verdict]
         return f"{closed}; {word}."
+
+
+def _percent(share: float) -> int:
+    """Nothing closes more than all of a gap."""
+    return round(100 * min(share, 1.0))
 
 
 def unseen_states(diagnosed: CaseLike, other: CaseLike) -> States:

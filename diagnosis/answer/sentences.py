@@ -6,11 +6,12 @@ words wherever it stands, and what is "not explained" leaves at least half of th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..criticism.stage_errors import StageError
+from ..inference.posterior import UNKNOWN
 from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
 from .result import Calibration, Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
 from .verdict import Decision, stage
@@ -40,6 +41,39 @@ class Facts:
     simulator: Simulator | None = None
     """What takes the rod's place; None: nothing does."""
     calibration: Calibration | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    """Effect -> plain name."""
+
+
+NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
+
+
+def plain_name(effect: str, names: Mapping[str, str]) -> str:
+    """Name of an effect or of a parameter of one, as effect.parameter.
+
+    >>> plain_name("spine_slip.yield_moment", {"spine_slip": "friction in the spine"}), plain_name("unknown", {})
+    ('friction in the spine, yield moment', 'a cause outside the catalogue')
+    """
+    own, _, parameter = effect.partition(".")
+    if own == UNKNOWN[0]:
+        return OUTSIDE
+    name = names.get(own) or own.replace("_", " ")
+    return f"{name}, {parameter.replace('_', ' ')}" if parameter else name
+
+
+def with_id(effect: str, names: Mapping[str, str]) -> str:
+    """The plain name, followed by the identifier in square brackets.
+
+    >>> with_id("spine_slip", {"spine_slip": "friction in the spine"})
+    'friction in the spine [spine_slip]'
+    """
+    name = plain_name(effect, names)
+    return name if name == OUTSIDE else f"{name} [{effect}]"
+
+
+def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
+    """Name of a hypothesis, with or without the identifiers of its effects."""
+    return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
 
 
 def statement(f: Facts) -> str:
@@ -62,7 +96,7 @@ def _sure(f: Facts) -> str:
 
 
 def _verdict(f: Facts) -> str:
-    named = " and ".join(f.decision.effects)
+    named = " and ".join(with_id(e, f.names) for e in f.decision.effects)
     if f.conclusion == "cause":
         return f"Cause: {named} ({_sure(f)})."
     if f.conclusion == "one of several":
@@ -89,9 +123,9 @@ def _verdict(f: Facts) -> str:
 def _others(f: Facts) -> str:
     """What else it may be, where an effect is named and not sure."""
     if f.rivals:
-        return _list(f.rivals)
+        return _list([with_id(e, f.names) for e in f.rivals])
     none = 1 - f.decision.probability - f.decision.outside
-    return "a cause outside the catalogue" if f.decision.outside >= none else "that no effect carries enough"
+    return OUTSIDE if f.decision.outside >= none else "that no effect carries enough"
 
 
 def _list(names: Sequence[str]) -> str:
@@ -106,7 +140,7 @@ def _gap(f: Facts) -> str:
         return f"Calibrated {_calibrated(f)} {_model(f)} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
     return (
-        f"As given {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
+        f"Uncalibrated, {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
         f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see; {floor}."
     )
 
@@ -136,7 +170,7 @@ def closed_by_calibration(f: Facts) -> float | None:
 
 
 def _by_calibration(f: Facts) -> str:
-    """What calibration closes of the gap as given, where that is most of it; empty otherwise."""
+    """What calibration closes of the uncalibrated gap, where that is most of it; empty otherwise."""
     closed = closed_by_calibration(f)
     return "" if closed is None else f"Calibration closes {_percent(closed)} % of the reducible gap; beyond it,"
 
@@ -162,7 +196,8 @@ def _simulator(f: Facts) -> str:
 def _moved(f: Facts) -> str:
     what, digits = _what(f)
     shares = [
-        f"{c.effect} moves {what} by {c.mm:.{digits}f} mm (95 %: {c.low95_mm:.{digits}f} to {c.high95_mm:.{digits}f} mm)"
+        f"{plain_name(c.effect, f.names)} moves {what} by {c.mm:.{digits}f} mm (95 %: {c.low95_mm:.{digits}f} to "
+        f"{c.high95_mm:.{digits}f} mm)"
         for c in f.budget
         if c.role == "named"
     ]
@@ -182,7 +217,7 @@ def _closing(f: Facts) -> str:
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
         return f"With it, {after} mm remain on unseen states: {_percent(share)} % of the reducible gap is closed."
-    nearest = " and ".join(f.nearest)
+    nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
     if share < EXPLAINS:
@@ -211,7 +246,7 @@ def _absorbed(f: Facts) -> str:
 def _present(f: Facts) -> str:
     """What is there without being a cause."""
     _, digits = _what(f)
-    found = ", ".join(f"{c.effect} {c.mm:.{digits}f} mm" for c in f.budget if c.role == "present")
+    found = ", ".join(f"{with_id(c.effect, f.names)} {c.mm:.{digits}f} mm" for c in f.budget if c.role == "present")
     return f"Also present: {found}." if found else ""
 
 

@@ -146,10 +146,10 @@ def _dict(found: dict[str, Power], brings: tuple[Addition, ...], design: Planned
 
 def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
     clean, cluttered = found["clean"], found["cluttered"]
-    sheet = Sheet(title="How often the cause would be told, by its size (thirds of 0.5 to 1.5 plausible scales)",
+    sheet = Sheet(title="How often the cause would be named, by its size (thirds of 0.5 to 1.5 plausible scales)",
                   title_justify="left")  # fmt: skip
     sheet.add_column("cause", no_wrap=True)
-    for column in ("carries, floors", "small", "medium", "large", "in clutter"):
+    for column in ("tip moved / noise floor", "small", "medium", "large", "among others"):
         sheet.add_column(column, justify="right")
     mistaken: list[str] = []
     beside = {e.effect: e for e in cluttered.effects}
@@ -163,23 +163,23 @@ def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
         sheet.add_row(e.effect, f"{e.carries:.1f}", *sizes, f"{np.mean(shares):.2f}")
     out.print(sheet)
     if mistaken:
-        out.print("in clutter taken for (share of its worlds):")
+        out.print("taken for, among other effects (share of its worlds):")
     for line in mistaken:
         out.print(line, soft_wrap=True)
     for name, p in found.items():
         low, high = p.right95
         out.print(
-            f"{name}: {p.right:.2f} of {p.worlds} worlds told right (95 %: {low:.2f} to {high:.2f}); of robots with "
+            f"{name}: {p.right:.2f} of {p.worlds} worlds named right (95 %: {low:.2f} to {high:.2f}); of robots with "
             f"other laws than the catalogue's about {p.right * OTHER_LAWS[name]:.2f}",
             soft_wrap=True,
         )
     if pairs := cluttered.pairs[:SHOWN_PAIRS]:
         out.print(
-            "not told apart: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True
+            "not distinguished: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True
         )
     if clean.unseen:
         out.print(f"never seen in these states: {', '.join(clean.unseen)}", soft_wrap=True)
     for a in brings[:3]:
-        said = f"{a.gained:+.2f} of worlds told right, for {a.experiment.minutes:g} min"
+        said = f"{a.gained:+.2f} of worlds named right, for {a.experiment.minutes:g} min"
         out.print(f"to add: {a.experiment.do}: {said}", soft_wrap=True)
     out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")

@@ -32,6 +32,8 @@ LINES, LISTED = 200, 2000
 """Lines of the log and finished states that a page is given."""
 AT_ONCE = 60
 """Pieces of an update that are handed out: of a recording played fast the newest."""
+SAME_MOMENT = 0.2
+"""Host seconds by which a tip and the pressures of its prediction may differ."""
 
 Numbers = dict[str, Any]
 
@@ -170,8 +172,30 @@ class Picture:
         self._model = {"stands": stands, "why": shown(why)}
         return {"model": self._model}
 
+    @property
+    def ended(self) -> bool:
+        """Nothing more comes."""
+        return self.outcome is not None or bool(self.trouble)
+
+    def question(self) -> tuple[Numbers, Numbers] | None:
+        """What to ask the model about the robot as it is now, and of which moment: rig time `t`, s, and the tip `measured`
+        then, m, None where it was hidden. None where nothing can be asked."""
+        state, pressure = self.state, self.newest.get("pressure")
+        if state is None or pressure is None or state.state.specimen is not None or None in pressure["measured"]:
+            return None
+        spine = self.newest.get("spine", {}).get("length")
+        asked = {
+            "pressures": pressure["measured"],
+            "spine": state.state.spine_length if spine is None else spine,
+            "mass": state.state.tip_mass,
+            "roll": math.radians(state.state.roll_deg),
+        }
+        tip = self.newest.get("tip")
+        seen = tip is not None and tip["valid"] and abs(tip["t"] - pressure["t"]) <= SAME_MOMENT * self.about.speed
+        return {"now": asked}, {"t": pressure["t"], "measured": tip["position"] if tip and seen else None}
+
     def expected_now(self, now: Numbers) -> Numbers:
-        """Where the tip should be now."""
+        """Where the tip should be at the moment of a question, and the tip measured then."""
         self._now = {**now, "error": shown(now["error"])} if "error" in now else now
         return {"now": self._now}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import secrets
 import socket
 import threading
@@ -33,6 +32,8 @@ ASK = 0.2
 """Host seconds between two questions to the model."""
 REST = 4.0
 """All finished states are compared anew with each further one; so many times as long as that takes the model has rest."""
+LAST_ANSWER = 60.0
+"""Host seconds for which viewers of a run that has ended wait for what the model says of its last state."""
 HEARTBEAT = 0.5
 """Host seconds between two updates at least: ages go on while nothing comes."""
 
@@ -152,6 +153,7 @@ class Show:
     async def _show(self, tail: Tail) -> None:
         """One recording, until it has ended and another one is there, or all is over."""
         beside = [asyncio.create_task(self._beat())]
+        asking: asyncio.Task[None] | None = None
         try:
             if self._foxglove is not None:
                 self._foxglove.anew()
@@ -162,8 +164,10 @@ class Show:
                     continue
                 if self._picture is None:  # by the first chunk all attachments are there
                     self._picture = Picture(self._about(tail))
-                    beside += [asyncio.create_task(self._ask(robot_text(tail.contents)))] if self._with_model else []
                     self._tell(self._whole(), "whole")
+                    if self._with_model:
+                        asking = asyncio.create_task(self._ask(robot_text(tail.contents)))
+                        beside.append(asking)
                 self._keep_time(tail, pieces)
                 if self._foxglove is not None:
                     self._foxglove.take(tail.contents, pieces)
@@ -181,6 +185,8 @@ class Show:
         try:
             while not self._leaves():
                 await asyncio.sleep(0.05)
+            if asking is not None and not self._parts and self._viewers.count:
+                await asyncio.wait([asking], timeout=LAST_ANSWER)
         finally:
             for task in beside:
                 task.cancel()
@@ -242,7 +248,8 @@ class Show:
 
     # -- the model
     async def _ask(self, robot: str | None) -> None:
-        """Keep asking the model about what is new: the finished states, and where the tip should be now."""
+        """Keep asking the model about what is new: the finished states, and where the tip should be now; ends with the
+        answers to the last of both."""
         picture = self._picture
         assert picture is not None
         if robot is None:
@@ -255,38 +262,25 @@ class Show:
             why = "" if intervals else "no interval, because robot.yaml states no uncertainty"
             self._tell(picture.model_says("ready", why))
             asked, last, due = 0, None, 0.0
-            while True:
-                if len(picture.rows) > asked and (began := time.monotonic()) >= due:
+            last_round = False
+            while not last_round:
+                last_round = picture.ended
+                if len(picture.rows) > asked and ((began := time.monotonic()) >= due or last_round):
                     asked = len(picture.rows)
                     found = await model.ask({"rows": [row.to_json() for row in picture.rows]})
                     due = time.monotonic() + REST * (time.monotonic() - began)
                     self._tell(
                         picture.gaps(found["gaps"]) if "gaps" in found else picture.model_says("ready", found["error"])
                     )
-                question, t = _question(picture)
-                if question is not None and t != last:
-                    last = t
-                    found = await model.ask(question)
-                    self._tell(picture.expected_now({"t": t, **found}))
+                question = picture.question()
+                if question is not None and question[1]["t"] != last:
+                    last = question[1]["t"]
+                    found = await model.ask(question[0])
+                    self._tell(picture.expected_now({**question[1], **found}))
                     if self._foxglove is not None:
-                        self._foxglove.expected(picture.about.start_wall_ns + round(t * 1e9), found)
+                        self._foxglove.expected(picture.about.start_wall_ns + round(last * 1e9), found)
                 await asyncio.sleep(ASK)
         except NoModel as e:
             self._tell(picture.model_says("none", str(e)))
         finally:
             await model.stop()
-
-
-def _question(picture: Picture) -> tuple[dict[str, Any] | None, float]:
-    """What to ask of the model about the robot as it is now, and the rig time of it; None where nothing can be asked."""
-    state, pressure = picture.state, picture.newest.get("pressure")
-    if state is None or pressure is None or state.state.specimen is not None or None in pressure["measured"]:
-        return None, 0.0
-    spine = picture.newest.get("spine", {}).get("length")
-    asked = {
-        "pressures": pressure["measured"],
-        "spine": state.state.spine_length if spine is None else spine,
-        "mass": state.state.tip_mass,
-        "roll": math.radians(state.state.roll_deg),
-    }
-    return {"now": asked}, pressure["t"]

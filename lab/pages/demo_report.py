@@ -8,14 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.sentences import with_id
 from model.compare import ErrorTable
 
 from ..calibration import Calibration
 from ..comparison import Comparison
 from ..files.inputs import Case
 from ..rig.losses import losses
-from .diagnosis_report import fill, opened
-from .figures import stiffness_curves, story, tip_curves
+from .diagnosis_report import fill, names, opened
+from .figures import apart, stiffness_curves, story, tip_curves
 
 
 @dataclass(frozen=True)
@@ -54,26 +55,31 @@ def write(
     before, after = compared
     report = opened("A day in the lab, without hardware", answer, case, files, folder / "next")
     found = report.section("What was withheld, and what was found")
-    found.text(f"On was {seal.effect} = {seal.size:.4g} {seal.unit}: {seal.physics}.")
+    found.text(
+        f"The effect that was on: {with_id(seal.effect, names(answer))} = {seal.size:.4g} {seal.unit}: {seal.physics}."
+    )
     found.text(f"Replayed from the files alone, {'every number is the same' if equal else 'numbers DIFFER'}.")
     found.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
     fill(report, answer, case, folder / "next")
     paper = case.robot.spine.modulus if case.robot.spine else {}
-    whole = report.section("In one picture", folded=True)
+    whole = report.section("In pictures", folded=True)
     whole.figure(
-        story(fit.spine_modulus, paper, before, after, folder / "story.svg"), "Stiffness, tip and error of this run."
+        apart(story(fit.spine_modulus, paper, before, after), folder / "story.svg"),
+        "Stiffness, tip and error of this run.",
     )
     stiff = report.section("Stiffness of the spine", folded=True)
     stiff.figure(
-        stiffness_curves(case.of("stiffness"), fit.spine_modulus, paper, folder / "stiffness.svg"),
+        apart(stiffness_curves(case.of("stiffness"), fit.spine_modulus, paper), folder / "stiffness.svg"),
         "Force on the spine's tip over its deflection, and Young's modulus by eq. 9.",
     )
     bend = report.section("Bending: measured against the model with the paper's parameters", folded=True)
-    bend.figure(tip_curves(before, folder / "paper.svg"), "Marks: measured tip, loading and unloading. Lines: model.")
+    bend.figure(
+        apart(tip_curves(before), folder / "paper.svg"), "Marks: measured tip, loading and unloading. Lines: model."
+    )
     bend.table(*_errors(before.table))
     fitted = report.section("With an area factor for each spine length", folded=True)
     fitted.figure(
-        tip_curves(after, folder / "by_length.svg"),
+        apart(tip_curves(after), folder / "by_length.svg"),
         "The same marks; the model with one chamber area per spine length.",
     )
     fitted.table(*_errors(after.table))
@@ -85,7 +91,7 @@ def write(
         ],
     )
     said, head, rows = losses(files)
-    report.section("What was recorded, and what was lost", folded=True).text(said).table(head, rows)
+    report.section("What was recorded, and what was lost", folded=True, terms=False).text(said).table(head, rows)
     return report.write(folder / "report.html")
 
 

@@ -14,6 +14,8 @@ from diagnosis.answer.headline import for_people
 
 from .figures import STYLE, save
 
+FACTOR = "times"
+"""Unit in which a person reads a logarithm."""
 BLUE, RED, GREY = "#20639b", "#b5382a", "#8a8a8a"
 
 
@@ -23,24 +25,32 @@ def sizes(found: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
 
 
 def _panels(size: Mapping[str, Any], folder: Path, number: int) -> list[Path]:
+    size, unit = _for_people(size)
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     ends = [x for x in (size["low"], size["high"], 0.0, size["median"]) if x is not None]
     pad = 0.04 * (max(ends) - min(ends))
     near = min(mean - 4 * sd, size["low90"]), max(mean + 4 * sd, size["high90"])
-    low, high = (for_people(size[end], size["unit"])[0] for end in ("low90", "high90"))
-    unit = "" if size["unit"] == "1" else f", {for_people(0.0, size['unit'])[1]}"
+    shown = np.exp if unit == FACTOR else lambda x: x
     parts = [
-        (f"{size['name']}{unit}", min(ends) - pad, max(ends) + pad), (f"90 %: {low:.3g} .. {high:.3g}", *near)
-    ]  # fmt: skip
+        (f"{size['name']}{unit and ', '}{unit}", min(ends) - pad, max(ends) + pad),
+        (f"90 %: {shown(size['low90']):.3g} .. {shown(size['high90']):.3g}", *near),
+    ]
     made = []
     for name, (title, left, right) in zip(("wide", "close"), parts, strict=True):
         with plt.rc_context(STYLE):
             figure, axis = plt.subplots(figsize=(3.8, 1.75), layout="constrained")
             _density(axis, size, left, right)
             axis.set_title(title, loc="left", fontsize=9)
-            axis.xaxis.set_major_formatter(lambda x, _: f"{for_people(x, size['unit'])[0]:.3g}")
+            axis.xaxis.set_major_formatter(lambda x, _: f"{shown(x):.3g}")
             made.append(save(figure, folder / f"size-{number}-{name}.svg"))
     return made
+
+
+def _for_people(size: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """The numbers in the unit in which a person reads them; logarithms stay, with the unit of the factor."""
+    number, unit = for_people(1.0, size["unit"])
+    factor = 1.0 if unit == FACTOR else number
+    return {key: factor * value if isinstance(value, float) else value for key, value in size.items()}, unit
 
 
 def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> None:

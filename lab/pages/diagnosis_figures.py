@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from diagnosis.answer.result import Diagnosis, Waterfall
+from diagnosis.answer.sentences import hypothesis_name, plain_name
 from diagnosis.data.levels import levels
 
 from .figures import CALIBRATED, GIVEN, STYLE, colours, save
@@ -34,9 +35,9 @@ HATCHES = {
 
 
 def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -> list[Path]:
-    """The gap as given and calibrated, and what each step takes of the latter; `length` m of the robot.
+    """The gap uncalibrated and calibrated, and what each step takes of the latter; `length` m of the robot.
 
-    Two scales: as given the gap is often ten times what calibration leaves.
+    Two scales: uncalibrated, the gap is often ten times what calibration leaves.
     """
     calibrated = w.steps[0].left_mm
     with plt.rc_context(STYLE):
@@ -129,7 +130,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     spines = np.ptp(s["spine_length"]) > 0.01
     labels = [f"{g.name}{f'; spine {100 * length:.0f} cm' if spines else ''}" for g, length in rows]
     grain = _grain(s["pressure"])
-    # Sweeps read on the fly turn at other pressures up than down, so each branch has levels of its own.
+    # Sweeps read without stopping turn at other pressures up than down, so each branch has levels of its own.
     maps = []
     for model, gap in missed.items():
         for branch, way in ((1, "load"), (-1, "unload")):
@@ -237,36 +238,43 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     return made
 
 
-def posterior(d: Diagnosis, path: Path) -> Path:
-    """Probability of each hypothesis; those that the data cannot distinguish have a star."""
+def posterior(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
+    """Probability of each hypothesis; those that the data cannot distinguish have a star.
+
+    `names` effect -> plain name.
+    """
     ranking = [r for r in d.attribute.ranking if r.probability > 0.002][:10][::-1]
-    names = [" + ".join(r.effects) or "none" for r in ranking]
+    labels = [fill(hypothesis_name(r.effects, names, ids=False), 30) for r in ranking]
+    lines = sum(label.count("\n") + 1 for label in labels)
     tied = {e for group in d.attribute.cannot_tell_apart for e in group}
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(5.2, 0.6 + 0.34 * len(ranking)), layout="constrained")
+        figure, axis = plt.subplots(figsize=(5.2, 0.7 + 0.14 * len(labels) + 0.2 * lines), layout="constrained")
         shades = [RED if r.effects == ("unknown",) else GREY if not r.effects else BLUE for r in ranking]
-        bars = axis.barh(names, [r.probability for r in ranking], 0.7, color=shades)
+        bars = axis.barh(range(len(labels)), [r.probability for r in ranking], 0.7, color=shades)
+        axis.set_yticks(range(len(labels)), labels, fontsize=8)
         marks = [f"{r.probability:.2f}" + (" *" if set(r.effects) & tied else "") for r in ranking]
         axis.bar_label(bars, marks, fontsize=8, padding=3)
-        axis.set_xlim(0, 1.1)
+        axis.set_xlim(0, 1.15)
+        axis.set_xticks(np.linspace(0, 1, 6))
         axis.set_xlabel("probability")
         axis.grid(False, axis="y")
         return save(figure, path)
 
 
-def confounding(d: Diagnosis, path: Path) -> Path:
-    """Share of each effect's tip displacement that a calibration takes over."""
+def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
+    """Share of each effect's tip displacement that a calibration takes over; `names` effect -> plain name."""
     spines = len(d.locate.by.get("spine_length", ())) > 1
     one, per_length = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
-    names = sorted(one, key=lambda e: one[e])
-    at = np.arange(len(names))
+    effects = sorted(one, key=lambda e: one[e])
+    at = np.arange(len(effects))
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(names)), layout="constrained")
-        axis.barh(at + 0.2, [100 * one[n] for n in names], 0.38, color=BLUE, label="one area factor")
+        figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(effects)), layout="constrained")
+        axis.barh(at + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label="one area factor")
         if spines:
-            shares = [100 * per_length[n] for n in names]
+            shares = [100 * per_length[n] for n in effects]
             axis.barh(at - 0.2, shares, 0.38, color=GREY, hatch="//", label="an area factor for each spine length")
-        axis.set_yticks(at, names, fontsize=8)
+        axis.set_yticks(at, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
+        axis.set_ylim(-0.7, len(effects) - 0.3)
         axis.set_xlabel("share of the effect that a calibration absorbs, %")
         axis.grid(False, axis="y")
         figure.legend(loc="outside lower center", fontsize=8)

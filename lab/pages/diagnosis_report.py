@@ -15,6 +15,7 @@ import numpy as np
 
 from diagnosis.answer.headline import for_people, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
+from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
@@ -26,28 +27,29 @@ from . import diagnosis_figures as draw
 from .diagnosis_attribution import sizes as draw_sizes
 from .diagnosis_shapes import shapes as draw_shapes
 from .diagnosis_shapes import state_name
-from .figures import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE
+from .figures import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE, apart
 from .pushes_figure import pushes as draw_pushes
-from .report import Report, Section
+from .report import Command, Report, Section
 from .sensors_figure import numbers as sensor_numbers
 from .sensors_figure import quantities
 from .sensors_figure import sensors as draw_sensors
 
 FIRST = 6
 """Experiments shown."""
+FURTHEST, OUTLIER, SURPRISE = "furthest_from_prior", "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {
     "discrepancy_gain": "log evidence gained by a large discrepancy",
-    "discrepancy_size": "size of the discrepancy, in noise floors",
+    "discrepancy_size": "size of the discrepancy over the noise floor",
     "lack_of_fit": "chi-square per degree of freedom",
     "prior_tension": "prior tension, standard deviations",
-    "furthest_from_prior": "parameter furthest from its prior",
+    FURTHEST: "parameter furthest from its prior",
     "cross_prediction": "cross-prediction, chi-square per value",
     "effects_named": "effects named",
     "spine_outlier": "spine outlier, standard deviations",
     "excess_scatter": "excess scatter of repeats, factor",
-    "outlier_trial": "trial that the others predict worst",
-    "outlier_surprise": "its chi-square per value",
-    "law_error_gain": "log evidence gained by large errors of the laws",
+    OUTLIER: "trial that the others predict worst",
+    SURPRISE: "its chi-square per value",
+    "law_error_gain": "log evidence gained by large model-form errors",
 }
 """Keys of `detail.misfit` in diagnosis.json -> labels on the page."""
 
@@ -67,8 +69,19 @@ def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protoco
     source = ", ".join(map(str, inputs))
     return Report(
         title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, small(d), gap_numbers(d),
-        _first_step(d, protocols), origin(case.robot.name, inputs),
+        _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
     )  # fmt: skip
+
+
+def names(d: Diagnosis) -> Mapping[str, str]:
+    """Effect -> plain name; empty in answers of earlier versions."""
+    found: Mapping[str, str] = d.detail.get("names", {})
+    return found
+
+
+def hypothesis(effects: Sequence[str], d: Diagnosis) -> str:
+    """A hypothesis by the plain names and identifiers of its effects."""
+    return hypothesis_name(effects, names(d))
 
 
 def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> None:
@@ -88,15 +101,17 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         if d.change is not None:
             section = report.section("What changed since the reference")
             section.text(d.change.statement)
-            rows = [[" + ".join(effects) or "nothing", f"{p:.3f}"] for effects, p in d.change.ranking[:6]]
+            rows = [
+                [hypothesis(effects, d) if effects else "nothing", f"{p:.3f}"] for effects, p in d.change.ranking[:6]
+            ]
             section.table(("changed", "probability"), rows)
         against = _against(d)
         if against:
             section = report.section("What speaks against the answer")
             for line in against:
-                section.text(line)
+                section.text(line[:1].upper() + line[1:])
         if d.detail["sizes"]:
-            _sizes(report.section("How large the cause is", folded=True), d.detail["sizes"], folder)
+            _sizes(report.section("How large the cause is", folded=True), d, folder)
         factors = f"{'spine length, ' if spine else ''}pressure, branch and time"
         _by_factor(report.section(f"The gap by {factors}", folded=True), d, spine)
         if "stiffness" in d.detail:
@@ -108,25 +123,6 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         _misfit(report.section("Stages and misfit diagnostics", folded=True), d, spine)
         if quantities(table):
             _sensors(report.section("What the lab's own sensors measured", folded=True), table, folder)
-    report.section("Terms", folded=True).table(("term", "meaning"), list(TERMS.items()))
-
-
-TERMS = {
-    "as given": "said of the model of robot.yaml with its own area factor and effects, nothing fitted; `lab compare` and "
-    "`lab diagnose` print the same number",
-    "calibrated": "said of the model after one area factor and the tolerances of the set-up were fitted; `lab fit` and "
-    "`lab diagnose` print the same number",
-    "gap [m]": "measured minus baseline tip position",
-    "in-sample": "said of an error on the very data that were fitted; the opposite of unseen",
-    "noise floor [m]": "rms distance of repeats from their mean; no cause that carries less is named",
-    "outside (the catalogue), unknown": "a cause that none of the known effects describes",
-    "reducible gap [m]": "the part of the gap that a perfect model would close: down to the noise floor",
-    "rms": "root mean square",
-    "tolerance": "a small unknown deviation of the set-up (length, frame, mount) with a tight prior",
-    "unseen": "said of states that no fit behind the stated number used; how they were chosen is said beside it",
-    "with cause": "the model with the named effects free and all others as tolerances",
-}
-"""Terms of the top of the page, as docs/glossary.md explains them."""
 
 
 def origin(robot: str, inputs: Sequence[Path]) -> str:
@@ -184,9 +180,9 @@ STEPS = {
     "calibration": "calibration with one area factor",
     "simulator": "the simulator taken back to the rod",
     "tolerances": "tolerances of every other effect",
-    "regular": "regular, but unexplained",
-    "irregular": "irregular, above the noise floor",
-    "noise": "noise floor: not repeatable",
+    "regular": "systematic residual",
+    "irregular": "unsystematic residual above the noise floor",
+    "noise": "noise floor (repeatability)",
 }
 """Steps of the waterfall -> labels; a cause has its own name."""
 
@@ -198,17 +194,23 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
             "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown."
         )
         return
-    names = [x.effect or STEPS[x.step] for x in w.steps]
     s.figure(
-        draw.waterfall(w, names, length, folder),
+        draw.waterfall(
+            w, [plain_name(x.effect, names(d)) if x.effect else STEPS[x.step] for x in w.steps], length, folder
+        ),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
         "is what the step takes; whiskers: 95 % over trials drawn anew and orders of the causes.",
     )
     model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
-    rows = [[f"{model} {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
+    rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
     rows += [
-        [name, _mm(x.mm), f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}", _mm(x.left_mm)]
-        for name, x in zip(names, w.steps, strict=True)
+        [
+            with_id(x.effect, names(d)) if x.effect else STEPS[x.step],
+            _mm(x.mm),
+            f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}",
+            _mm(x.left_mm),
+        ]
+        for x in w.steps
     ]
     s.table(("step", "takes, mm rms", "95 %", "leaves, mm rms"), rows)
     if w.absorbed is not None:
@@ -224,22 +226,23 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         )
         ends = d.shrink.ci95
         interval = "" if ends is None else f" (95 %: {_percent(ends[0])} .. {_percent(ends[1])} %)"
-        named = " and ".join(d.detail["best_hypothesis"]) or "tolerances alone"
-        s.text(f"Share of the reducible gap closed on unseen states with {named}: {closed}{interval}.")
+        best = d.detail["best_hypothesis"]
+        of = hypothesis(best, d) if best else "tolerances alone"
+        s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}.")
 
 
 def _against(d: Diagnosis) -> list[str]:
     """Concerns, sizes that cannot be, errors that stages ask for."""
     lines = list(d.concerns)
     lines += [
-        f"The data would require {x['name']} = {_number(x['mean'], x['unit'])}, which is physically impossible: "
-        "evidence against the effect itself."
+        f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'])}, which is physically "
+        "impossible: evidence against the effect itself."
         for x in d.detail["sizes"]
         if x["impossible"]
     ]
     if d.attribute.verdict == "effect":
         lines += [
-            f"Beside what is named, a free-form error in the {e.stage} that varies with {e.dependence} would gain "
+            f"In addition to the cause, a free-form error in the {e.stage} that varies with {_words(e.dependence)} would gain "
             f"{e.gain:.1f} in log evidence."
             for e in d.attribute.stage_errors[:2]
         ]
@@ -251,12 +254,12 @@ def _mm(value: float) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{round(100 * share) + 0}"
+    return f"{round(100 * min(share, 1.0)) + 0}"
 
 
 def _sensors(s: Section, table: Table, folder: Path) -> None:
     s.figure(
-        draw_sensors(table, folder / "sensors.svg"),
+        apart(draw_sensors(table), folder / "sensors.svg"),
         "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them.",
     )
     s.table(*sensor_numbers(table))
@@ -289,25 +292,25 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     )
 
 
-def _lengths(d: Diagnosis) -> str:
-    return ", spine length" if len(d.locate.by.get("spine_length", ())) > 1 else ""
+def _lengths(d: Diagnosis, joint: str = ", ") -> str:
+    return f"{joint}spine length" if len(d.locate.by.get("spine_length", ())) > 1 else ""
 
 
 def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
     rows = [
         [
-            name,
-            _at(name, c.value),
+            f"{_words(name)} {_at(name, c.value)}",
             str(c.n),
             f"{c.rmse_mm:.2f}",
             f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
-            "yes" if c.significant else "",
+            "*" if c.significant else "",
         ]
         for name, cells in d.locate.by.items()
         for c in cells
         if spine or name != "spine_length"
     ]
-    s.table(("factor", "at", "n", f"{CALIBRATED}, in-sample, mm rms", "95 %", "above the floor"), rows)
+    s.table(("where", "n", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
+    s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
     if d.locate.of != "tip" or "baseline" in d.detail:
         return
     s.text(
@@ -325,7 +328,7 @@ def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     mm = found["waterfall_mm"]
     rows = [
         [name, f"{mm[key]:.3f}", f"{mm[f'unseen: {key}']:.3f}" if f"unseen: {key}" in mm else ""]
-        for key, name in ((GIVEN, GIVEN), ("calibrated", CALIBRATED), ("explained", explained(d)))
+        for key, name in (("as given", GIVEN), ("calibrated", CALIBRATED), ("explained", explained(d)))
     ]
     s.table(
         ("model", "deflection error in-sample, mm rms", "unseen, mm rms"),
@@ -350,16 +353,19 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
             "direction; grey: noise floor",
         )
     s.figure(
-        draw.posterior(d, folder / "posterior.svg"),
+        draw.posterior(d, names(d), folder / "posterior.svg"),
         f"Probability of each hypothesis ({d.detail['calibrated_on']})"
         + ("; *: these data cannot distinguish it from another" if d.attribute.cannot_tell_apart else ""),
     )
     if d.budget:
         words = {"named": "named", "present": "also present", "unseen": "could not be seen in these data"}
-        rows = [[c.effect, f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]] for c in d.budget]
+        rows = [
+            [with_id(c.effect, names(d)), f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]]
+            for c in d.budget
+        ]
         s.table(("effect", "moves the tip beyond an area factor by, mm rms", "95 %", ""), rows)
     rows = [
-        [" + ".join(r.effects) or "none", stated(r.probability), f"{r.log_evidence:.1f}",
+        [hypothesis(r.effects, d), stated(r.probability), f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
@@ -374,10 +380,7 @@ def _disorder(ranking: Sequence[Ranked]) -> str:
     over = [(a, b) for a, b in pairs if a.probability > b.probability and a.log_evidence < b.log_evidence]
     why = []
     if any(("unknown",) in (a.effects, b.effects) for a, b in over):
-        why.append(
-            "The probability of unknown, a cause outside the catalogue, follows from the misfit diagnostics and not from its "
-            "evidence."
-        )
+        why.append(f"The probability of {OUTSIDE} follows from the misfit diagnostics and not from its evidence.")
     if any(("unknown",) not in (a.effects, b.effects) for a, b in over):
         why.append(
             "Of two hypotheses the one with more log evidence may be less probable: one that names more effects has a smaller "
@@ -392,17 +395,15 @@ def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
     if d.attribute.stage_errors:
         s.table(
             ("stage with an error of free form", "varies with", "log evidence gained"),
-            [[e.stage, e.dependence, f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
+            [[e.stage, _words(e.dependence), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
         )
-    found = d.detail["misfit"]
-    s.table(
-        ("misfit diagnostic", "value"),
-        [
-            [MISFIT_LABELS.get(k, k.replace("_", " ")), _diagnostic(v)]
-            for k, v in found.items()
-            if spine or k != "spine_outlier"
-        ],
-    )
+    found = dict(d.detail["misfit"])
+    if found.get(FURTHEST):
+        found[FURTHEST] = with_id(found[FURTHEST], names(d))
+    left_out = {"spine_outlier"} if not spine else set()
+    left_out |= {SURPRISE} if found.get(OUTLIER) is None else set()
+    rows = [[MISFIT_LABELS.get(k, _words(k)), _diagnostic(v)] for k, v in found.items() if k not in left_out]
+    s.table(("misfit diagnostic", "value"), rows)
 
 
 def _diagnostic(value: float | str | None) -> str:
@@ -411,20 +412,25 @@ def _diagnostic(value: float | str | None) -> str:
     return "none" if value is None else f"{value:.3g}"
 
 
-def _sizes(s: Section, sizes: Sequence[Mapping[str, Any]], folder: Path) -> None:
+def _words(key: str) -> str:
+    return key.replace("_", " ")
+
+
+def _sizes(s: Section, d: Diagnosis, folder: Path) -> None:
+    sizes = d.detail["sizes"]
     s.figure(
-        draw_sizes(sizes, folder),
+        draw_sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder),
         "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
-        "dashed: its median; 90 % shaded. First the physically possible range, then close up. Sizes in ln are factors",
+        "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
-    s.table(("size", "median", "90 %", "physically possible"), [_size(x) for x in sizes])
+    s.table(("size", "median", "90 %", "bounds"), [_size(x, names(d)) for x in sizes])
 
 
-def _size(x: Mapping[str, Any]) -> list[str]:
+def _size(x: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
     """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
     unit = x["unit"]
     ends = [_bound(x[end], unit) for end in ("low90", "high90", "low", "high")]
-    return [x["name"], _number(x["median"], unit), f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
+    return [with_id(x["name"], names), _number(x["median"], unit), f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
 
 
 def _number(value: float, unit: str) -> str:
@@ -444,7 +450,8 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         return
     s.figure(
         draw_shapes(states, explained(d), folder),
-        f"States with the largest calibrated error, one for each group of chambers{_lengths(d)}, in-sample; mm, base frame",
+        f"States with the largest calibrated error, one for each group of chambers{_lengths(d, ' and ')}, in-sample; mm, base "
+        "frame",
     )
     rows = [
         [state_name(x).replace("\n", ", "), _point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")]
@@ -474,17 +481,17 @@ def _alike(s: Section, d: Diagnosis) -> None:
     )
     s.text(
         f"T is the chi-square lost when one effect is fitted in place of the other. Below {tied:g} these data cannot distinguish "
-        f"two effects; an effect whose T against none is below {tied:g} cannot be seen in them."
+        f"two effects; an effect whose T against no effect is below {tied:g} cannot be seen in them."
     )
-    s.table(("effect", "taken for", "T"), [[a, b, f"{t:.1f}"] for t, a, b in pairs])
-    hidden = [effects[i] for i in range(len(effects)) if i not in seen]
+    s.table(("effect", "taken for", "T"), [[*(with_id(e, names(d)) for e in pair), f"{t:.1f}"] for t, *pair in pairs])
+    hidden = [with_id(effects[i], names(d)) for i in range(len(effects)) if i not in seen]
     s.text(f"Cannot be seen: {', '.join(hidden)}." if hidden else "Every effect could be seen.")
 
 
 def _confounding(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(
-        draw.confounding(d, folder / "confounding.svg"),
-        "Share of each effect's tip displacement that a calibration absorbs, computed at the model as given",
+        draw.confounding(d, names(d), folder / "confounding.svg"),
+        "Share of each effect's tip displacement that a calibration absorbs, computed at the uncalibrated model",
     )
 
 
@@ -501,11 +508,16 @@ def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
     if protocols is None:
         s.text("lab diagnose writes these protocol files with the option --protocols next.")
     rows = [
-        [p.do, f"{p.cost_min:.0f}", *(["; ".join(" or ".join(x) for x in p.separates[:3])] if separating else []),
-         command(p, protocols)]
+        [p.do, f"{p.cost_min:.0f}", *(["; ".join(_pair(x, d) for x in p.separates[:3])] if separating else []),
+         Command(command(p, protocols))]
         for p in shown
     ]  # fmt: skip
     s.table(("experiment", "minutes", *(("separates",) if separating else ()), "command"), rows)
+
+
+def _pair(pair: Sequence[str], d: Diagnosis) -> str:
+    """Two hypotheses that an experiment separates, as the answer has them: effects joined by +."""
+    return " from ".join(hypothesis([] if one == "none" else one.split(" + "), d) for one in pair)
 
 
 def _rivals(d: Diagnosis) -> str:
@@ -515,8 +527,8 @@ def _rivals(d: Diagnosis) -> str:
     ]
     if not others:
         return "No other hypothesis is probable."
-    named = ", ".join(f"{' + '.join(r.effects) or 'none'} (p = {r.probability:.2f})" for r in others[:3])
+    named = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
     unknown = (
         " Of a cause outside the catalogue no model predicts anything." if others[0].effects == ("unknown",) else ""
     )
-    return f"What remains besides: {named}, which none of these separates.{unknown}"
+    return f"Also possible: {named}, which none of these separates.{unknown}"

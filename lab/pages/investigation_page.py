@@ -10,8 +10,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from diagnosis.answer.sentences import hypothesis_name
+from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.investigate import Investigation, Judged, Round
 
+from .diagnosis_report import hypothesis, names
 from .figures import GREY, STYLE, colours, save
 from .report import Report, Section
 
@@ -22,7 +25,9 @@ LEAST = 0.01
 
 def write(found: Investigation, path: Path, source: str, answer: str) -> Path:
     """Write one offline page; `answer` is the name of the page of the last diagnosis beside it."""
-    report = Report("An investigation", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", _lead(found))
+    report = Report(
+        "An investigation", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", _lead(found), ids=names(found.answer).keys()
+    )
     with tempfile.TemporaryDirectory() as place:
         section = report.section("How certain it became")
         if len(found.rounds) > 1:
@@ -47,13 +52,13 @@ def _lead(found: Investigation) -> str:
     experiments = sum(r.foretold is not None for r in found.rounds)
     number = {0: "no experiment", 1: "one experiment"}.get(experiments, f"{experiments} experiments")
     before, after = found.rounds[0].diagnosis.attribute, found.answer.attribute
-    was = _named(before.ranking[0].effects) if before.ranking else "nothing"
+    was = _plain(before.ranking[0].effects, found) if before.ranking else "nothing"
     said = f"After {number} and {found.rounds[-1].minutes:g} min"
     if after.verdict == "unknown":
         head = f"{said} the cause lies outside the catalogue with probability {after.probability:.2f}."
     else:
-        head = f"{said}: {_named(after.effects)} with probability {after.probability:.2f}"
-        outside = next((r.probability for r in after.ranking if _named(r.effects) == "unknown"), 0.0)
+        head = f"{said}: {_plain(after.effects, found)} with probability {after.probability:.2f}"
+        outside = next((r.probability for r in after.ranking if r.effects == UNKNOWN), 0.0)
         head += f"; outside the catalogue with {outside:.2f}." if outside > after.probability else "."
     first = f" Before: {was}, {before.ranking[0].probability:.2f}." if experiments and before.ranking else ""
     return f"{head}{first} It ended because {_reason(found.ended)}."
@@ -63,8 +68,8 @@ def _reason(ended: str) -> str:
     return "the answer is settled" if ended == "settled" else ended
 
 
-def _named(effects: Sequence[str]) -> str:
-    return " + ".join(effects) or "none"
+def _plain(effects: Sequence[str], found: Investigation) -> str:
+    return hypothesis_name(effects, names(found.answer), ids=False)
 
 
 def _rounds(found: Investigation) -> list[list[str]]:
@@ -72,7 +77,9 @@ def _rounds(found: Investigation) -> list[list[str]]:
     for r in found.rounds:
         a = r.diagnosis.attribute
         first = a.ranking[0]
-        out.append([after, f"{r.minutes:g}", _named(first.effects), f"{first.probability:.2f}", gained])
+        out.append(
+            [after, f"{r.minutes:g}", hypothesis(first.effects, found.answer), f"{first.probability:.2f}", gained]
+        )
         if r.foretold is not None:
             after, gained = r.foretold.proposal.do, f"{r.bits:.2f}"
     return out
@@ -99,7 +106,7 @@ def _experiment(section: Section, r: Round) -> None:
 def _judged(j: Judged, r: Round) -> list[str]:
     before = next((x.probability for x in r.diagnosis.attribute.ranking if x.effects == j.effects), 0.0)
     chance = f"{j.p_value:.2g}{' (failed)' if j.failed else ''}"
-    return [_named(j.effects), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits + 0.0:.1f}"]
+    return [hypothesis(j.effects, r.diagnosis), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits + 0.0:.1f}"]
 
 
 def _drawn(found: Investigation, path: Path) -> Path:
@@ -109,10 +116,10 @@ def _drawn(found: Investigation, path: Path) -> Path:
     shown = sorted((h for h in highest if highest[h] > LEAST), key=lambda h: -highest[h])[:SHOWN]
     minutes = [r.minutes for r in found.rounds]
     with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(7.6, 3.4), layout="constrained")
+        figure, axis = plt.subplots(figsize=(5.2, 3.4 + 0.2 * len(shown)), layout="constrained")
         for h, colour, mark in zip(shown, colours(len(shown)), "os^Dv*", strict=False):
             y = [p.get(h, 0.0) for p in probability]
-            axis.plot(minutes, y, marker=mark, color=colour, label=_named(h))
+            axis.plot(minutes, y, marker=mark, color=colour, label=_plain(h, found))
         for r, there in zip(found.rounds, minutes[1:], strict=False):
             if r.foretold is not None:
                 middle = (r.minutes + there) / 2
@@ -123,5 +130,5 @@ def _drawn(found: Investigation, path: Path) -> Path:
         axis.set_yticks(np.linspace(0, 1, 6))
         axis.set_xlabel("minutes of experiments")
         axis.set_ylabel("probability")
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=8)
         return save(figure, path)

@@ -1,19 +1,90 @@
-"""One offline HTML page: a sentence first, then sections of text, figures and tables. Nothing is loaded from anywhere."""
+"""One offline HTML page: a sentence first, then sections of text, figures and tables. Nothing is loaded from anywhere.
+
+In every text, a term of the glossary is linked at its first use in a section to its meaning at the end of the page, which is its
+tooltip as well, and an identifier in square brackets is set in small print.
+"""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader
+from markupsafe import Markup
 
 from recordings.own_files import replaced
 
 from ..plain import plain
+from .glossary import TERMS, Term
 
 IMAGES = {".svg": "image/svg+xml", ".png": "image/png"}
+NUMBER = re.compile(r"|none|[-+]?\d\S*( \.\. ([-+]?\d\S*|unbounded))?( \S+)?")
+"""A cell of a column of numbers: empty, a number or a range, with or without a unit."""
+BEGINS = re.compile(r"\(?[-+]?\d|$")
+_TERM = {word.lower(): term for term in TERMS for word in term.words}
+_ANY = re.compile(
+    rf"(?<![\w./\"-])({'|'.join(map(re.escape, sorted(_TERM, key=len, reverse=True)))})(s?)(?![\w/\"-]|\.\w)",
+    re.IGNORECASE,
+)
+_IDENTIFIER = re.compile(r"\[(\w+)(\.\w+)?\]")
+
+
+class Command(str):
+    """A cell with what to type."""
+
+
+class Marks:
+    """Turns texts into markup: terms linked, identifiers small, all else escaped."""
+
+    def __init__(self, ids: Collection[str]) -> None:
+        self._ids = ids
+        self._met: set[Term] = set()
+        self.used: set[Term] = set()
+
+    def begin(self, terms: bool) -> str:
+        """Start a section, in which each term is new; `terms` whether it has any."""
+        self._met = set() if terms else set(TERMS)
+        return ""
+
+    def __call__(self, text: str) -> Markup:
+        """The markup of a text."""
+        if isinstance(text, Command):
+            return Markup("<code>{}</code>").format(plain(text))
+        text = plain(text)
+        made, end = Markup(""), 0
+        for found in _IDENTIFIER.finditer(text):
+            if found[1] in self._ids:
+                made += self._linked(text[end : found.start()]) + Markup('<small class="soft">[{}{}]</small>').format(
+                    found[1], Markup("<wbr>{}").format(found[2]) if found[2] else ""
+                )
+                end = found.end()
+        return made + self._linked(text[end:])
+
+    def _linked(self, text: str) -> Markup:
+        made, end = Markup(""), 0
+        for found in _ANY.finditer(text):
+            term = _TERM[found[1].lower()]
+            if term in self._met:
+                continue
+            self._met.add(term)
+            self.used.add(term)
+            link = Markup('<a class="term" href="#{}" title="{}">{}</a>').format(anchor(term), meaning(term), found[0])
+            made += Markup.escape(text[end : found.start()]) + link
+            end = found.end()
+        return made + Markup.escape(text[end:])
+
+
+def anchor(term: Term) -> str:
+    """Name of a term's place at the end of the page."""
+    return f"term-{TERMS.index(term)}"
+
+
+def meaning(term: Term) -> str:
+    """What a term means, without Markdown."""
+    return re.sub("[`*]", "", term.meaning)
 
 
 @dataclass(frozen=True)
@@ -26,6 +97,14 @@ class Item:
     data: Sequence[str] = ()
     head: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
+    kinds: Sequence[str] = ()
+    """Class of each column: `n` numbers, `v` what begins with a number, empty: words."""
+
+
+def _kind(column: Sequence[str]) -> str:
+    if all(NUMBER.fullmatch(cell) for cell in column):
+        return "n"
+    return "v" if all(BEGINS.match(cell) for cell in column) else ""
 
 
 @dataclass
@@ -35,6 +114,8 @@ class Section:
     title: str
     folded: bool = False
     """Shown as its heading alone until it is opened."""
+    terms: bool = True
+    """Its words mean what the glossary says."""
     items: list[Item] = field(default_factory=list)
 
     def text(self, text: str) -> Section:
@@ -56,7 +137,8 @@ class Section:
         """Add a table; one without rows is left out."""
         if not rows:
             return self
-        self.items.append(Item("table", head=head, rows=rows))
+        kinds = ["", *map(_kind, list(zip(*rows, strict=True))[1:])]
+        self.items.append(Item("table", head=head, rows=rows, kinds=kinds))
         return self
 
 
@@ -74,11 +156,13 @@ class Report:
     step: tuple[str, str] = ("", "")
     """What to do next, and the command to type."""
     foot: str = ""
+    ids: Collection[str] = ()
+    """Identifiers that texts have in square brackets, after the plain name."""
     sections: list[Section] = field(default_factory=list)
 
-    def section(self, title: str, folded: bool = False) -> Section:
+    def section(self, title: str, folded: bool = False, terms: bool = True) -> Section:
         """Start the next section."""
-        self.sections.append(Section(title, folded))
+        self.sections.append(Section(title, folded, terms))
         return self.sections[-1]
 
     def write(self, path: Path) -> Path:
@@ -86,11 +170,16 @@ class Report:
         environment = Environment(
             loader=FileSystemLoader(Path(__file__).parent),
             autoescape=True,
-            finalize=lambda value: plain(value) if isinstance(value, str) else value,
+            finalize=lambda value: plain(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
         )
+        marks = Marks(self.ids)
         page = environment.get_template("report.html.j2").render(
             {name: value for name, value in vars(self).items() if name != "sections"},
             sections=[vars(s) for s in self.sections],
+            marks=marks,
+            terms=TERMS,
+            anchor=anchor,
+            meaning=meaning,
         )
         replaced(path, page)
         return path

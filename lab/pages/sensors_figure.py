@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from recordings.trials import Table, TrialRow
+from recordings.trials import Table
 
 from ..files.units import unit_text
-from .figures import STYLE, colours, plt, save
+from .figures import Panel, colours, legend_below
 
 PREFIX = "sensor_"
 MOST = 20
 """Quantities that are drawn; the table of numbers has all."""
-HEIGHT = 2.3
-"""Inches a quantity."""
 
 
 def quantities(table: Table) -> tuple[str, ...]:
@@ -32,43 +28,31 @@ def label(table: Table, column: str) -> str:
     return column.removeprefix(PREFIX) + unit_text(table.sensor_units.get(column, ""), ", ")
 
 
-def sensors(table: Table, path: Path) -> Path:
+def sensors(table: Table) -> list[Panel]:
     """Each quantity over the states in their order and over their pressure, a colour a spine length; bars: one standard
     deviation of the samples averaged."""
-    columns = quantities(table)[:MOST]
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            len(columns), 2, figsize=(9, 0.6 + HEIGHT * len(columns)), layout="constrained", squeeze=False, sharey="row"
-        )
-        lengths = sorted({row.spine_length for row in table})
-        for column, (left, right) in zip(columns, axes, strict=True):
-            for length, colour in zip(lengths, colours(len(lengths)), strict=True):
-                _drawn(left, right, table, column, length, colour)
-            left.set_ylabel(label(table, column))
-            left.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes[-1][0].set_xlabel("state")
-        axes[-1][1].set_xlabel("highest pressure, kPa")
-        if len(lengths) > 1:
-            _legend(figure, lengths)
-        return save(figure, path)
-
-
-def _legend(figure: Figure, lengths: list[float]) -> None:
-    marks = [Line2D([], [], marker="o", ls="", ms=3.5, color=c) for c in colours(len(lengths))]
-    figure.legend(marks, [f"{100 * k:.0f} cm" for k in lengths], title="spine", loc="outside right upper", fontsize=8)
-
-
-def _drawn(left: Axes, right: Axes, table: Table, column: str, length: float, colour: object) -> None:
-    rows: list[tuple[int, TrialRow]] = [
-        (number, row) for number, row in enumerate(table, 1) if row.spine_length == length and column in row.sensors
+    return [
+        partial(_panel, table=table, column=column, over=over)
+        for column in quantities(table)[:MOST]
+        for over in ("state", "highest pressure, kPa")
     ]
-    value = np.array([row.sensors[column] for _, row in rows])
-    spread = np.array([row.sd.get(column, 0.0) for _, row in rows])
-    for axis, places in (
-        (left, [number for number, _ in rows]),
-        (right, [max(row.pressures) / 1e3 for _, row in rows]),
-    ):
-        axis.errorbar(places, value, spread, fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour)  # type: ignore[arg-type]
+
+
+def _panel(axis: Axes, table: Table, column: str, over: str) -> None:
+    lengths = sorted({row.spine_length for row in table})
+    for length, colour in zip(lengths, colours(len(lengths)), strict=True):
+        rows = [(k, r) for k, r in enumerate(table, 1) if r.spine_length == length and column in r.sensors]
+        places = [k if over == "state" else max(r.pressures) / 1e3 for k, r in rows]
+        value, spread = [r.sensors[column] for _, r in rows], [r.sd.get(column, 0.0) for _, r in rows]
+        axis.errorbar(
+            places, value, spread, fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour, label=f"{100 * length:.0f} cm"
+        )
+    axis.set_ylabel(label(table, column))
+    axis.set_xlabel(over)
+    if over == "state":
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if len(lengths) > 1:
+        legend_below(axis, "spine")
 
 
 def numbers(table: Table) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

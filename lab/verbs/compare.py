@@ -19,7 +19,7 @@ from ..files.config import ConfigError, load
 from ..files.example import paper_robot
 from ..files.inputs import marked_notes, read_case
 from ..files.own_effects import stated_by
-from ..pages.figures import tip_curves
+from ..pages.figures import in_a_row, tip_curves
 from ..pages.sensors_figure import quantities, sensors
 
 
@@ -34,8 +34,8 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
     figure = measured = None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        figure = tip_curves(c, folder / "compare.png")
-        measured = sensors(case.table, folder / "sensors.png") if quantities(case.table) else None
+        figure = in_a_row(tip_curves(c), folder / "compare.png")
+        measured = in_a_row(sensors(case.table), folder / "sensors.png") if quantities(case.table) else None
     if as_json:
         data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": len(case.table.clipped)}
         data["figure"] = str(figure) if figure else None

@@ -215,7 +215,7 @@ def show(d: Diagnosis) -> None:
 
 def _ranking(ranking: Sequence[Ranked]) -> Sheet:
     t = Sheet(title="What the data support", title_justify="left")
-    for column in ("hypothesis", "p", "log evidence", "held out", "size"):
+    for column in ("hypothesis", "p", "log evidence", "unseen states", "size"):
         t.add_column(column)
     for r in ranking:
         if r.probability < 0.005:

@@ -138,8 +138,8 @@ def residual_lines(f: Fitted) -> list[str]:
     ]
     if posterior is not None:
         lines.append(
-            f"noise floor {1e3 * posterior.noise.floor:.2f} mm, law error {100 * posterior.law_error:.1f} % of what an effect "
-            f"does, unexplained {1e3 * posterior.discrepancy:.2f} mm along each axis"
+            f"noise floor {1e3 * posterior.noise.floor:.2f} mm, model-form error {100 * posterior.law_error:.1f} % of what an "
+            f"effect does, unexplained {1e3 * posterior.discrepancy:.2f} mm along each axis"
         )
     if f.left_out_mm is not None:
         lines.append(

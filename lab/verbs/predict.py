@@ -43,7 +43,7 @@ OWN_COLUMNS = 4
 LEAST_SHOWN = 10.0
 """Pa."""
 INTERVAL = (
-    "95 %: parameters of robot.yaml to first order, law error, discrepancy, pressure and spine from trial to trial; "
+    "95 %: parameters of robot.yaml to first order, model-form error, discrepancy, pressure and spine from trial to trial; "
     "of a reading also its noise"
 )
 NO_INTERVAL = (

@@ -92,6 +92,8 @@ class EffectSpec:
     law: Law
     citation: str
     seen_best_in: str
+    label: str = ""
+    """The effect as a noun phrase, for tables and figures; empty: its id in words."""
     says: str = ""
     """The effect in plain words, {} for its size, as [more|less] a word by the sign of a size; empty: its id says it."""
     family: str = ""
@@ -113,6 +115,11 @@ class EffectSpec:
             raise BadEffect(f"effect {self.id}: parameters {names}, needs at least one, and distinct names")
         if not any(p.role == "size" for p in self.parameters):
             raise BadEffect(f"effect {self.id}: no parameter is a size, so it could never be absent")
+
+    @property
+    def name(self) -> str:
+        """The effect's plain name."""
+        return self.label or self.id.replace("_", " ")
 
     @property
     def family_id(self) -> str:

@@ -9,6 +9,7 @@ from diagnosis.compare_campaigns import compare_campaigns, sentence, what_is_tol
 from diagnosis.errors import TooLittle
 from diagnosis.inference.evidence import NONE
 from diagnosis.inference.posterior import UNKNOWN, Posterior
+from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured
 from tests.diagnosis.test_case import ROBOT, Measured
 
@@ -34,12 +35,14 @@ def test_what_is_told_follows_from_the_probability_that_nothing_changed() -> Non
     def told(nothing: float) -> str:
         ranking = ((("contact",), 0.95 - nothing), (NONE, nothing), (UNKNOWN, 0.05))
         found = Posterior(tuple(sorted(ranking, key=lambda r: -r[1])), {})
-        return sentence(found, what_is_told(found), {"contact.stiffness (change)": 30.0})
+        sizes = {"contact.stiffness (change)": 30.0, "contact.distance (change)": -0.002}
+        return sentence(found, what_is_told(found), sizes, CATALOGUE)
 
     assert told(0.8).startswith("No change since the reference stands out from the noise (p = 0.80")
     assert told(0.2).startswith("No change since the reference is certain: that nothing changed has p = 0.20")
-    assert "contact" in told(0.2)
-    assert told(0.01).startswith("Since the reference contact changed (contact.stiffness (change) by 30; p = 0.94")
+    assert "most probable otherwise: contact with an obstacle [contact] (p" in told(0.2)
+    by = "contact with an obstacle, stiffness by 30 N/m; contact with an obstacle, distance by -2 mm; p = 0.94"
+    assert told(0.01).startswith(f"Since the reference contact with an obstacle [contact] changed ({by}")
 
 
 def test_campaigns_of_different_robots_are_not_compared() -> None:

@@ -44,19 +44,19 @@ def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diag
 def test_an_effect_that_was_gone_by_then_is_contradicted(found: Attribution, diagnosed: Measured) -> None:
     held = evaluate_holdout(found, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=-AZIMUTH)))
     assert held.verdict == "contradicted" and held.ci95 is not None and held.ci95[1] < 0
-    assert held.after_mm > held.before_mm and "contradicted" in held.statement
+    assert held.after_mm > held.before_mm and "contradicted" in held.statement({})
 
 
 def test_where_the_baseline_is_right_nothing_can_be_closed(found: Attribution, diagnosed: Measured) -> None:
     right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, noise_floor=1e-3))
     held = evaluate_holdout(right, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
-    assert held.share_closed is None and held.verdict == "open" and "no gap to close" in held.statement
+    assert held.share_closed is None and held.verdict == "open" and "no gap to close" in held.statement({})
 
 
 def test_what_was_not_named_is_not_confirmed(found: Attribution, diagnosed: Measured) -> None:
     doubtful = replace(found, decision=Decision("unknown", (), 0.3, 0.3))
     held = evaluate_holdout(doubtful, unseen_states(diagnosed, measured(2, 9, chamber_azimuth__angle=AZIMUTH)))
-    assert held.verdict == "open" and "not named, so nothing is confirmed" in held.statement
+    assert held.verdict == "open" and "not named, so nothing is confirmed" in held.statement({})
 
 
 def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnosed: Measured) -> None:

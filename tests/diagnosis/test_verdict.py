@@ -16,6 +16,7 @@ from diagnosis.inference.posterior import Posterior
 
 WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
 BUDGET = (Carries("base_tilt", "named", 2.5, 2.0, 3.0), Carries("contact", "present", 0.4, 0.1, 0.8))
+NAMES = {"base_tilt": "tilt of the base"}
 MATERIAL = (StageError("material", "time", 20.0),)
 BOTH = (StageError("material", "time", 5.0), StageError("load", "pressure", 5.0))
 HEADS = (
@@ -42,7 +43,15 @@ def facts(
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
     return Facts(
-        d, conclusion, WHERE, "bench", budget, rivals=rivals(d, posterior), nearest=("base_tilt",), asking=asking
+        d,
+        conclusion,
+        WHERE,
+        "bench",
+        budget,
+        rivals=rivals(d, posterior),
+        nearest=("base_tilt",),
+        asking=asking,
+        names=NAMES,
     )
 
 
@@ -55,9 +64,13 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
 @pytest.mark.parametrize(
     ("found", "conclusion", "told"),
     [
-        (facts(SURE), "cause", "Cause: base_tilt (p = 0.97; bench)."),
-        (facts(OPEN), "one of several", "base_tilt (p = 0.72; 0.76 if it is in the catalogue; bench)"),
-        (facts(OPEN), "one of several", "do not exclude weight."),
+        (facts(SURE), "cause", "Cause: tilt of the base [base_tilt] (p = 0.97; bench)."),
+        (
+            facts(OPEN),
+            "one of several",
+            "tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; bench)",
+        ),
+        (facts(OPEN), "one of several", "do not exclude weight [weight]."),
         (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
         (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
         (facts(OUTSIDE), "stage", "in the material, with an error that varies with time (p = 0.60; bench)"),
@@ -74,7 +87,7 @@ def test_each_conclusion_has_its_sentence(found: Facts, conclusion: str, told: s
 
 def test_a_cause_says_what_it_accounts_for_and_what_is_there_beside_it() -> None:
     text = statement(facts(SURE))
-    assert "base_tilt moves the tip by 2.50 mm" in text and "Also present: contact 0.40 mm" in text
+    assert "tilt of the base moves the tip by 2.50 mm" in text and "Also present: contact [contact] 0.40 mm" in text
 
 
 def test_what_calibration_changed_is_part_of_the_statement() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import yaml
 from diagnosed_case import ROBOT, Answered, answered_once, campaign, edited, folder
+from page_text import read_as_text
 
 from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from lab.cli import main
@@ -181,7 +182,7 @@ def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.Cap
     code, _ = ran(
         capsys, folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,), pressures=(160e3,))), "--report", page
     )
-    text = page.read_text()
+    text = read_as_text(page.read_text())
     assert code == 0 and "Too little data to name a cause" in text and "A single trial" in text
     assert "only one spine length" in text and "only one pressure" in text
 

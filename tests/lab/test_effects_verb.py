@@ -37,7 +37,7 @@ def test_every_effect_of_the_catalogue_and_of_ones_own_file_is_drawn_and_listed(
     # The paper's robot has chambers, and no tendons.
     assert {id for id, size in rms.items() if size < 1e-4} == {"tendon_slack", "tendon_friction"}
     assert {e["id"] for e in told["effects"] if e["read"] == "none"} == {"tendon_slack", "tendon_friction"}
-    assert {e["id"] for e in told["effects"] if e["read"] == "on the fly"} == {"time_offset"}
+    assert {e["id"] for e in told["effects"] if e["read"] == "while ramping"} == {"time_offset"}
     assert Path(told["figure"]).stat().st_size > 50_000
 
 

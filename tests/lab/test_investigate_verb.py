@@ -85,7 +85,7 @@ def test_an_experiment_is_foretold_done_and_added(
                       ranking=(Ranked(("unknown",), 0.47, 0.0, None, {}), named))  # fmt: skip
     story = Investigation((Round(replace(answer, attribute=doubted), 3.0),), "done")
     page = investigation_page.write(story, tmp_path / "page.html", "why", "diagnosis.html").read_text()
-    assert "base_tilt with probability 0.39; outside the catalogue with 0.47." in page
+    assert "tilt of the base with probability 0.39; outside the catalogue with 0.47." in page
     again, _, err = told(capsys, "investigate", file, "--rig", virtual_lab.rig, "--out", place)
     assert again == 2 and "holds an investigation already" in err
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from page_text import read_as_text
 
 from diagnosis.answer.candidate_experiments import candidate_experiments
 from diagnosis.answer.result import Diagnosis
@@ -114,7 +115,7 @@ def test_the_page_ends_with_where_it_comes_from(made: tuple[Path, Path, Path]) -
 def test_empty_tables_are_left_out_and_every_caption_says_in_sample_or_unseen(made: tuple[Path, Path, Path]) -> None:
     text = made[2].read_text()
     assert "<tbody></tbody>" not in text
-    captions = re.findall(r"<figcaption>(.*?)</figcaption>", text)
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", read_as_text(text))
     free = ("Probability of each hypothesis", "Share of each effect")
     assert all("in-sample" in c or "unseen" in c or "did not see" in c or c.startswith(free) for c in captions)
     assert not re.search(r"baseline model|best hypothesis|leading hypothesis", text)

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import yaml
+from page_events import events
 from virtual_lab import VirtualLab
 
 from benchmarks.browser import BROWSERS, Browser, installed
@@ -55,19 +56,6 @@ def address(program: subprocess.Popen[str]) -> str:
         if found := re.search(r"http://\S+", line):
             return found[0]
     raise AssertionError(said)
-
-
-def events(page: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """What the page is told, until whoever tells it ends."""
-    where = urlsplit(page)
-    with socket.create_connection((where.hostname, where.port), timeout=120) as wire:
-        wire.sendall(f"GET {where.path}events HTTP/1.1\r\nHost: test\r\n\r\n".encode())
-        name = ""
-        for line in wire.makefile("rb"):
-            if line.startswith(b"event: "):
-                name = line[7:].strip().decode()
-            elif line.startswith(b"data: "):
-                yield name, json.loads(line[6:])
 
 
 def told(page: str) -> dict[str, Any]:
@@ -301,7 +289,10 @@ def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
     (file,) = (tmp_path / "out").glob("*.mcap")
     demand_equal(page.value("live"), file)
     page.until("document.getElementById('lead').textContent === 'Completed'")
+    page.until("live.compared === live.of && document.querySelector('#rows tr').lastChild.textContent !== '–'")
+    page.until("!document.getElementById('key-model').hidden && document.getElementById('key-interval').hidden")
     shown, rows = page.text(), Recording.open(file).trials
+    assert "95 %" not in shown and "robot.yaml states no uncertainty" in shown
     x, y, z = (f"{1e3 * v:.2f}".replace("-0.00", "0.00") for v in rows[-1].row.tip or ())
     assert f"{x}\t{y}\t{z}" in shown and f"{len(rows)} states read" in shown
     assert page.said == []

@@ -110,12 +110,13 @@ function line(pen, places, colour, width, dash) {
 }
 
 // One plane of the tip, mm; `down`: the second axis points downwards, as the robot hangs.
-export function plane(canvas, { axes, trail, states, tip, hidden, expected, box: around, down }) {
+// `compared`: the measured tip that `expected` is about, joined to it by a line.
+export function plane(canvas, { axes, trail, states, tip, hidden, expected, compared, box: around, down }) {
   const { pen, width, height } = prepared(canvas);
   const box = { left: 44, right: width - 8, top: 18, bottom: height - 20 };
   const [a, b] = axes;
   const corners = around === null ? [] : [around.low, around.high];
-  const all = [...trail, ...states, ...corners, ...(tip ? [tip] : []), ...(expected ? [expected] : [])];
+  const all = [...trail, ...states, ...corners, ...[tip, expected, compared].filter(Boolean)];
   const [l0, h0] = range(all.map((p) => p[a]), 20), [l1, h1] = range(all.map((p) => p[b]), 20);
   const per = Math.max((h0 - l0) / (box.right - box.left), (h1 - l1) / (box.bottom - box.top)) || 1;
   const c0 = (l0 + h0) / 2, c1 = (l1 + h1) / 2, m0 = (box.left + box.right) / 2, m1 = (box.top + box.bottom) / 2;
@@ -140,6 +141,11 @@ export function plane(canvas, { axes, trail, states, tip, hidden, expected, box:
       pen.strokeRect(left, Math.min(one, other), right - left, Math.abs(one - other));
     }
     pen.strokeRect(x(expected[a]) - 4, y(expected[b]) - 4, 8, 8);
+    if (compared) {
+      line(pen, [expected, compared].map((p) => [x(p[a]), y(p[b])]), MODEL, 1.2, []);
+      pen.fillStyle = MODEL;
+      dot(pen, x(compared[a]), y(compared[b]), 3);
+    }
   }
   if (tip) {
     if (hidden) {

@@ -196,19 +196,21 @@ function tips() {
   const none = !live.newest.tip && !states.length;
   $("planes").hidden = $("tip-legend").hidden = none;
   if (none) { filled("tip-line", "no motion capture in this recording"); return; }
-  const now = live.now, fine = now && whole3(now.tip) ? now : null;
+  // The model's answer comes a little later than the tip that it is about, which it brings along.
+  const now = live.now, fine = now && whole3(now.tip) && !(age(now.t) > LATE) ? now : null;
+  const compared = fine && whole3(fine.measured) ? mm(fine.measured) : null;
   const tip = live.newest.tip, hidden = tip ? !tip.valid : false;
   const place = tip && tip.valid && whole3(tip.position) ? mm(tip.position) : trail.at(-1);
-  const shown = { trail, states, tip: place, hidden, expected: fine ? mm(fine.tip) : null,
+  const shown = { trail, states, tip: place, hidden, expected: fine ? mm(fine.tip) : null, compared,
     box: fine && whole3(fine.low) && whole3(fine.high) ? { low: mm(fine.low), high: mm(fine.high) } : null };
+  $("key-model").hidden = !fine;
+  $("key-interval").hidden = !shown.box;
   plane($("plane-xy"), { ...shown, axes: [0, 1], down: false });
   plane($("plane-xz"), { ...shown, axes: [0, 2], down: true });
   plane($("plane-yz"), { ...shown, axes: [1, 2], down: true });
   const words = [tip ? (hidden ? `hidden, ${since(tip.seen)}` : "seen") : "not seen now"];
-  // of the same moment: the model's answer is a little behind
-  const then = fine ? seen.reduce((best, p) => (best && Math.abs(best.tip.t - now.t) <= Math.abs(p.tip.t - now.t) ? best : p), null) : null;
-  if (then && Math.abs(then.tip.t - now.t) < 0.5 * speed()) {
-    const off = mm(then.tip.position).map((v, k) => v - shown.expected[k]);
+  if (compared) {
+    const off = compared.map((v, k) => v - shown.expected[k]);
     words.push(`${number(length3(off), 1)} mm from the model (${off.map((v) => number(v, 1)).join(", ")} mm)`);
   }
   words.push(live.now?.error ? `no prediction: ${live.now.error}` : live.model.stands === "starting" ?

@@ -118,6 +118,7 @@ def _chamber_twist(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="time_offset",
+        label="delay between pressure and tip",
         says="pressures and tips are read {} apart",
         stage="measurement",
         equation="P = P_read + (dP/dt) d in states read while ramping; dP/dt < 0 on the unload branch; share r of it, not below "
@@ -132,6 +133,7 @@ SPECS = (
     ),
     EffectSpec(
         id="pressure_offset",
+        label="offset of the pressures",
         says="the chambers hold {} [more|less] than their regulators read",
         stage="actuation",
         equation="P = P_read + p0, not below ambient, in the chambers in use, share i p0 in the vented ones",
@@ -146,6 +148,7 @@ SPECS = (
     ),
     EffectSpec(
         id="pressure_deadband",
+        label="dead band of the chambers",
         says="the chambers act only above {}",
         stage="actuation",
         equation="P_eff = f(P - P0) - f(-P0), f(x) = (x + sqrt(x^2 + (0.2 P0)^2)) / 2; on the way down (1 - h) of that and "
@@ -162,6 +165,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_order",
+        label="order of the chambers",
         says="the chambers hang on other regulators than robot.yaml states",
         stage="actuation",
         equation="P_i = (1 - w) P_i,read + w P_k,read, k = pi(i): the ring of chambers turned a third (-2, 2) or mirrored",
@@ -178,6 +182,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_ballooning",
+        label="ballooning of the chambers",
         says="the chambers' area [grows|shrinks] by {} under pressure",
         stage="actuation",
         equation="A_eff = A (1 + b (f(P) / f(250 kPa))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
@@ -194,6 +199,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_gain",
+        label="difference between the chamber areas",
         says="the areas of the chambers differ by {}",
         stage="actuation",
         equation="A_i = A (1 + |g| (f_i - mean f)), f_i = (exp(k cos(az_i - az_g)) - 1) / sinh k, g = (x, y) towards az_g",
@@ -209,6 +215,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_azimuth",
+        label="angle of the chambers about the axis",
         says="the chambers are turned by {} about the axis",
         stage="actuation",
         equation="azimuth_i = azimuth_i,drawn + d",
@@ -220,6 +227,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_twist",
+        label="twist of the chambers",
         says="the chambers wind about the axis by {}",
         stage="actuation",
         equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g s / L) - a L): m_act(s) = Rz(phi) m_act(0); "

@@ -48,6 +48,7 @@ def _contact_offset(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="marker_offset",
+        label="position of the tip's marker",
         says="the tip's marker sits {} off its place",
         stage="measurement",
         equation="p_read = p + R_tip d",
@@ -59,6 +60,7 @@ SPECS = (
     ),
     EffectSpec(
         id="frame_misalignment",
+        label="turn of the cameras' frame",
         says="the cameras' frame is turned by {}",
         stage="measurement",
         equation="p_read = exp(theta^) p, orientation likewise",
@@ -70,6 +72,7 @@ SPECS = (
     ),
     EffectSpec(
         id="force_bias",
+        label="offset of the force sensor",
         says="the force sensor reads {} too [high|low]",
         stage="measurement",
         equation="F_read = F + b",
@@ -81,6 +84,7 @@ SPECS = (
     ),
     EffectSpec(
         id="arm_compliance",
+        label="compliance of the arm",
         says="the arm gives way by {}",
         stage="measurement",
         equation="1/k = 1/k_specimen + c",
@@ -92,6 +96,7 @@ SPECS = (
     ),
     EffectSpec(
         id="contact_offset",
+        label="offset of the contact",
         says="contact begins {} [later|earlier] than read",
         stage="measurement",
         equation="F = max(k <y - d>, k c y / (k + c)): a gap, or a layer of stiffness c, is taken up over d",

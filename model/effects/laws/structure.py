@@ -93,6 +93,7 @@ def _spine_length_offset(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="body_modulus",
+        label="stiffness of the body",
         says="the body's silicone is {} [stiffer|softer] than stated",
         stage="material",
         equation="E_c = E (1 + d), G_c with it",
@@ -103,6 +104,7 @@ SPECS = (
     ),
     EffectSpec(
         id="hyperelastic",
+        label="nonlinear elasticity of the body",
         says="the silicone [stiffens|softens] as it is bent",
         stage="material",
         equation="m = EI k D, D = 1 + g(a (k r)^2) + h(b e), g(x) = x (x / (1 - 2 x) below 0), h(x) = x (x / (1 - x) below 0), "
@@ -118,6 +120,7 @@ SPECS = (
     ),
     EffectSpec(
         id="viscoelastic",
+        label="creep of the body",
         says="the silicone creeps by {} under load",
         stage="material",
         equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5, 25 and 125 s, "
@@ -134,6 +137,7 @@ SPECS = (
     ),
     EffectSpec(
         id="rest_shape",
+        label="bend that the body keeps",
         says="the body keeps {} of its largest bend",
         stage="material",
         equation="u* = s c (k_max + k_min), k_max >= 0 and k_min <= 0 the extremes of the curvature at each place of the body in "
@@ -149,6 +153,7 @@ SPECS = (
     ),
     EffectSpec(
         id="spine_length_offset",
+        label="error of the spine length",
         says="the spine is {} [longer|shorter] than read",
         stage="structure",
         equation="L_s = L_s,read + e, e = d (L_s,read / 0.2 m)^g for a spine that is out; its moduli those of "
@@ -165,6 +170,7 @@ SPECS = (
     ),
     EffectSpec(
         id="vacuum_leak",
+        label="vacuum lost in the spine",
         says="the spine loses {} of its vacuum",
         stage="structure",
         equation="E_s ~ sqrt((v - x v_nominal (L_s / 0.2 m)^g) / v_nominal)",
@@ -179,6 +185,7 @@ SPECS = (
     ),
     EffectSpec(
         id="area_moment",
+        label="bending by own area moments",
         says="body and spine bend by their own area moments, to {}",
         stage="structure",
         equation="EI = (1 - w) E_eq I + w (E_c I_c + E_s I_s); GA likewise; EA with (1 - b) E_s: b = 1: the spine slides along "
@@ -194,6 +201,7 @@ SPECS = (
     ),
     EffectSpec(
         id="spine_shear",
+        label="shear of the spine",
         says="the spine is soft in shear, to {}",
         stage="structure",
         equation="E_s = mean(E_table, E0 (1 - l (1 - eta(L_s)))), G_s to kappa G; bare: 1/E = 1/E0 + 3 I / (kappa G A L^2); "
@@ -210,6 +218,7 @@ SPECS = (
     ),
     EffectSpec(
         id="spine_slip",
+        label="friction in the spine",
         says="friction in the spine resists bending by {}",
         stage="structure",
         equation="m_f = -m phi(L_s) mean_j s_j, s_j sliding elements with yield curvatures k_y (1/8, 1/2, 2, 8); axial m_f / r",

@@ -70,6 +70,7 @@ def _precurvature(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="self_weight",
+        label="weight of the body",
         says="the body is {} [heavier|lighter] than stated",
         stage="load",
         equation="f = rho A g (1 + d)",
@@ -80,6 +81,7 @@ SPECS = (
     ),
     EffectSpec(
         id="tether_load",
+        label="pull of a tether",
         says="a tether pulls the tip with {}",
         stage="load",
         equation="F_tip = F0 - k (x, y), fixed in the base frame",
@@ -94,6 +96,7 @@ SPECS = (
     ),
     EffectSpec(
         id="tip_payload",
+        label="load at the tip",
         says="the tip carries {} [more|less] than stated",
         stage="load",
         equation="F_tip = m g, M_tip = R(L) c x m g, c = (x, y, z) from the tip to the payload's centre in the tip's frame",
@@ -109,6 +112,7 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_thrust",
+        label="thrust on the side walls",
         says="the side walls carry {} of the chambers' thrust",
         stage="load",
         equation="F_tip = (1 - w) P A e3(L), v*_3 = w P A / EA: w = 0 thrust follows the tip (paper, eq. 4), w = 1 the side "
@@ -122,6 +126,7 @@ SPECS = (
     ),
     EffectSpec(
         id="contact",
+        label="contact with an obstacle",
         says="the body touches an obstacle of {}",
         stage="load",
         equation="F = -k <e . p(L - l) - (70 mm + d)> e, l from the tip, e turned by t from where the campaign bends "
@@ -138,6 +143,7 @@ SPECS = (
     ),
     EffectSpec(
         id="base_tilt",
+        label="tilt of the base",
         says="the base is tilted by {}",
         stage="boundary",
         equation="R(0) = exp(theta^), theta fixed in the base frame",
@@ -152,6 +158,7 @@ SPECS = (
     ),
     EffectSpec(
         id="base_compliance",
+        label="compliance of the base",
         says="the base turns under load by {}",
         stage="boundary",
         equation="R(0) = exp((v / (1 + h (v / 0.1 rad)^2)^(1/3))^), v = c (m(0) - l m_ch) about x and y; l = 1: the "
@@ -167,6 +174,7 @@ SPECS = (
     ),
     EffectSpec(
         id="precurvature",
+        label="curvature at rest",
         says="the body is curved by {} at rest",
         stage="boundary",
         equation="u*(s) = u0 (1 + g (2 s / L - 1)), turns with roll",

@@ -55,6 +55,7 @@ def _tendon_slack(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="tendon_slack",
+        label="slack of the tendons",
         says="the tendons are slack up to {}",
         stage="actuation",
         equation="T_eff = f(T - T0) - f(-T0), f(x) = (x + sqrt(x^2 + (0.2 T0)^2)) / 2",
@@ -66,6 +67,7 @@ SPECS = (
     ),
     EffectSpec(
         id="tendon_friction",
+        label="friction of the tendons",
         says="friction takes {} of the tendons' tension per radian of bend",
         stage="actuation",
         equation="T(s) = T0 (1 - mu a(s) d), a the angle of the bend between the base and s, d from -1 to 1: which way the "
