@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from recordings.trials import TEXTS, unit_of
 from ..files.config import ConfigError
 from .columns import is_missing
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor
-from .reading import at_rest, name_of, numbers, seconds, unit_in, unseen
+from .reading import at_rest, name_of, numbers, seconds, texts, unit_in, unseen
 from .series import Series
 
 Array = NDArray[np.float64]
@@ -62,6 +62,8 @@ class Quantities:
     """(n,) in the file, from 0."""
     notes: tuple[str, ...] = ()
     """What is missing."""
+    counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
+    """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
 
     def of(self, rows: NDArray[np.int64]) -> Quantities:
         """The same of these rows, in their order."""
@@ -69,7 +71,7 @@ class Quantities:
             self, t=self.t[rows], pressures=self.pressures[rows], tip=self.tip[rows],
             turn=None if self.turn is None else self.turn[rows], turned=self.turned[rows], markers=self.markers[rows],
             others={n: v[rows] for n, v in self.others.items()}, words={n: v[rows] for n, v in self.words.items()},
-            run=self.run[rows], row=self.row[rows],
+            run=self.run[rows], row=self.row[rows], counts={n: w[rows] for n, w in self.counts.items()},
         )  # fmt: skip
 
 
@@ -115,7 +117,7 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
     made = Quantities(
         series.path, t, pressures, tip, turn, turned,
         np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
-        np.zeros(n, np.int64), np.arange(n),
+        np.zeros(n, np.int64), np.arange(n), counts=_counts(series, wanted),
     )  # fmt: skip
     for what, values_of in (("pressure", pressures), ("tip", tip)):
         gone = ~np.isfinite(values_of).all(axis=1)
@@ -196,6 +198,8 @@ def _number(series: Series, name: str, column: Column, notes: list[str]) -> Arra
         finite = found[np.isfinite(found)]
         found = found - (finite[0] if finite.size else 0.0)
     found = found * column.scale * one
+    if name == "repeat" and np.nanmin(found) == 0:
+        found = found + 1  # a count from 0
     return found - ATMOSPHERE if column.zero == "absolute" else found
 
 
@@ -216,6 +220,14 @@ def _words(series: Series, name: str, column: Column, missing: Sequence[str | fl
                 f"does not translate; add {word[:40]!r}: {allowed[0]} (or another of {', '.join(dict.fromkeys(allowed))})"
             )
     return np.array([meaning[w] for w in found.tolist()], np.str_)
+
+
+def _counts(series: Series, wanted: Map) -> dict[tuple[str, str], NDArray[np.str_]]:
+    """Columns whose changes begin trials."""
+    given = "trial" if "trial" in wanted.columns else "repeat"
+    named = [(f"columns.{given}", wanted.columns[given].column)] if given in wanted.columns else []
+    named += [("trials.change", column) for column in wanted.trials.change]
+    return {(key, name_of(series, c, key)): texts(series, c, key, wanted.source.missing) for key, c in named}
 
 
 def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list[str]:
