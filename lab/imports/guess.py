@@ -67,9 +67,9 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     pressures = _pressures(g, series, others, robot)
     used |= {h.name for h in counting} | set(pressures)
     tip = guess_tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
-    guess_quaternion(g, series, turns, tip)
+    guess_quaternion(g, series, turns, tip.columns)
     guess_angles(g, series, angles, tip)
-    used |= set(tip)
+    used |= set(tip.columns)
     _others(g, series, [h for h in headings if h.name not in used])
     _states(g, series, pressures)
     _trials(g, series, counting, pressures)
@@ -184,7 +184,7 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
     for h in headings:
         column = quantity(h)
         words = h.name in series.words and column != "branch"
-        if column in (None, "repeat") or f"columns.{column}" in g.reasons or words:
+        if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
             ignored.append(h.name)
             continue
         if column == "roll_deg" and _varies(series.numbers[h.name]):
@@ -207,8 +207,6 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
             why = f"{why}, and values up to {float(np.nanmax(series.numbers[h.name])):g}"
-        if column == "trial":
-            g.doubts.append(f"columns.trial: {h.name!r} changes from row to row; leave it out if it numbers the rows")
         if column == "branch":
             values = _branches(series, h.name)
             if values is None:
@@ -260,15 +258,16 @@ def _states(g: Guess, series: Series, pressures: Sequence[str]) -> None:
 
 # ------------------------------------------------------------------ trials
 def _counts(h: Heading, series: Series) -> bool:
-    """Whether a column counts trials or repeats, or names what is inflated: words or whole numbers that stay for some rows."""
+    """Whether a column counts trials, or counts repeats or names what is inflated and stays so for some rows."""
     names = names_inflated(h) and _branches(series, h.name) is None
     if h.stated or not (names or quantity(h) in ("trial", "repeat")):
         return False
-    numbers = series.numbers.get(h.name)
-    if numbers is not None and (numbers[np.isfinite(numbers)] % 1 != 0).any():
+    numbers = series.numbers.get(h.name, np.zeros(0))
+    if not names and (numbers[np.isfinite(numbers)] % 1 != 0).any():
         return False
-    cells = [w for w in texts(series, h.name, "").tolist() if w]
-    return bool(cells) and sum(a != b for a, b in pairwise(cells)) < len(cells) / 2
+    cells = texts(series, h.name, "").tolist()
+    known = [w for w in cells if w]
+    return bool(known) and (quantity(h) == "trial" or sum(a != b for a, b in pairwise(known)) < len(cells) / 2)
 
 
 def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Sequence[str]) -> None:
@@ -313,10 +312,11 @@ def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages:
         return False
     if not returns and not stages.resting.all():
         g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
-    elif away and len(away) <= returns:
-        first = f"first in {series.place(away[0].row)}, from {away[0].before!r} to {away[0].after!r}"
-        used = len(away) <= len(own) / 2
-        what = "no trial begins there; correct the cells" if used else "it is not used"
-        g.doubts.append(f"{h.name!r} changes {len(away)} times while chambers are inflated ({first}): {what}")
+    elif away and returns:
+        used = len(away) <= len(own) / 2 and len(own) < len(stages.start) / 2
+        g.doubts.append(
+            f"{h.name!r} changes while chambers are inflated (first from {away[0].before!r} to {away[0].after!r} in "
+            f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if used else 'it is not used'}"
+        )
         return used
     return True

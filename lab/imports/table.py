@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 from ..files.config import ConfigError
 from .formats import KNOWN, RECORDING, read
 from .map_file import AXES, Map, Name, named, quantities
-from .places import Jump, jumps, lever_off, moves_within, strays
+from .places import Jump, jumps, lever_off, marker_ahead, moves_within, strays, turn_off
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
@@ -39,6 +40,8 @@ MOST_STRAYS = 0.2
 """Of the rows of a state that may hold a place elsewhere."""
 MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
+FOLLOWS, FEW_SETTINGS = 0.9, 4
+"""Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -176,6 +179,7 @@ def imported(
     rows = _numbered(states, counted, notes)
     if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
         notes.append(_lever_note(wanted.sensor[2], *off))
+    notes += _contradictions(rows, float(straight[2]))
     notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every)
     _demand_mounted(rows)
     if wanted.stiffness is not None:
@@ -185,6 +189,39 @@ def imported(
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
     return Imported(table, tuple(read_files), tuple(notes))
+
+
+def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:
+    """Turns that do not fit the places, markers that move more than the tip, masses that change from state to state."""
+    if (off := turn_off(rows, length)) is not None:
+        yield (
+            f"the turn of the tip does not fit its place (agreement of directions {off[0]:.2f} of 1, and the tip moves "
+            f"{off[1]:.2g} times as far as the end of an arc that turns so): check orientation (columns, order, unit), the frame "
+            "and the columns x, y, z"
+        )
+    if (ahead := marker_ahead(rows)) is not None:
+        yield f"marker {ahead[0]} moves {ahead[1]:.2g} times as far as the tip: was it taken for the tip?"
+    for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
+        share = follows_pressure(rows, name, same)
+        if share > FOLLOWS:
+            yield (
+                f"columns.{name}: the pressures account for {100 * share:.0f} % of its changes, but what is mounted does not "
+                "follow them: is this column another quantity?"
+            )
+    masses = [(a.tip_mass or 0.0, b.tip_mass or 0.0) for a, b in pairwise(rows) if a.trial == b.trial]
+    changed = sum(abs(a - b) > SAME_MASS for a, b in masses)
+    if changed > len(masses) / 2:
+        yield f"tip_mass changes {changed} times between states of one trial: is this column a mass that was hung there?"
+
+
+def follows_pressure(rows: Sequence[TrialRow], name: str, same: float) -> float:
+    """Share of the variance of a column that is linear in the pressures; 0 where it has few values, those within `same` alike."""
+    values = np.array([getattr(r, name) or 0.0 for r in rows])
+    terms = np.column_stack([np.array([r.pressures for r in rows]), np.ones(len(rows))])
+    if len(rows) < 3 * terms.shape[1] or len(np.unique(levels(values, same))) < FEW_SETTINGS:
+        return 0.0
+    missed = values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
+    return float(1 - missed.var() / values.var())
 
 
 def _demand_mounted(rows: Sequence[TrialRow]) -> None:
@@ -377,7 +414,7 @@ def _numbered(states: Sequence[_State], counted: Mapping[str, Name], notes: list
         others = before.setdefault(kind, [])
         told = Counter(r.repeat for r in own if r.repeat)
         usual = told.most_common(1)[0][0] if told else 1 + len(others)
-        again += [(other, trial, usual) for other, repeat in others if repeat == usual and told]
+        again += [(other, trial, usual) for other, repeat in others if repeat == usual and told and len(own) > 1]
         others.append((trial, usual))
         for step, (row, falls) in enumerate(zip(own, _falling(own, gap), strict=True), 1):
             repeat = row.repeat if row.repeat and "trial" in counted else usual

@@ -6,15 +6,16 @@ to the trial that rises, unless a column says otherwise.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .map_file import Map, States
-from .plateaus import cuts
+from .plateaus import plateaus
 from .quantities import Quantities
 from .series import Series
 
@@ -47,8 +48,10 @@ class Change:
 class Stages:
     """m times at which pressures stood, in their order: plateaus, or all rows."""
 
-    start: Ints
+    begin: Ints
     """(m,) first row of each."""
+    start: Ints
+    """(m,) first row at which the robot has settled."""
     stop: Ints
     """(m,) row behind each."""
     pressures: Array
@@ -60,16 +63,35 @@ class Stages:
     def of(cls, q: Quantities, states: States, below: float) -> Stages:
         """Of rows before they are cut into trials; at rest no pressure is above `below` (Pa), as in the row before where one is
         missing."""
-        each = States() if states.windows else states
-        rows = [cut.rows for cut in cuts(each, q.t, q.pressures, q.run)]
-        held = np.array(
-            [q.pressures[r.start] if r.stop - r.start == 1 else np.nanmean(q.pressures[r], axis=0) for r in rows]
-        )
-        held = held.reshape(len(rows), q.pressures.shape[1])
+        start, held = np.arange(len(q.t)), q.pressures
+        begin, stop = start, start + 1
+        if states.plateaus is not None:
+            whole = states.plateaus.model_copy(update={"settling": 0.0})
+            rows, settled = (
+                [cut.rows for cut in plateaus(p, q.t, q.pressures, q.run)] for p in (whole, states.plateaus)
+            )
+            begin, start, stop = (
+                np.array([(r.start, s.start, r.stop) for r, s in zip(rows, settled, strict=True)], np.int64)
+                .reshape(-1, 3)
+                .T
+            )
+            held = np.array([np.nanmean(q.pressures[r], axis=0) for r in rows]).reshape(len(rows), q.pressures.shape[1])
         known = np.isfinite(held).all(axis=1)
         resting = carried(np.where(known, np.abs(held).max(axis=1, initial=0.0) < below, np.nan)) > 0
-        edges = np.array([(r.start, r.stop) for r in rows], np.int64).reshape(len(rows), 2)
-        return cls(edges[:, 0], edges[:, 1], held, resting)
+        return cls(begin, start, stop, held, resting)
+
+    def inflated(self, rows: int) -> NDArray[np.bool_]:
+        """(rows,) in stages under pressure."""
+        edges = np.zeros(rows + 1, np.int64)
+        edges[self.start[~self.resting]] += 1
+        edges[self.stop[~self.resting]] -= 1
+        return np.asarray(np.cumsum(edges)[:rows] > 0)
+
+    def border(self, row: int) -> int:
+        """The row with which a trial begins whose first settled one is `row`."""
+        after = int(np.searchsorted(self.stop, row, side="right"))
+        settling = after < len(self.stop) and self.begin[after] < row <= self.start[after]
+        return int(self.begin[after]) if settling else row
 
     def around(self, change: Change) -> tuple[int, int]:
         """The stage before the first row that may be of the new value, and the one that holds or follows the first that is."""
@@ -105,7 +127,7 @@ def trials_of_rows(series: Series, q: Quantities, wanted: Map) -> tuple[Ints, tu
     stages = Stages.of(q, wanted.states, below)
     every, returns = changes(q, stages), stages.returns()
     away = [c for c in every if not stages.at_rest(c)]
-    strange = away if len(away) <= len(returns) else []
+    strange = away if returns and (by_rest or 2 * len(away) < len(every)) else []
     followed = [c for c in every if not (by_rest and c in strange)]
     begins = np.concatenate([[False], np.diff(q.run) > 0])
     if by_rest and wanted.states.windows:
@@ -117,8 +139,8 @@ def trials_of_rows(series: Series, q: Quantities, wanted: Map) -> tuple[Ints, tu
         if not own and not by_rest:
             continue
         middle = (b - a) // 2 if b - a >= max(2.0, ONE_LEVEL * usual) and not wanted.states.windows else 0
-        begins[_borders(own, int(stages.start[a + middle]))] = True
-    begins[[c.row for c in followed if c not in parted]] = True
+        begins[[stages.border(row) for row in _borders(own, int(stages.begin[a + middle]))]] = True
+    begins[[stages.border(c.row) for c in followed if c not in parted]] = True
     return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest))
 
 
@@ -127,7 +149,7 @@ def _borders(own: Sequence[Change], middle: int) -> list[int]:
     the nearest to it at which a column may have changed."""
     most = max(own, key=lambda c: sum(o.column == c.column for o in own), default=None)
     several = [c.row for c in own if most is not None and c.column == most.column]
-    if len(several) > 1:
+    if len(several) > 2:
         return several
     return [min((int(np.clip(middle, c.first, c.row)) for c in own), key=lambda r: abs(r - middle), default=middle)]
 
@@ -149,15 +171,18 @@ def _notes(series: Series, q: Quantities, strange: Sequence[Change], by_rest: bo
 def changes(q: Quantities, stages: Stages) -> list[Change]:
     """Of all columns that count trials or repeats or name what is inflated.
 
-    A word that comes again and again, and only at rest, names nothing: "none" between the chambers' names.
+    A word that stands only at rest names nothing there, if it comes again and again ("none" between the chambers' names) or if
+    the same word precedes and follows it.
     """
+    inflated = stages.inflated(len(q.t))
     out = []
     for (key, column), cells in q.counts.items():
-        inflated = {w for a, b, rests in zip(stages.start, stages.stop, stages.resting, strict=True) if not rests
-                    for w in cells[a:b].tolist()}  # fmt: skip
-        runs = [w for k, w in enumerate(cells.tolist()) if not k or cells[k - 1] != w]
-        resting = {w for w in set(runs) - inflated if inflated and runs.count(w) > 1}
-        known = [k for k, w in enumerate(cells.tolist()) if w and w not in resting]
+        named = set(cells[inflated].tolist())
+        runs = [w for w, _ in groupby(w for w in cells.tolist() if w)]
+        nothing = {w for w, times in Counter(runs).items() if named and w not in named and times > 1}
+        nothing |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
+                    if named and w not in named and before == after}  # fmt: skip
+        known = [k for k, w in enumerate(cells.tolist()) if w and w not in nothing]
         out += [
             Change(key, column, before + 1, row, str(cells[before]), str(cells[row]))
             for before, row in pairwise(known)
