@@ -79,22 +79,22 @@ def _axis(moved: Array, push: Complex) -> str:
 def _doubts(aside: Complex, pressure: Array, towards: Complex) -> Iterator[str]:
     push = (pressure * towards).sum(axis=1)
     as_is, mirrored = _agreement(aside, push), abs(_agreement(aside, push.conj()))
-    head = f"the tip does not go to where the pressures push it (agreement {as_is.real:.2f} of 1)"
+    head = f"the tip does not go to where the pressures push it (agreement {round(as_is.real, 2) + 0.0:.2f} of 1)"
     exchanged, pair = _best_exchange(aside, pressure, towards)
     if odd := _other_gain(aside, pressure, towards):
         yield odd
     elif as_is.real >= ENOUGH:
         return
     elif exchanged > ALIKE:
-        also = ", or of x and y, or a wrong sign of one of them" if mirrored > ALIKE else ""
-        yield f"{head}, as an exchange of columns p{pair[0] + 1} and p{pair[1] + 1} would make it{also}: check these columns"
+        also = ", and so would one of x and y, or a wrong sign of one of them" if mirrored > ALIKE else ""
+        yield f"{head}; an exchange of columns p{pair[0] + 1} and p{pair[1] + 1} would do that{also}: check these columns"
     elif abs(as_is) > ALIKE and abs(np.degrees(np.angle(as_is))) > TURNED:
         yield (
-            f"{head}, but all states {np.degrees(np.angle(as_is)):.0f} degrees from there about z: check x and y of the frame, "
-            "and from which chamber p1 .. are counted"
+            f"{head} but, in all states, {np.degrees(np.angle(as_is)):.0f} degrees from there about z: check x and y of the "
+            "frame, and from which chamber p1 .. are counted"
         )
     elif mirrored > ALIKE:
-        yield f"{head}, as left and right exchanged would make it: check x, y, their signs, and the order of p1 .."
+        yield f"{head} but to its mirror image: check x, y, their signs, and the order of p1 .."
     elif abs(as_is) < ALIKE:
         yield f"{head}: check the frame, the columns x, y, z and p1 .., and which marker is the tip"
 

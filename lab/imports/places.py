@@ -68,31 +68,27 @@ FITS, SIZES = 0.9, (0.15, 5.0)
 
 
 def turn_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float] | None:
-    """Where place and turn of the tip contradict each other: the agreement (1 is the most) between where it moves and where an
-    arc would end that turns as it does, and the size of the displacement, of the arc's; None where they do not."""
+    """Where place and turn of the tip contradict each other: the agreement (1 is the most) between the axis about which it turns
+    and that across its displacement, and the size of the displacement, of an arc's that turns as far; None where they do not."""
     kept = [r for r in rows if r.tip and r.orientation]
     resting = at_rest(np.array([r.pressures for r in kept])) if kept else np.zeros(0, bool)
     if not resting.any():
         return None
-    places = np.array([r.tip for r in kept])
     bent = _from_rest(Rotation.from_quat([r.orientation for r in kept], scalar_first=True), resting)
-    moved = (places - places[resting].mean(axis=0))[:, :2]
-    told = np.hypot(*bent[:, :2].T) > LEAST_TURN
-    if told.sum() < FEWEST:
+    across = _across(np.array([r.tip for r in kept]), resting)
+    moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
+    told = turned > LEAST_TURN
+    if told.sum() < FEWEST or not (moved[told] > 0).any():
         return None
-    arc = length / 2 * np.column_stack([bent[:, 1], -bent[:, 0]])
-    sizes = [np.linalg.norm(v[told], axis=1) for v in (moved, arc)]
-    agreement = float((moved * arc)[told].sum() / max(float((sizes[0] * sizes[1]).sum()), 1e-12))
-    size = float(sizes[0].sum() / sizes[1].sum())
+    agreement = float((across * bent)[told].sum() / (moved * turned)[told].sum())
+    size = float(moved[told].sum() / (length / 2 * turned[told].sum()))
     return None if agreement > FITS and SIZES[0] < size < SIZES[1] else (agreement, size)
 
 
 def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float | None:
     """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None where it hardly
     turns."""
-    bent = _from_rest(turn, resting)
-    moved = (tip - tip[resting].mean(axis=0))[:, :2]
-    axis = np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(tip))])
+    bent, axis = _from_rest(turn, resting), _across(tip, resting)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
     told = np.linalg.norm(bent, axis=1) > LEAST_TURN
     if told.sum() < FEWEST:
@@ -104,6 +100,27 @@ def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float
 def _from_rest(turn: Rotation, resting: NDArray[np.bool_]) -> Array:
     """(n, 3) rad, rotation vectors from the mean of the states at rest."""
     return np.asarray((turn * turn[resting].mean().inv()).as_rotvec())
+
+
+def _across(tip: Array, resting: NDArray[np.bool_]) -> Array:
+    """(n, 3) m, the displacement from rest across z, turned by a quarter about z: the axis about which a body bends there."""
+    moved = tip - tip[resting].mean(axis=0)
+    return np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(tip))])
+
+
+ON_AXIS, OTHER_LENGTH = 0.05, 0.15
+"""Robot lengths off the axis within which a body is straight, and by which the tip of a straight one may be nearer or farther."""
+
+
+def length_at_rest(rows: Sequence[TrialRow], length: float) -> float | None:
+    """m from the base to the tip of a body that is straight at rest, where it is another than `length` (m); None otherwise."""
+    kept = [r for r in rows if r.tip]
+    resting = at_rest(np.array([r.pressures for r in kept])) if kept else np.zeros(0, bool)
+    if not resting.any():
+        return None
+    x, y, z = np.array([r.tip for r in kept])[resting].mean(axis=0)
+    straight = np.hypot(x, y) < ON_AXIS * length and z > ON_AXIS * length
+    return float(z) if straight and abs(z / length - 1) > OTHER_LENGTH else None
 
 
 AHEAD = 1.2

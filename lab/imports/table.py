@@ -24,7 +24,7 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 from ..files.config import ConfigError
 from .formats import KNOWN, RECORDING, read
 from .map_file import AXES, Map, Name, named, quantities
-from .places import Jump, jumps, lever_off, marker_ahead, moves_within, strays, turn_off
+from .places import Jump, jumps, length_at_rest, lever_off, marker_ahead, moves_within, strays, turn_off
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
@@ -192,12 +192,17 @@ def imported(
 
 
 def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:
-    """Turns that do not fit the places, markers that move more than the tip, masses that change from state to state."""
+    """What to ask about turns that do not fit the places, a tip that is not the body's end, and mountings that vary."""
     if (off := turn_off(rows, length)) is not None:
         yield (
-            f"the turn of the tip does not fit its place (agreement of directions {off[0]:.2f} of 1, and the tip moves "
-            f"{off[1]:.2g} times as far as the end of an arc that turns so): check orientation (columns, order, unit), the frame "
-            "and the columns x, y, z"
+            f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
+            f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "
+            "unit), the frame and the columns x, y, z"
+        )
+    if (other := length_at_rest(rows, length)) is not None:
+        yield (
+            f"at rest the tip lies on the axis, {1e3 * other:.0f} mm from the base of a robot of {1e3 * length:.0f} mm: is this "
+            "marker the tip, and its unit right?"
         )
     if (ahead := marker_ahead(rows)) is not None:
         yield f"marker {ahead[0]} moves {ahead[1]:.2g} times as far as the tip: was it taken for the tip?"
