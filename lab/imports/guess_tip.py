@@ -240,5 +240,5 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
     fits = ", ".join(f"{deg:.1f} deg with {name}" for name, deg in off.items())
     said = f"; the tip turns about other axes than that of its bending by {fits}" if fits else ""
     g.doubts.append(
-        f"orientation: {' / '.join(three.columns)} are taken as {order} in {unit}{said}. Check the order: {ORDERS_IN_WORDS}"
+        f"orientation.order: {' / '.join(three.columns)} are taken as {order} in {unit}{said}. Check the order: {ORDERS_IN_WORDS}"
     )
