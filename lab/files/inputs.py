@@ -150,7 +150,7 @@ def same_body(a: bytes, b: bytes) -> bool:
 
 
 def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
-    """A line, which begins with "unconfirmed: ", for each imported case whose map.yaml has guesses marked by `lab import --guess`."""
+    """One line for each case whose map.yaml has guesses that `lab import --guess` marks; it begins with "unconfirmed: "."""
     said = []
     for place in inputs:
         path = place / "map.yaml"

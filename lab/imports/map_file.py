@@ -89,6 +89,8 @@ class Orientation(Part):
 
     columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
     order: Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"] = "wxyz"
+    """Of angles, as in SciPy: small letters turn about fixed axes (extrinsic), capitals about axes that turn with the body
+    (intrinsic); the first column turns first."""
     unit: Literal["rad", "deg"] | None = None
     """Unless given, as the file says, or rad."""
 

@@ -48,7 +48,7 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
     write_csv(made.table, folder / "trials.csv")
     from ..pages.import_figure import draw
 
-    draw(made, robot.length, folder / PICTURE)
+    draw(made, robot, folder / PICTURE)
 
 
 def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
@@ -91,7 +91,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
         told_of += [f"check: {text}" for text in found]
         from ..pages.import_figure import draw
 
-        draw(made, robot.length, folder / PICTURE)
+        draw(made, robot, folder / PICTURE)
     except ConfigError as e:
         told_of.append(f"check: {e}")
     if as_json:
